@@ -1,0 +1,43 @@
+# `make help` lists the targets. PYTHON must be 3.11: the Blender module is built for it alone.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO ?= demo
+STAMP := $(VENV)/.installed
+export PYTHONDONTWRITEBYTECODE = 1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench thorough clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(STAMP) ## create .venv and install hulldown, Blender and the development tools
+
+$(STAMP): pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable '.[blender,dev]'
+	@touch $@
+
+demo: setup ## build demo assets, plan, render, annotate: ends in demo/contact_sheet.png
+	$(BIN)/hulldown demo --output $(DEMO)
+
+test: setup ## all tests and property tests
+	$(BIN)/python -m pytest
+
+check: setup ## linters: ruff, mypy, import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots
+	$(BIN)/python -m benchmarks $(BENCH)
+
+thorough: setup ## the property tests with thousands of examples each
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
+
+clean: ## remove what the other targets made, .venv included
+	rm -rf $(VENV) $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Boxes, masks and COCO files (paper, section 2.1.7)."""

@@ -1,0 +1,50 @@
+"""A scenery: the ground that vehicles stand on, and the obstacles that stand in their way and in the camera's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from geometry.meshes import Mesh
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scenery:
+    """A scenery relative to its origin, z up, metres.
+
+    Parameters
+    ----------
+    name
+        The scenery's name, unique in a config.
+    origin
+        (3,) what was subtracted from the file's coordinates, in metres; everything else here is relative to it.
+    ground
+        All ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z.
+    ground_names
+        Object name of each ground mesh.
+    face_ground
+        (f,) for each ground face the index into `ground_names`.
+    obstacle_meshes
+        Unique meshes of everything that is no ground (boulders, trees), each in its own frame.
+    instance_mesh
+        (k,) for each obstacle instance the index into `obstacle_meshes`.
+    world_from_instance
+        (k, 4, 4) affine pose of each instance; may mirror and scale unevenly.
+    instance_names
+        Object name of each instance.
+    scenery_from_file
+        (4, 4) affine: from the file's world coordinates to metres, z up, relative to `origin`.
+    """
+
+    name: str
+    origin: Float[np.ndarray, "3"]
+    ground: Mesh | None
+    ground_names: tuple[str, ...]
+    face_ground: Int[np.ndarray, " f"]
+    obstacle_meshes: tuple[Mesh, ...]
+    instance_mesh: Int[np.ndarray, " k"]
+    world_from_instance: Float[np.ndarray, "k 4 4"]
+    instance_names: tuple[str, ...]
+    scenery_from_file: Float[np.ndarray, "4 4"]

@@ -1,0 +1,8 @@
+"""The `hulldown` command: arguments, progress, exit codes; no logic."""
+
+from __future__ import annotations
+
+
+def main() -> int:
+    """Run the command line and return the exit code."""
+    return 0

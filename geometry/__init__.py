@@ -1,0 +1,1 @@
+"""Meshes, rays and rigid transforms; knows no vehicles, no cameras and no Blender."""

@@ -1,0 +1,64 @@
+"""Checking arrays where they enter: shape, dtype and finiteness, in one place and with one wording."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+
+def checked(
+    value: ArrayLike,
+    name: str,
+    shape: tuple[int | str, ...],
+    *,
+    dtype: DTypeLike = np.float64,
+    finite: bool = True,
+) -> np.ndarray:
+    """`value` as a contiguous array of `dtype`, or a ValueError that names it.
+
+    Parameters
+    ----------
+    value
+        What the caller handed over.
+    name
+        The argument's name, for the error.
+    shape
+        Expected shape; a string stands for any length, the same string twice for the same length, and a
+        leading ``"..."`` for any leading axes.
+    dtype
+        The dtype wanted; integers are refused where floats would be rounded to get there.
+    finite
+        Whether NaN and infinities are refused.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, what was expected and what was given.
+    """
+    expected = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        given = np.asarray(value)
+        if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
+            raise TypeError
+        array = np.ascontiguousarray(given, dtype=dtype) if given.ndim else np.asarray(given, dtype=dtype)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected {np.dtype(dtype)} array of shape {expected}, got {value!r:.80}") from None
+    if not _matches(array.shape, shape):
+        raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
+    if finite and np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"{name}: expected finite numbers, got {array[first]} at index {first}")
+    return array
+
+
+def _matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
+    if expected and expected[0] == "...":
+        expected = expected[1:]
+        actual = actual[len(actual) - len(expected) :] if len(actual) >= len(expected) else (-1,)
+    if len(actual) != len(expected):
+        return False
+    named: dict[str, int] = {}
+    return all(
+        named.setdefault(want, have) == have if isinstance(want, str) else want == have
+        for want, have in zip(expected, actual, strict=True)
+    )

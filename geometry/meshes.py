@@ -1,0 +1,80 @@
+"""Triangle meshes as two arrays, checked once when they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Mesh:
+    """A triangle mesh, in whatever frame its owner says.
+
+    Parameters
+    ----------
+    vertices
+        (v, 3) float64, finite, in metres.
+    faces
+        (f, 3) integer vertex indices. Winding carries no meaning in hulldown.
+    name
+        What errors call this mesh.
+
+    Raises
+    ------
+    ValueError
+        Naming the mesh and the first offender: wrong shape, NaN or infinite vertex, face index out of range, no face.
+    """
+
+    # Plain arrays here: shapes are checked below, with errors that name the mesh.
+    vertices: np.ndarray
+    faces: np.ndarray
+    name: str = "mesh"
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices)
+        faces = np.asarray(self.faces)
+        if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not np.issubdtype(vertices.dtype, np.number):
+            raise ValueError(
+                f"mesh {self.name!r}: vertices: expected numbers of shape (v, 3), got {vertices.dtype} {vertices.shape}"
+            )
+        if faces.ndim != 2 or faces.shape[1:] != (3,) or not np.issubdtype(faces.dtype, np.integer):
+            raise ValueError(
+                f"mesh {self.name!r}: faces: expected integers of shape (f, 3), got {faces.dtype} {faces.shape}"
+            )
+        if not len(faces):
+            raise ValueError(f"mesh {self.name!r}: expected at least one face, got an empty mesh")
+        vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+        if not np.isfinite(vertices).all():
+            i = int(np.argmax(~np.isfinite(vertices).all(axis=1)))
+            raise ValueError(f"mesh {self.name!r}: vertex {i} is {vertices[i].tolist()}; expected finite coordinates")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            i = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
+            raise ValueError(
+                f"mesh {self.name!r}: face {i} is {faces[i].tolist()}; expected indices below {len(vertices)}"
+            )
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int32))
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of the axis-aligned box around all vertices that a face uses."""
+        used = self.vertices[self.faces.ravel()]
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @property
+    def triangles(self) -> Float[np.ndarray, "f 3 3"]:
+        """Corner points of every face."""
+        return self.vertices[self.faces]
+
+
+def merge(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
+    """All meshes as one, and for every face the index of the mesh it came from."""
+    if not meshes:
+        raise ValueError("meshes: expected at least one mesh, got none")
+    offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    faces = np.concatenate([m.faces + int(o) for m, o in zip(meshes, offsets, strict=True)])
+    source = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
+    return Mesh(np.concatenate([m.vertices for m in meshes]), faces, name), source

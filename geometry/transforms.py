@@ -1,0 +1,101 @@
+"""Rigid and affine transforms as 4x4 float64 matrices named `b_from_a`: they take coordinates of a to b.
+
+Every function works on stacks, with any leading axes. Rotations follow the right-hand rule.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from geometry.arrays import checked
+
+
+def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
+    """Points of frame a in frame b.
+
+    Parameters
+    ----------
+    b_from_a
+        (..., 4, 4) affine transforms; the last row is taken to be (0, 0, 0, 1).
+    points_a
+        (..., n, 3) points; leading axes broadcast against those of `b_from_a`.
+    """
+    matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
+    points = checked(points_a, "points_a", ("...", "n", 3), finite=False)
+    return points @ np.swapaxes(matrix[..., :3, :3], -1, -2) + matrix[..., None, :3, 3]
+
+
+def invert_rigid(b_from_a: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
+    """`a_from_b` for rigid transforms (rotation and translation only), exact up to rounding without a solve."""
+    matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
+    inverse = np.zeros_like(matrix)
+    rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = rotation
+    inverse[..., :3, 3] = -(rotation @ matrix[..., :3, 3, None])[..., 0]
+    inverse[..., 3, 3] = 1.0
+    return inverse
+
+
+def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
+    """The 4x4 matrix of a (..., 3, 3) rotation followed by a (..., 3) translation; leading axes broadcast."""
+    r = checked(rotation, "rotation", ("...", 3, 3))
+    t = checked(translation, "translation", ("...", 3))
+    lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
+    matrix = np.zeros((*lead, 4, 4))
+    matrix[..., :3, :3] = r
+    matrix[..., :3, 3] = t
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+    """Rotation by `angle` radians (...) about the unit `axis` (..., 3) through the origin.
+
+    References
+    ----------
+    Rodrigues' formula: Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, eq 2.14.
+    """
+    k = checked(axis, "axis", ("...", 3))
+    theta = checked(angle, "angle", ("...",))[..., None, None]
+    zero = np.zeros(k.shape[:-1])
+    cross = np.stack(
+        [
+            np.stack([zero, -k[..., 2], k[..., 1]], -1),
+            np.stack([k[..., 2], zero, -k[..., 0]], -1),
+            np.stack([-k[..., 1], k[..., 0], zero], -1),
+        ],
+        -2,
+    )
+    # 1 - cos would lose half the digits of small angles.
+    return np.eye(3) + np.sin(theta) * cross + 2.0 * np.sin(theta / 2) ** 2 * (cross @ cross)
+
+
+def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+    """Rotation by `angle` radians (...) about +z, counter-clockwise seen from above."""
+    theta = checked(angle, "angle", ("...",))
+    c, s, zero, one = np.cos(theta), np.sin(theta), np.zeros_like(theta), np.ones_like(theta)
+    return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
+
+
+def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+    """The smallest rotation that takes +z to the unit `normal` (..., 3), which must not point to -z.
+
+    References
+    ----------
+    Moeller, Hughes, Efficiently building a matrix to rotate one vector to another, JGT 4(4), 1999.
+    """
+    n = checked(normal, "normal", ("...", 3))
+    x, y, z = n[..., 0], n[..., 1], n[..., 2]
+    if (z <= -1.0 + 1e-12).any():
+        raise ValueError("normal: expected a direction away from -z, where the smallest rotation is not unique")
+    h = 1.0 / (1.0 + z)
+    return np.stack(
+        [
+            np.stack([1.0 - x * x * h, -x * y * h, x], -1),
+            np.stack([-x * y * h, 1.0 - y * y * h, y], -1),
+            np.stack([-x, -y, 1.0 - (x * x + y * y) * h], -1),
+        ],
+        -2,
+    )
