@@ -1,0 +1,106 @@
+"""`python -m benchmarks`: run every benchmark, write docs/benchmarks.md, its plots and the raw figures.
+
+Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)` makes
+a Markdown section of it, `plots(results, folder)` draws it. Peers run beside hulldown in the same process, in turn, so the
+ratios hold on a noisy machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.metadata
+import json
+import platform
+import time
+from pathlib import Path
+
+import psutil
+from rich.console import Console
+
+ROOT = Path(__file__).parents[1]
+SUITES = (
+    "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "planning", "rendering",
+)  # fmt: skip
+LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "open3d", "pycocotools")
+
+
+def main() -> int:
+    """Run the suites named on the command line, or all, and rewrite the report from all results on disk."""
+    parser = argparse.ArgumentParser(prog="make bench BENCH='...'", description=__doc__)
+    parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"any of: {', '.join(SUITES)} (default: all)")
+    parser.add_argument("--quick", action="store_true", help="small sizes: minutes instead of an hour")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs", help="folder of benchmarks.md (default: docs)")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.suites) - set(SUITES):
+        parser.error(f"no such suite: {', '.join(sorted(unknown))}; there are {', '.join(SUITES)}")
+    raw = arguments.output / "benchmarks.json"
+    raw.parent.mkdir(parents=True, exist_ok=True)
+    results = json.loads(raw.read_text()) if raw.exists() else {}
+    console = Console(stderr=True)
+    for name in arguments.suites or SUITES:
+        started = time.perf_counter()
+        with console.status(f"{name} ..."):
+            figures = importlib.import_module(f"benchmarks.{name}").run(quick=arguments.quick)
+        seconds = time.perf_counter() - started
+        results[name] = {"quick": arguments.quick, "seconds": round(seconds), "machine": machine(), "figures": figures}
+        raw.write_text(json.dumps(results, indent=1) + "\n")
+        console.print(f"{name}: {seconds:.0f} s")
+    (arguments.output / "benchmarks.md").write_text(document(results, arguments.output / "plots"))
+    console.print(f"wrote {arguments.output / 'benchmarks.md'}")
+    return 0
+
+
+def machine() -> dict[str, str | int]:
+    """What the figures were measured on."""
+    versions = {}
+    for name in LIBRARIES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {
+        "processor": _processor(),
+        "cores": psutil.cpu_count(logical=True) or 1,
+        "memory_gb": round(psutil.virtual_memory().total / 2**30),
+        "python": platform.python_version(),
+        **versions,
+    }
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    names = (
+        [x.split(":", 1)[1].strip() for x in cpuinfo.read_text().splitlines() if x.startswith("model name")]
+        if (cpuinfo.exists())
+        else []
+    )
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def document(results: dict, plots: Path) -> str:
+    """docs/benchmarks.md from all results; draws the plots beside it."""
+    plots.mkdir(parents=True, exist_ok=True)
+    parts = [
+        "# Benchmarks: speed against error",
+        "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the ratios, "
+        "since machines differ. The raw figures are in [benchmarks.json](benchmarks.json).",
+    ]
+    for name in SUITES:
+        if name not in results:
+            continue
+        result = results[name]
+        module = importlib.import_module(f"benchmarks.{name}")
+        drawn = module.plots(result["figures"], plots) or []
+        on = ", ".join(f"{key} {value}" for key, value in result["machine"].items())
+        note = "quick sizes, " if result["quick"] else ""
+        parts += [
+            module.report(result["figures"]).strip(),
+            *(f"![{Path(p).stem.replace('_', ' ')}](plots/{Path(p).name})" for p in drawn),
+            f"<sub>`make bench BENCH={name}`: {note}{result['seconds']} s; {on}</sub>",
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

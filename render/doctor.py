@@ -1,0 +1,96 @@
+"""What this machine can do: versions, the system libraries Blender needs, the devices Cycles can render on."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import importlib.util
+import json
+import platform
+import subprocess
+import sys
+from dataclasses import dataclass, field
+
+# What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
+SYSTEM_LIBRARIES = {
+    "libX11.so.6": "libx11-6",
+    "libXrender.so.1": "libxrender1",
+    "libXfixes.so.3": "libxfixes3",
+    "libXi.so.6": "libxi6",
+    "libXext.so.6": "libxext6",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+    "libGL.so.1": "libgl1",
+}
+DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
+
+# Runs in a child: bpy may crash while it loads, and belongs in the main thread of its own process.
+PROBE = """
+import json, bpy
+from render.cycles import available_devices
+print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available_devices()}))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What was found; `problems` is empty on a machine that can plan and render."""
+
+    python: str
+    system: str
+    versions: dict[str, str | None]
+    missing_libraries: dict[str, str]
+    blender: str | None
+    devices: list[dict[str, str]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+def diagnose() -> Diagnosis:
+    """Look at this machine; changes nothing and takes a few seconds."""
+    versions = {name: _version(name) for name in DISTRIBUTIONS}
+    missing = {lib: package for lib, package in SYSTEM_LIBRARIES.items() if not _loads(lib)}
+    problems = []
+    if missing:
+        packages = " ".join(sorted(set(missing.values())))
+        problems.append(f"Blender lacks {', '.join(missing)}; run: apt-get install {packages}")
+    blender, devices = None, []
+    if importlib.util.find_spec("bpy") is None:
+        problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11 only)")
+    elif not missing:
+        found = _probe_blender()
+        if isinstance(found, str):
+            problems.append(f"Blender does not start: {found}")
+        else:
+            blender, devices = found["blender"], found["devices"]
+    return Diagnosis(platform.python_version(), platform.platform(), versions, missing, blender, devices, problems)
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _loads(library: str) -> bool:
+    if not sys.platform.startswith("linux"):
+        return True  # wheels for other systems bring all they need
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _probe_blender() -> dict | str:
+    """Blender's version and devices, or why it did not start."""
+    try:
+        child = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, timeout=300)
+    except subprocess.TimeoutExpired:
+        return "no answer within 300 s"
+    for line in child.stdout.splitlines():
+        if line.startswith("@@"):
+            return json.loads(line[2:])
+    last = (child.stderr.strip().splitlines() or [f"exit code {child.returncode}"])[-1]
+    return last

@@ -1,0 +1,72 @@
+"""The flat packages must be ours: found in the checkout, shipped in the wheel, claimed by nobody else."""
+
+import importlib.metadata
+import importlib.util
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PACKAGES = ["geometry", "assets", "placement", "camera", "annotate", "planning", "render"]
+
+
+@pytest.fixture(scope="module")
+def wheel_names(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", folder],
+        cwd=ROOT, check=True, capture_output=True,
+    )  # fmt: skip
+    [wheel] = folder.glob("*.whl")
+    return zipfile.ZipFile(wheel).namelist()
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "cli"])
+def test_resolves_inside_the_checkout(package):
+    spec = importlib.util.find_spec(package)
+    assert spec is not None
+    assert Path(spec.origin).is_relative_to(ROOT)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_module_ships_in_the_wheel(package, wheel_names):
+    modules = {str(p.relative_to(ROOT)) for p in (ROOT / package).rglob("*.py")}
+    assert modules
+    assert modules <= set(wheel_names)
+
+
+def test_the_wheel_holds_nothing_else(wheel_names):
+    top = {name.split("/")[0] for name in wheel_names if ".dist-info/" not in name}
+    assert top == {*PACKAGES, "cli.py"}
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "cli"])
+def test_no_other_distribution_claims_the_name(package):
+    owners = set(importlib.metadata.packages_distributions().get(package, []))
+    assert owners <= {"hulldown"}
+
+
+def test_dependencies_have_lower_and_upper_bounds():
+    project = PYPROJECT["project"]
+    named = project["dependencies"] + [d for extra in project["optional-dependencies"].values() for d in extra]
+    assert [d for d in named if ">=" not in d or "<" not in d.split(";")[0]] == []
+
+
+def test_constraints_are_names_and_versions_only():
+    lines = [x for x in (ROOT / "constraints.txt").read_text().splitlines() if x and not x.startswith("#")]
+    assert [x for x in lines if x.count("==") != 1 or "/" in x or "@" in x or " " in x] == []
+
+
+def test_it_cannot_be_uploaded_by_accident():
+    assert "Private :: Do Not Upload" in PYPROJECT["project"]["classifiers"]
+
+
+def test_the_core_does_not_import_blender():
+    core = "geometry.rays, placement.terrain, camera.projection, annotate.boxes, planning.planner"
+    code = f"import sys; import {core}; assert 'bpy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
