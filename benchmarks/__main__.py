@@ -1,8 +1,8 @@
 """`python -m benchmarks`: run every benchmark, write docs/benchmarks.md, its plots and the raw figures.
 
-Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)` makes
-a Markdown section of it, `plots(results, folder)` draws it. Peers run beside hulldown in the same process, in turn, so the
-ratios hold on a noisy machine.
+Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)`
+makes a Markdown section of it, `plots(results, folder)` draws it and returns the files. Peers run beside hulldown in the
+same process, in turn, so that the ratios hold on a noisy machine.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def document(results: dict, plots: Path) -> str:
     plots.mkdir(parents=True, exist_ok=True)
     parts = [
         "# Benchmarks: speed against error",
-        "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the ratios, "
-        "since machines differ. The raw figures are in [benchmarks.json](benchmarks.json).",
+        "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
+        "ratios, since machines differ. The raw figures are in [benchmarks.json](benchmarks.json).",
     ]
     for name in SUITES:
         if name not in results:
