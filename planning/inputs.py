@@ -1,0 +1,69 @@
+"""What a plan is made from besides its config: vehicles, sceneries and HDRIs that are already in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+
+
+@dataclass(frozen=True, slots=True)
+class AssetFile:
+    """Where an asset came from, as the plan's header records it.
+
+    Parameters
+    ----------
+    path
+        As the config gave it: relative to the config's folder, or absolute.
+    sha256
+        Hexadecimal digest of the file's bytes; empty if the asset was made in memory.
+    """
+
+    path: str
+    sha256: str = ""
+
+
+def _no_files() -> Mapping[str, AssetFile]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Assets:
+    """Everything a planner needs in memory; all mappings are by the asset's name in the config.
+
+    Parameters
+    ----------
+    vehicles
+        Shape of each vehicle, in the order of the config.
+    categories
+        Class of each vehicle.
+    sceneries
+        Geometry of each scenery, in the order of the config.
+    hdris
+        Names of the HDRIs, in the order of the config.
+    vehicle_files, scenery_files, hdri_files
+        The files they came from; assets without an entry were made in memory.
+
+    Raises
+    ------
+    ValueError
+        If there is no vehicle, scenery or HDRI, or a vehicle has no class.
+    """
+
+    vehicles: Mapping[str, VehicleShape]
+    categories: Mapping[str, str]
+    sceneries: Mapping[str, Scenery]
+    hdris: tuple[str, ...]
+    vehicle_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
+    scenery_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
+    hdri_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
+
+    def __post_init__(self) -> None:
+        for name in ("vehicles", "sceneries", "hdris"):
+            if not getattr(self, name):
+                raise ValueError(f"{name}: expected at least one, got none")
+        if lacking := [name for name in self.vehicles if name not in self.categories]:
+            raise ValueError(f"categories: expected one for every vehicle, got none for {lacking}")

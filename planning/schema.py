@@ -1,0 +1,277 @@
+"""What a config may say: every section, key, range and default.
+
+References
+----------
+Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+
+INFINITY = float("inf")
+
+
+def _range(lowest: float, highest: float, kind: type = float) -> BeforeValidator:
+    """Checks [low, high]; a single number is a range of one value."""
+    bound = "" if highest == INFINITY else f" <= {highest:g}"
+    noun = "a whole number" if kind is int else "a number"
+    allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high{bound}"
+
+    def check(value: Any) -> tuple[Any, Any]:
+        pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
+        wanted = int if kind is int else (int, float)
+        if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
+            raise ValueError(allowed)
+        # NaN fails the comparison too.
+        if not lowest <= pair[0] <= pair[1] <= highest or pair[1] == INFINITY:
+            raise ValueError(allowed)
+        return kind(pair[0]), kind(pair[1])
+
+    return BeforeValidator(check)
+
+
+def _per_class(value: Any) -> Any:
+    """A number of images for every class, or a table of them by class."""
+    counts = list(value.values()) if isinstance(value, dict) else [value]
+    if value is not None and any(isinstance(n, bool) or not isinstance(n, int) or n < 0 for n in counts):
+        raise ValueError("expected a whole number >= 0, or a table of them by class")
+    return value
+
+
+Pair = tuple[float, float]
+Fractions = Annotated[Pair, _range(0.0, 1.0)]
+TargetFractions = Annotated[Pair, _range(1e-4, 10.0)]
+Factors = Annotated[Pair, _range(1e-3, 1e3)]
+Lengths = Annotated[Pair, _range(0.0, 1e6)]
+Visibilities = Annotated[Pair, _range(1.0, 1e6)]
+Strengths = Annotated[Pair, _range(0.0, INFINITY)]
+Degrees = Annotated[Pair, _range(-360.0, 360.0)]
+Elevations = Annotated[Pair, _range(-90.0, 90.0)]
+FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
+Counts = Annotated[tuple[int, int], _range(1, 64, int)]
+Patterns = Annotated[tuple[str, ...], Field(strict=False)]
+Positive = Annotated[float, Field(gt=0)]
+AtLeastZero = Annotated[float, Field(ge=0)]
+PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
+
+
+class Section(BaseModel):
+    """What all sections share: no unknown keys, no silent conversions, nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class VehicleEntry(Section):
+    """One `[[assets.vehicles]]`: a .blend file, its class, and what in it is the vehicle."""
+
+    path: str
+    category: str = Field(min_length=1)
+    name: str = ""
+    forward: Literal["+x", "-x", "+y", "-y"] = "+x"
+    up: Literal["z", "y"] | None = None
+    scale: Positive | None = None
+    keep: Patterns = ()
+    drop: Patterns = ()
+    turret: str | None = None
+    gun: str | None = None
+
+
+class SceneryEntry(Section):
+    """One `[[assets.sceneries]]`: a .blend file, and how often it is drawn beside the others."""
+
+    path: str
+    name: str = ""
+    up: Literal["z", "y"] | None = None
+    scale: Positive | None = None
+    weight: AtLeastZero = 1.0
+
+
+class AssetsSection(Section):
+    """Files to read; paths are relative to the config's folder."""
+
+    cache: str = ".hulldown-cache"
+    hdris: Patterns = ("hdris/*.exr",)
+    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
+    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_by_file(cls, data: Any) -> Any:
+        """An entry without a name is called as its file."""
+        if not isinstance(data, dict):
+            return data
+        named = dict(data)
+        for kind in ("vehicles", "sceneries"):
+            entries = data.get(kind)
+            if isinstance(entries, (list, tuple)):
+                named[kind] = [
+                    {**e, "name": e.get("name") or _stem(e["path"])}
+                    if isinstance(e, dict) and isinstance(e.get("path"), str)
+                    else e
+                    for e in entries
+                ]
+        return named
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> AssetsSection:
+        for kind, entries in (("vehicles", self.vehicles), ("sceneries", self.sceneries)):
+            for name, count in Counter(e.name for e in entries).items():
+                if count > 1:
+                    raise ValueError(f"{count} {kind} are called {name!r}; give each its own `name`")
+        if not any(e.weight for e in self.sceneries):
+            raise ValueError("all sceneries have weight 0; expected at least one above 0")
+        return self
+
+
+def _stem(path: str) -> str:
+    return (PureWindowsPath(path) if "\\" in path else PurePosixPath(path)).stem
+
+
+class GroundSection(Section):
+    """Which meshes of a scenery are ground, by object name (paper, section 2.1.5)."""
+
+    include: Patterns = ()
+    exclude: Patterns = ()
+    fallback_z: float = 0.0
+
+
+class PlacementSection(Section):
+    """Where vehicles may stand (paper, section 2.1.5)."""
+
+    margin: Annotated[float, Field(gt=0, le=1)] = 0.8
+    max_slope_deg: Annotated[float, Field(ge=0, lt=90)] = 30.0
+    rule: Literal["averaged", "least_squares", "support"] = "support"
+    footprint: Annotated[int, Field(ge=1, le=101)] = 5
+    min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.8
+    max_gap: AtLeastZero = 0.5
+    max_penetration: AtLeastZero = 0.3
+    obstacle_clearance: AtLeastZero = 0.5
+    vehicle_clearance: AtLeastZero = 2.0
+    vehicles_per_image: Counts = (1, 1)
+    companion_distance: Lengths = (8.0, 40.0)
+    articulate: bool = True
+    max_tries: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
+
+
+class CameraSection(Section):
+    """Where cameras may be and what they must see (paper, section 2.1.6)."""
+
+    fov_x_deg: FieldsOfView = (40.0, 60.0)
+    target_fraction: TargetFractions = (0.1, 0.3)
+    distance_factor: Factors = (0.8, 1.5)
+    distance_m: Lengths = (2.0, 5000.0)
+    elevation_deg: Elevations = (3.0, 35.0)
+    elevation_sampling: Literal["angle", "sphere"] = "angle"
+    framing: Annotated[float, Field(ge=0, le=1)] = 0.8
+    ground_clearance: AtLeastZero = 0.5
+    obstacle_clearance: AtLeastZero = 1.0
+    visible_fraction: Fractions = (0.3, 1.0)
+    visibility_rays: Annotated[int, Field(ge=1, le=1_000_000)] = 256
+    truncated_fraction: Fractions = (0.0, 0.0)
+    min_box_px: AtLeastZero = 8.0
+    max_tries: Annotated[int, Field(ge=1, le=10_000)] = 50
+
+
+class BudgetSection(Section):
+    """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
+
+    images_per_class: PerClass = None
+    positions_per_vehicle: Annotated[int, Field(ge=0)] | None = None
+    images_per_position: Annotated[int, Field(ge=1)] = 5
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> BudgetSection:
+        if (self.images_per_class is None) == (self.positions_per_vehicle is None):
+            raise ValueError("expected exactly one of images_per_class and positions_per_vehicle")
+        return self
+
+
+class HdriChoice(Section):
+    """An HDRI by name or pattern, and how often it is drawn."""
+
+    name: str
+    weight: AtLeastZero = 1.0
+
+
+def _choice(value: Any) -> Any:
+    return {"name": value} if isinstance(value, str) else value
+
+
+class LightSection(Section):
+    """HDRI, its turn about the vertical, its strength."""
+
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = ()
+    yaw_deg: Degrees = (0.0, 360.0)
+    strength: Strengths = (0.7, 1.3)
+
+
+class WeatherSection(Section):
+    """Fog, in a share of the images."""
+
+    probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    visibility_m: Visibilities = (300.0, 3000.0)
+
+
+PROFILES: Mapping[str, Mapping[str, Any]] = {
+    "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
+    "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
+}
+
+
+class RenderSection(Section):
+    """Cycles' settings (paper, section 2.1.4); a profile sets the keys that are not given."""
+
+    profile: Literal["paper", "fast"] = "paper"
+    width: Annotated[int, Field(ge=1, le=65536)] = 1920
+    height: Annotated[int, Field(ge=1, le=65536)] = 1080
+    samples: Annotated[int, Field(ge=1, le=1_000_000)] = 128
+    denoise: bool = True
+    adaptive_threshold: Annotated[float, Field(ge=0, le=1)] = 0.0
+    bounces: Annotated[int, Field(ge=0, le=1024)] = 12
+    device: Literal["auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"] = "auto"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _profile_first(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        profile = data.get("profile", "paper")
+        return {**PROFILES[profile], **data} if isinstance(profile, str) and profile in PROFILES else data
+
+
+class Config(Section):
+    """A whole config; see docs/config.md for every key."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    assets: AssetsSection
+    ground: GroundSection = GroundSection()
+    placement: PlacementSection = PlacementSection()
+    camera: CameraSection = CameraSection()
+    budget: BudgetSection
+    light: LightSection = LightSection()
+    weather: WeatherSection = WeatherSection()
+    render: RenderSection = RenderSection()
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    @property
+    def path(self) -> Path | None:
+        """The file this was read from, if any."""
+        return self._path
+
+    @property
+    def folder(self) -> Path:
+        """What relative paths in the config are relative to."""
+        return self._path.parent if self._path is not None else Path()
+
+    def read_from(self, path: Path | None) -> Config:
+        """The same config, knowing the file it was read from."""
+        known = self.model_copy()
+        known._path = path
+        return known
