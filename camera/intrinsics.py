@@ -1,0 +1,95 @@
+"""A pinhole camera's inside: image size, field of view, and the distance at which a size fills a share of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from geometry.arrays import checked
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """A pinhole camera with square pixels and its principal point at the image's centre.
+
+    Pixels are continuous: (0, 0) is the outer corner of the top-left pixel, (width, height) that of the bottom-right.
+
+    Parameters
+    ----------
+    width, height
+        Image size in pixels, at least 1.
+    fov_x
+        Horizontal field of view in radians, between 0 and pi.
+
+    References
+    ----------
+    Paper, equations 2 to 6.
+    """
+
+    width: int
+    height: int
+    fov_x: float
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+                raise ValueError(f"{name}: expected a whole number of pixels, at least 1, got {value!r}")
+        if not 0.0 < self.fov_x < math.pi:
+            raise ValueError(f"fov_x: expected radians between 0 and pi, got {self.fov_x!r}")
+
+    @property
+    def aspect(self) -> float:
+        """Width over height (eq 2)."""
+        return self.width / self.height
+
+    @property
+    def fov_y(self) -> float:
+        """Vertical field of view in radians (eq 3)."""
+        return 2.0 * math.atan(math.tan(self.fov_x / 2.0) / self.aspect)
+
+    @property
+    def f_px(self) -> float:
+        """Focal length in pixels (eq 4)."""
+        # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
+        return self.width / 2.0 / math.tan(self.fov_x / 2.0)
+
+    @property
+    def centre(self) -> Float[np.ndarray, "2"]:
+        """The principal point in pixels."""
+        return np.array([self.width / 2.0, self.height / 2.0])
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """K: takes camera coordinates (x right, y down, z forward) to homogeneous pixels."""
+        f = self.f_px
+        return np.array([[f, 0.0, self.width / 2.0], [0.0, f, self.height / 2.0], [0.0, 0.0, 1.0]])
+
+    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
+        """Distance at which an upright, face-on `size` fills `target_fraction` of the image height (eqs 5 and 6).
+
+        Parameters
+        ----------
+        size
+            (...) metres, positive; the paper takes the smallest dimension of the vehicle's bounding box.
+        target_fraction
+            (...) share of the image height, positive; may exceed 1.
+
+        Returns
+        -------
+        (...) metres along the optical axis; the leading axes broadcast.
+        """
+        s = _positive(size, "size")
+        fraction = _positive(target_fraction, "target_fraction")
+        return np.asarray(s * self.f_px / (self.height * fraction))
+
+
+def _positive(value: ArrayLike, name: str) -> np.ndarray:
+    array = checked(value, name, ("...",))
+    if (array <= 0.0).any():
+        raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
+    return array

@@ -1,0 +1,114 @@
+"""World points to pixels and back, for one camera or for stacks of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from camera.intrinsics import Intrinsics
+from geometry.arrays import checked
+from geometry.transforms import apply, invert_rigid
+
+
+class Projected(NamedTuple):
+    """Where points fall in the image."""
+
+    pixels: Float[np.ndarray, "... n 2"]  # continuous, may lie outside the image; nan where depth <= 0
+    depth: Float[np.ndarray, "... n"]  # metres along the optical axis; negative behind the camera
+
+
+def project(intrinsics: Intrinsics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
+    """Pixels and depths of world points.
+
+    Parameters
+    ----------
+    intrinsics
+        One for all.
+    world_from_camera
+        (..., 4, 4) rigid poses: x right, y down, z forward.
+    points_world
+        (..., n, 3) metres; leading axes broadcast against those of the poses.
+
+    Returns
+    -------
+    Projected
+        pixels (..., n, 2) and depth (..., n). A point at or behind the camera's plane has no pixel: nan, never a
+        number that could be taken for one.
+    """
+    return project_camera(intrinsics, apply(invert_rigid(world_from_camera), points_world))
+
+
+def project_camera(intrinsics: Intrinsics, points_camera: ArrayLike) -> Projected:
+    """The same for points (..., n, 3) that are in the camera's frame already."""
+    points = checked(points_camera, "points_camera", ("...", "n", 3), finite=False)
+    depth = points[..., 2]
+    ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
+    # Just in front of the plane the quotient may overflow to infinity, which is where such a point projects to.
+    with np.errstate(over="ignore"):
+        return Projected(points[..., :2] / ahead * intrinsics.f_px + intrinsics.centre, depth)
+
+
+def directions(intrinsics: Intrinsics, pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
+    """Camera-frame directions (..., n, 3) through pixels (..., n, 2), with z = 1: depth times them is the point."""
+    uv = checked(pixels, "pixels", ("...", "n", 2), finite=False)
+    through = np.ones((*uv.shape[:-1], 3))
+    through[..., :2] = (uv - intrinsics.centre) / intrinsics.f_px
+    return through
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Camera:
+    """One camera somewhere in the world.
+
+    Parameters
+    ----------
+    intrinsics
+        Image size and field of view.
+    world_from_camera
+        (4, 4) rigid pose; camera axes x right, y down, z forward (OpenCV).
+
+    Raises
+    ------
+    ValueError
+        If the pose is no rigid transform.
+    """
+
+    intrinsics: Intrinsics
+    world_from_camera: np.ndarray
+
+    def __post_init__(self) -> None:
+        pose = checked(self.world_from_camera, "world_from_camera", (4, 4))
+        rotation = pose[:3, :3]
+        rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0
+        if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+            raise ValueError(f"world_from_camera: expected a rigid 4x4 transform, got {pose.tolist()}")
+        object.__setattr__(self, "world_from_camera", pose)
+
+    @property
+    def camera_from_world(self) -> Float[np.ndarray, "4 4"]:
+        """The inverse pose."""
+        return invert_rigid(self.world_from_camera)
+
+    @property
+    def position(self) -> Float[np.ndarray, "3"]:
+        """Where the camera is, in the world."""
+        return self.world_from_camera[:3, 3]
+
+    def project(self, points_world: ArrayLike) -> Projected:
+        """Pixels (n, 2) and depth (n,) of world points (n, 3); the pixels of points at or behind the camera are nan."""
+        return project(self.intrinsics, self.world_from_camera, points_world)
+
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float[np.ndarray, "n 3"]:
+        """World points seen at `pixels` (n, 2) at `depth` (n,) metres along the optical axis."""
+        z = checked(depth, "depth", ("n",), finite=False)
+        return apply(self.world_from_camera, directions(self.intrinsics, pixels) * z[:, None])
+
+    def ray_directions(self, pixels: ArrayLike) -> Float[np.ndarray, "n 3"]:
+        """World unit directions of the rays through `pixels` (n, 2); all start at `position`."""
+        through = directions(self.intrinsics, pixels)
+        through /= np.linalg.norm(through, axis=-1, keepdims=True)
+        return through @ self.world_from_camera[:3, :3].T

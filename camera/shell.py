@@ -1,0 +1,130 @@
+"""Camera poses on a spherical shell around a target, and the draws that choose them (paper 2.1.6)."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from geometry.arrays import checked
+from geometry.transforms import rigid
+
+
+def camera_pose(
+    centre: ArrayLike, distance: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike
+) -> Float[np.ndarray, "... 4 4"]:
+    """Pose of a camera on the shell that looks at the centre, its horizon level.
+
+    Straight above and straight below need no up vector: the image's right is always (-sin azimuth, cos azimuth, 0),
+    so the pose is a continuous function of both angles, poles included.
+
+    Parameters
+    ----------
+    centre
+        (..., 3) world point looked at; it projects to the image's centre at depth `distance`.
+    distance
+        (...) metres, positive.
+    azimuth
+        (...) radians counter-clockwise from +x, of the camera as seen from the centre.
+    elevation
+        (...) radians above the horizontal plane through the centre, from -pi/2 to pi/2.
+
+    Returns
+    -------
+    (..., 4, 4) world_from_camera; all leading axes broadcast.
+    """
+    c = checked(centre, "centre", ("...", 3))
+    d = checked(distance, "distance", ("...",))
+    if (d <= 0.0).any():
+        raise ValueError(f"distance: expected positive metres, got {float(d.min())}")
+    outward, rotation = shell_axes(azimuth, elevation)
+    return rigid(rotation, c + d[..., None] * outward)
+
+
+def shell_axes(
+    azimuth: ArrayLike, elevation: ArrayLike
+) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
+    """Unit direction from the centre to the camera, and the camera's axes (right, down, forward) as columns."""
+    a = checked(azimuth, "azimuth", ("...",))
+    e = checked(elevation, "elevation", ("...",))
+    if (np.abs(e) > math.pi / 2).any():
+        raise ValueError(f"elevation: expected radians from -pi/2 to pi/2, got {float(e.flat[np.abs(e).argmax()])}")
+    a, e = np.broadcast_arrays(a, e)
+    ca, sa, ce, se = np.cos(a), np.sin(a), np.cos(e), np.sin(e)
+    outward = np.stack([ce * ca, ce * sa, se], -1)
+    right = np.stack([-sa, ca, np.zeros_like(a)], -1)
+    down = np.stack([se * ca, se * sa, -ce], -1)
+    return outward, np.stack([right, down, -outward], -1)
+
+
+def draw_azimuth(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+    """`n` azimuths uniform in 0 to 2 pi."""
+    return rng.uniform(0.0, 2.0 * math.pi, n)
+
+
+def draw_elevation(
+    n: int, bounds: tuple[float, float], *, rng: np.random.Generator, uniform_in: Literal["angle", "sphere"] = "angle"
+) -> Float[np.ndarray, " n"]:
+    """`n` elevations within bounds.
+
+    Parameters
+    ----------
+    n
+        How many.
+    bounds
+        Lowest and highest elevation in radians, within -pi/2 to pi/2.
+    rng
+        Source of randomness.
+    uniform_in
+        ``"angle"``, as in the paper: every degree of elevation is as likely as any other. The rings of equal elevation
+        shrink towards the pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees
+        but is 1.5 % of the dome. ``"sphere"``: uniform on the shell's area, which is
+        uniform in sin(elevation) (Archimedes).
+    """
+    low, high = bounds
+    if not -math.pi / 2 <= low <= high <= math.pi / 2:
+        raise ValueError(f"bounds: expected -pi/2 <= low <= high <= pi/2, got {bounds}")
+    if uniform_in == "angle":
+        return rng.uniform(low, high, n)
+    if uniform_in == "sphere":
+        # arcsin may round past the bounds by an ulp.
+        return np.clip(np.arcsin(rng.uniform(math.sin(low), math.sin(high), n)), low, high)
+    raise ValueError(f"uniform_in: expected 'angle' or 'sphere', got {uniform_in!r}")
+
+
+def draw_distance(
+    baseline: ArrayLike,
+    bounds: tuple[float, float],
+    n: int,
+    *,
+    rng: np.random.Generator,
+    uniform_in: Literal["distance", "log"] = "distance",
+) -> Float[np.ndarray, "... n"]:
+    """A list of `n` random distances for each baseline: what the paper samples once for a loaded vehicle.
+
+    Parameters
+    ----------
+    baseline
+        (...) metres, positive: eq 6's D, or the exact solve of `camera.size`.
+    bounds
+        Shortest and longest distance as multiples of the baseline.
+    n
+        Distances for each baseline.
+    rng
+        Source of randomness.
+    uniform_in
+        ``"distance"``: uniform in metres. ``"log"``: every halving of the apparent size is as likely as any other;
+        uniform metres put three quarters of the shots between 1 and 4 D beyond 1.75 D.
+    """
+    d = checked(baseline, "baseline", ("...",))
+    low, high = bounds
+    if not 0.0 < low <= high:
+        raise ValueError(f"bounds: expected 0 < low <= high, got {bounds}")
+    if uniform_in not in ("distance", "log"):
+        raise ValueError(f"uniform_in: expected 'distance' or 'log', got {uniform_in!r}")
+    u = rng.random((*d.shape, n))
+    factor = low + u * (high - low) if uniform_in == "distance" else low * (high / low) ** u
+    return d[..., None] * np.clip(factor, low, high)
