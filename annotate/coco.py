@@ -1,0 +1,300 @@
+"""A COCO dataset in a folder that can be appended to, by several runs, and survives a crash at any moment.
+
+``annotations.json`` holds what is merged, ``journal.jsonl`` one line for each image since the beginning. A line
+``{"merged": true}`` says that everything above it is in ``annotations.json``, which then rules: a record that
+somebody deletes there stays deleted.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from annotate.journal import Journal
+from geometry.errors import DatasetError
+
+LOCK_NAME = ".hulldown.lock"
+MERGE_EVERY_S = 30.0
+MERGE_SHARE = 0.02  # of a run's time may go into rewriting annotations.json, however large it has grown
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a dataset has set aside for the images of one plan, the same whenever that plan is resumed.
+
+    Parameters
+    ----------
+    key
+        The plan, for example the SHA-256 of its file.
+    image_offset, annotation_offset
+        What to add to ids that count from 1 within the plan.
+    prefix
+        What to put before the plan's file names; empty in a dataset that was empty when the run began.
+    images, annotations
+        How many ids are set aside.
+    """
+
+    key: str
+    image_offset: int
+    annotation_offset: int
+    prefix: str
+    images: int
+    annotations: int
+
+    def file_name(self, planned: str) -> str:
+        """The name in the dataset of the image that the plan calls `planned`."""
+        path = PurePosixPath(planned)
+        return str(path.with_name(self.prefix + path.name))
+
+
+class CocoDataset:
+    """A COCO dataset that this process alone may append to; made by `CocoDataset.open`."""
+
+    def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document) -> None:
+        self.folder = folder
+        self._lock = lock
+        self._journal = journal
+        self._document = document
+        self._merged_at = time.monotonic()
+        self._merge_took = 0.0
+
+    @classmethod
+    def open(cls, folder: Path | str, *, categories: Iterable[str] = ()) -> CocoDataset:
+        """Open `folder` for appending; made if it does not exist, continued if it does.
+
+        Parameters
+        ----------
+        folder
+            The dataset. An ``annotations.json`` in it, made here or elsewhere, keeps all its records and fields.
+        categories
+            Names that get an id now, in this order, unless a category of that name exists.
+
+        Raises
+        ------
+        DatasetError
+            If another process has it open, or a file in it cannot be read.
+        """
+        folder = Path(folder)
+        lock = FileLock(folder / LOCK_NAME)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise DatasetError(
+                "another process is writing to this dataset",
+                path=folder,
+                remedy="wait until it has ended, or write to another folder",
+            ) from None
+        except OSError as error:
+            raise DatasetError(
+                f"cannot be written to ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
+            ) from error
+        try:
+            document = read_document(folder)
+            dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document)
+            dataset._add_categories(categories)
+        except BaseException:
+            lock.release()
+            raise
+        return dataset
+
+    def __len__(self) -> int:
+        """How many images are in the dataset, those of other origin included."""
+        return len(self._document.images)
+
+    def finished(self, file_name: str) -> bool:
+        """Whether the dataset has an image of that name."""
+        return file_name in self._document.file_names
+
+    def run(self, key: str, *, images: int, annotations: int) -> Run:
+        """Set ids and file names aside for a plan, or say again what was set aside for it.
+
+        With them, the order in which images are finished leaves no trace in ``annotations.json``, and two plans
+        never fight for the same file name.
+
+        Parameters
+        ----------
+        key
+            What identifies the plan.
+        images, annotations
+            How many of each it can have.
+        """
+        if not key or images < 0 or annotations < 0:
+            raise ValueError(f"run: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
+        document = self._document
+        if (known := document.runs.get(key)) is not None:
+            return Run(**known)
+        empty = not document.images and not document.runs and not _has_files(self.folder / "images")
+        run = Run(
+            key=key,
+            image_offset=document.next_image_id - 1,
+            annotation_offset=document.next_annotation_id - 1,
+            prefix="" if empty else f"{len(document.runs) + 1}-{key[:8]}-",
+            images=images,
+            annotations=annotations,
+        )
+        self._write({"run": asdict(run)})
+        return run
+
+    def append(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> int:
+        """Add one finished image and what is on it; on disk when this returns.
+
+        Parameters
+        ----------
+        image
+            ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height`` and whatever else it
+            shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next.
+        annotations
+            Each with ``category`` (a name) and ``bbox`` (xywh pixels) and whatever else it shall carry. ``id`` as
+            for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.
+
+        Returns
+        -------
+        The id of the image.
+
+        Raises
+        ------
+        ValueError
+            Naming what is missing, wrong, or there already.
+        DatasetError
+            If it cannot be written.
+        """
+        document = self._document
+        record = _plain(image, "image")
+        _check_image(record)
+        if self.finished(record["file_name"]):
+            raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
+        image_id = _free_id(record, "image", document.next_image_id, document.image_ids)
+        categories: list[dict[str, Any]] = []
+        records: list[dict[str, Any]] = []
+        used: set[int] = set()
+        next_id = document.next_annotation_id
+        for i, annotation in enumerate(annotations):
+            name = f"annotations[{i}]"
+            plain = _plain(annotation, name)
+            _check_annotation(plain, name)
+            annotation_id = _free_id(plain, name, next_id, document.annotation_ids, used)
+            used.add(annotation_id)
+            next_id = max(next_id, annotation_id + 1)
+            category_id = self._category_id(plain.pop("category"), categories)
+            box = plain["bbox"]
+            defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
+            ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
+            records.append({**ids, **defaults, **plain, **ids})
+        line: dict[str, Any] = {"image": {"id": image_id, **record}, "annotations": records}
+        self._write({**line, "categories": categories} if categories else line)
+        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
+            self.merge()
+        return image_id
+
+    def merge(self) -> None:
+        """Bring ``annotations.json`` up to date, replacing it in one step."""
+        path = self.folder / ANNOTATIONS_NAME
+        start = time.monotonic()
+        if self._document.pending or not path.exists():
+            self._document.write(path)
+            self._journal.append({"merged": True})
+            self._document.pending = 0
+        self._merged_at = time.monotonic()
+        self._merge_took = self._merged_at - start
+
+    def close(self) -> None:
+        """Merge, and let other processes open the dataset. Closing twice does nothing more."""
+        if not self._lock.is_locked:
+            return
+        try:
+            self.merge()
+        finally:
+            self._journal.close()
+            self._lock.release()
+
+    def __enter__(self) -> CocoDataset:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._journal.append(line)
+        self._document.apply(line)
+
+    def _add_categories(self, names: Iterable[str]) -> None:
+        categories: list[dict[str, Any]] = []
+        for name in names:
+            self._category_id(name, categories)
+        if categories:
+            self._write({"categories": categories})
+            self._document.pending += 1
+
+    def _category_id(self, name: str, new: list[dict[str, Any]]) -> int:
+        if name in (known := self._document.category_ids):
+            return known[name]
+        for record in new:
+            if record["name"] == name:
+                return int(record["id"])
+        highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
+        new.append({"id": max(highest, 0) + 1, "name": name, "supercategory": "vehicle"})
+        return int(new[-1]["id"])
+
+
+def _plain(value: Any, name: str) -> Any:
+    """`value` with mappings, sequences and arrays as plain JSON values; NaN and infinities are refused."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, f"{name}: {key}") for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, name) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{name}: expected finite numbers, got {value}")
+    if isinstance(value, bytes):
+        return value.decode("ascii")
+    return value
+
+
+def _check_image(record: Mapping[str, Any]) -> None:
+    name = record.get("file_name")
+    if not isinstance(name, str) or not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
+        raise ValueError(f"image: file_name: expected a path inside the dataset, got {name!r}")
+    for key in ("width", "height"):
+        size = record.get(key)
+        if not isinstance(size, int) or size < 1:
+            raise ValueError(f"image: {key}: expected a whole number of pixels, got {size!r}")
+
+
+def _check_annotation(record: Mapping[str, Any], name: str) -> None:
+    category = record.get("category")
+    if not isinstance(category, str) or not category:
+        raise ValueError(f"{name}: category: expected a name, got {category!r}")
+    box = record.get("bbox")
+    if (
+        not isinstance(box, list)
+        or len(box) != 4
+        or not all(isinstance(number, int | float) for number in box)
+        or min(box[2:]) < 0
+    ):
+        raise ValueError(f"{name}: bbox: expected [x, y, width, height] in pixels, got {box!r}")
+
+
+def _free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:
+    wanted = record.get("id")
+    if wanted is None:
+        return following
+    if not isinstance(wanted, int) or wanted < 1 or any(wanted in ids for ids in used):
+        raise ValueError(f"{name}: id: expected a whole number above 0 that is not in use, got {wanted!r}")
+    return wanted
+
+
+def _has_files(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.iterdir())

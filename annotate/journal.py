@@ -1,0 +1,138 @@
+"""The journal of a dataset: one JSON line for each finished image, on disk before the call returns."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import orjson
+
+from geometry.errors import DatasetError
+
+JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
+
+
+class Journal:
+    """An append-only file of JSON objects, one a line, each flushed to the disk before `append` returns.
+
+    A process killed while it writes leaves at most one line without its newline; opening drops that line.
+
+    Parameters
+    ----------
+    path
+        The file; made if it does not exist.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        self._length = _whole_lines(path)
+        if self._length < path.stat().st_size:
+            warnings.warn(
+                f"{path}: the last line was cut off while it was written; that one record is dropped",
+                stacklevel=2,
+            )
+            os.ftruncate(self._file, self._length)
+            os.fsync(self._file)
+        sync_folder(path.parent)
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Write `record` as the next line; when this returns, the line survives a crash of the machine."""
+        self.append_bytes(orjson.dumps(record, option=JOURNAL_OPTIONS))
+
+    def append_bytes(self, line: bytes) -> None:
+        """Write one line, JSON with its newline, that the caller has serialised.
+
+        Raises
+        ------
+        DatasetError
+            If the disk is full or the file cannot be written; what was written of the line is taken back.
+        """
+        try:
+            written = os.write(self._file, line)
+            while written < len(line):
+                written += os.write(self._file, line[written:])
+            os.fsync(self._file)
+        except OSError as error:
+            os.ftruncate(self._file, self._length)
+            raise DatasetError(
+                f"the finished image could not be recorded ({error.strerror})",
+                path=self.path,
+                remedy="free some space and run the same command again",
+            ) from error
+        self._length += len(line)
+
+    def close(self) -> None:
+        """Close the file; nothing is left to be written."""
+        os.close(self._file)
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+    """The records of a journal in the order they were written; none if there is no such file.
+
+    A last line without its newline was never acknowledged and is left out.
+
+    Raises
+    ------
+    DatasetError
+        If any other line is not a JSON object.
+    """
+    if not path.exists():
+        return
+    with path.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            if not line.endswith(b"\n"):
+                return
+            try:
+                record = orjson.loads(line)
+            except orjson.JSONDecodeError as error:
+                raise _damaged(path, number, str(error)) from error
+            if not isinstance(record, dict):
+                raise _damaged(path, number, f"a {type(record).__name__} where an object was expected")
+            yield record
+
+
+def sync_folder(folder: Path) -> None:
+    """Make names created or renamed in `folder` survive a crash of the machine, where folders can be synced."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _whole_lines(path: Path) -> int:
+    """Bytes up to and with the last newline, searched from the end."""
+    block = 1 << 16
+    with path.open("rb") as file:
+        end = file.seek(0, os.SEEK_END)
+        while end > 0:
+            start = max(0, end - block)
+            file.seek(start)
+            found = file.read(end - start).rfind(b"\n")
+            if found >= 0:
+                return start + found + 1
+            end = start
+    return 0
+
+
+def _damaged(path: Path, number: int, what: str) -> DatasetError:
+    return DatasetError(
+        f"line {number} is damaged ({what})",
+        path=path,
+        remedy="restore the file from a backup, or delete that line to give its image up",
+    )
