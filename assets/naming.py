@@ -1,0 +1,93 @@
+"""How names in people's files are matched: whole words in any case and spelling, or globs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from functools import lru_cache
+
+TURRET = ("turret",)
+LAUNCHER = ("launcher",)  # the turret of files that have no turret
+NOT_LAUNCHER = ("smoke", "grenade")
+GUN = ("gun", "barrel", "cannon", "howitzer")
+NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "drum", "rack")
+PIVOT = ("pivot",)
+
+HELPERS = (
+    *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp"),
+    *("shadow catcher", "backdrop", "cyclorama", "skydome"),
+)
+STAGES = ("floor", "ground", "groundplane", "grid", "plane", "terrain", "landscape", "stage", "ref", "reference")
+
+GROUND = (
+    *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),
+    *("meadow", "street", "path", "track", "hill", "land", "earth", "heightmap", "dem"),
+)
+NOT_GROUND = (
+    *("rock", "stone", "boulder", "tree", "bush", "bushes", "shrub", "grass", "grasses", "plant", "fern", "flower"),
+    *("leaf", "leaves", "branch", "branches", "log", "trunk", "stump", "fence", "wall", "sign", "lamp", "pole", "post"),
+    *("house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome", "cloud"),
+    "fog",
+)
+BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
+
+
+@lru_cache(maxsize=65536)
+def words(name: str) -> tuple[str, ...]:
+    """The lower-case words of `name`, without Blender's ``.001``.
+
+    Split at anything that is no letter or digit, between letters and digits, and at camelCase.
+    """
+    found: list[str] = []
+    word = ""
+    text = re.sub(r"\.\d{3,}$", "", name)
+    for i, char in enumerate(text):
+        before, after = text[i - 1 : i], text[i + 1 : i + 2]
+        new = not char.isalnum() or (
+            bool(word)
+            and (
+                char.isdigit() != before.isdigit()
+                or (char.isupper() and (before.islower() or (before.isupper() and after.islower())))
+            )
+        )
+        if new and word:
+            found.append(word.lower())
+            word = ""
+        if char.isalnum():
+            word += char
+    return (*found, word.lower()) if word else tuple(found)
+
+
+def says(name: str, patterns: Iterable[str]) -> str | None:
+    """The first of `patterns` that matches `name`, or None.
+
+    Parameters
+    ----------
+    name
+        Name of an object, mesh or collection.
+    patterns
+        With ``*``, ``?`` or ``[``: a glob over the whole name in any case. Without: words that must stand in the
+        name one after the other, however they are joined, with a plural s or without.
+    """
+    for pattern in patterns:
+        if any(c in pattern for c in "*?["):
+            if fnmatchcase(name.lower(), pattern.lower()):
+                return pattern
+        elif _contains(words(name), "".join(words(pattern))):
+            return pattern
+    return None
+
+
+def _contains(name: tuple[str, ...], wanted: str) -> bool:
+    if not wanted:
+        return False
+    for first in range(len(name)):
+        joined = ""
+        for word in name[first:]:
+            joined += word
+            if joined in (wanted, wanted + "s"):
+                return True
+            if len(joined) > len(wanted):
+                break
+    return False

@@ -1,0 +1,195 @@
+"""What in a file is vehicle, ground, obstacle or clutter, and why. Knows names, bounds and counts, not Blender."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from assets.naming import BACKDROPS, GROUND, HELPERS, NOT_GROUND, STAGES, says
+
+FLAT = 0.02  # a sheet is thinner than this share of its longer side
+REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
+UNDERSIDE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
+MUCH_LARGER = 4.0  # times the area of the rest's footprint
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Link:
+    """One object on the way from a piece up to the root: itself, its parents, then what instances it.
+
+    Parameters
+    ----------
+    name
+        Object name.
+    collections
+        Names of the collections it is in, nearest first, then the collections around those.
+    kind
+        Blender's object type, such as "MESH" or "EMPTY".
+    pose
+        (4, 4) the object's pose in the world of the file.
+    """
+
+    name: str
+    collections: tuple[str, ...]
+    kind: str
+    pose: Float[np.ndarray, "4 4"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Piece:
+    """One mesh where it is drawn.
+
+    Parameters
+    ----------
+    data
+        Name of the mesh datablock.
+    chain
+        From the drawn object up to the root; never empty.
+    mesh
+        Index into the file's unique evaluated meshes.
+    pose
+        (4, 4) from the mesh's frame to the world of the file.
+    bounds
+        (2, 3) in the world of the file, after the file's scale and up axis: metres, z up.
+    faces
+        Number of triangles.
+    scattered
+        Instanced by particles, geometry nodes, vertices or faces, and so no ground for its carrier's sake.
+    anonymous
+        Made by geometry nodes, so that its object name is its carrier's.
+    unseen
+        Why the camera does not see it, although it is drawn; None if it does.
+    """
+
+    data: str
+    chain: tuple[Link, ...]
+    mesh: int
+    pose: Float[np.ndarray, "4 4"]
+    bounds: Float[np.ndarray, "2 3"]
+    faces: int
+    scattered: bool = False
+    anonymous: bool = False
+    unseen: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the drawn object."""
+        return self.chain[0].name
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """What a piece is used as ("vehicle", "ground", "obstacle", "backdrop", "dropped") and the reason."""
+
+    use: str
+    why: str
+
+
+def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[Role]:
+    """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why.
+
+    Parameters
+    ----------
+    pieces
+        Everything that is drawn.
+    keep, drop
+        The user's patterns over object, mesh and collection names; they beat all rules, and `keep` beats `drop`.
+    """
+    roles: list[Role | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
+    # From the largest down, so that a floor is judged against the vehicle and not against the grid above it.
+    order = sorted(range(len(pieces)), key=lambda i: -_footprint(pieces[i].bounds))
+    for i in order:
+        if roles[i] is None:
+            rest = [p.bounds for j, p in enumerate(pieces) if j != i and (roles[j] is None or _kept(roles[j]))]
+            roles[i] = _vehicle_by_place(pieces[i], rest)
+    return [role or Role("vehicle", "by default") for role in roles]
+
+
+def _kept(role: Role | None) -> bool:
+    return role is not None and role.use == "vehicle"
+
+
+def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> Role | None:
+    if piece.unseen:
+        return Role("dropped", piece.unseen)
+    for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
+        for name in _names(piece):
+            if pattern := says(name, patterns):
+                return Role(
+                    use, f"{name!r} matches {pattern!r} of the config's {'keep' if use == 'vehicle' else 'drop'}"
+                )
+    for name in _names(piece):
+        if pattern := says(name, HELPERS):
+            return Role("dropped", f"{name!r} says {pattern!r}")
+    return None
+
+
+def _names(piece: Piece) -> list[str]:
+    return list(
+        dict.fromkeys([piece.name, piece.data, *(n for link in piece.chain for n in (link.name, *link.collections))])
+    )
+
+
+def _vehicle_by_place(piece: Piece, rest: list[Float[np.ndarray, "2 3"]]) -> Role | None:
+    if not rest:
+        return None
+    low, high = np.min([b[0] for b in rest], axis=0), np.max([b[1] for b in rest], axis=0)
+    size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
+    under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
+    for name in (piece.name, piece.data, *piece.chain[0].collections):
+        if pattern := says(name, STAGES):
+            out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
+            if out > REACH * size:
+                return Role("dropped", f"{name!r} says {pattern!r} and reaches {out:.1f} m beyond the rest")
+            if under:
+                return Role("dropped", f"{name!r} says {pattern!r} and lies at the underside of the rest")
+    extent = piece.bounds[1] - piece.bounds[0]
+    larger = _footprint(piece.bounds) / max(float(np.prod(high[:2] - low[:2])), 1e-12)
+    if under and larger > MUCH_LARGER and extent[2] <= FLAT * max(extent[:2]):
+        return Role("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
+    return None
+
+
+def _footprint(bounds: Float[np.ndarray, "2 3"]) -> float:
+    return float(np.prod((bounds[1] - bounds[0])[:2]))
+
+
+def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Role]:
+    """For each piece of a scenery file, whether it is "ground", "obstacle", "backdrop" or "dropped", and why.
+
+    A backdrop is rendered but stands in nobody's way. The ground-plane inventory is paper, section 2.1.5.
+
+    Parameters
+    ----------
+    pieces
+        Everything that is drawn.
+    include, exclude
+        The user's patterns over object, mesh and collection names, asked before the built-in ones.
+    """
+    return [_scenery_role(piece, include, exclude) for piece in pieces]
+
+
+def _scenery_role(piece: Piece, include: Sequence[str], exclude: Sequence[str]) -> Role:
+    if piece.unseen:
+        return Role("dropped", piece.unseen)
+    named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
+    for level, name in named:
+        if pattern := says(name, exclude):
+            return Role("obstacle", f"{level} {name!r} matches {pattern!r} of the config's exclude")
+        if pattern := says(name, include):
+            return Role("ground", f"{level} {name!r} matches {pattern!r} of the config's include")
+    for level, name in named:
+        if level != "collection" and (pattern := says(name, BACKDROPS)):
+            return Role("backdrop", f"{level} {name!r} says {pattern!r}")
+    for level, name in named:
+        # A scattered tree is no ground because the ground carries it, or because it is filed under "terrain".
+        if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
+            continue
+        if pattern := says(name, NOT_GROUND):
+            return Role("obstacle", f"{level} {name!r} says {pattern!r}")
+        if pattern := says(name, GROUND):
+            return Role("ground", f"{level} {name!r} says {pattern!r}")
+    return Role("obstacle", "by default")
