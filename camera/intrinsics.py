@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,16 @@ class Intrinsics:
         s = _positive(size, "size")
         fraction = _positive(target_fraction, "target_fraction")
         return np.asarray(s * self.f_px / (self.height * fraction))
+
+
+def stacked(
+    intrinsics: Intrinsics | Sequence[Intrinsics],
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"]]:
+    """Focal length () or (m,) and image size (2,) or (m, 2) in pixels, of one camera or of a row of m."""
+    if isinstance(intrinsics, Intrinsics):
+        return np.asarray(intrinsics.f_px), np.array([intrinsics.width, intrinsics.height], dtype=np.float64)
+    sizes = np.array([(i.width, i.height) for i in intrinsics], dtype=np.float64).reshape(-1, 2)
+    return np.array([i.f_px for i in intrinsics], dtype=np.float64), sizes
 
 
 def _positive(value: ArrayLike, name: str) -> np.ndarray:

@@ -1,0 +1,224 @@
+"""Turning a camera so that its target is off-centre, wholly in the frame or cut on purpose (paper 2.1.6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from camera.intrinsics import Intrinsics, stacked
+from camera.projection import directions, project
+from geometry.arrays import checked
+from geometry.transforms import tilt_to
+
+# Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
+ROUNDS = 12
+PLACED_PX = 1e-3
+
+
+class Framed(NamedTuple):
+    """Cameras that were turned, and what they then see of the target."""
+
+    world_from_camera: Float[np.ndarray, "n 4 4"]
+    pixel: Float[np.ndarray, "n 2"]  # where the point that was at the image's centre is now
+    truncated: Float[np.ndarray, " n"]  # share of the target's box area that is out of the frame; nan: box unknown
+
+
+def turned(
+    world_from_camera: ArrayLike, intrinsics: Intrinsics | Sequence[Intrinsics], pixel: ArrayLike
+) -> Float[np.ndarray, "... 4 4"]:
+    """The camera turned on the spot so that what was at the image's centre falls on `pixel`.
+
+    A level horizon stays level, as on a tripod, where the view is flat enough for that: cos(elevation) above
+    sin(fov_x / 2). Steeper cameras, and rolled ones, turn by the smallest rotation.
+
+    Parameters
+    ----------
+    world_from_camera
+        (..., 4, 4) poses.
+    intrinsics
+        One, or one for each of m poses (m, 4, 4).
+    pixel
+        (..., 2) pixels, in the frame or out of it; leading axes broadcast against those of the poses.
+    """
+    pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
+    uv = checked(pixel, "pixel", ("...", 2))
+    seen = directions(intrinsics, uv[..., None, :])[..., 0, :]
+    seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    lead = np.broadcast_shapes(pose.shape[:-2], seen.shape[:-1])
+    f, size = stacked(intrinsics)
+    out = np.array(np.broadcast_to(pose, (*lead, 4, 4)))
+    rotation = np.array(out[..., :3, :3])
+    seen = np.broadcast_to(seen, (*lead, 3))
+    flat = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
+    half_width = size[..., 0] / 2.0
+    steep = flat <= half_width / np.hypot(half_width, f)
+    level = ~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0]))
+    smallest = rotation @ np.swapaxes(tilt_to(seen), -1, -2)
+    out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
+    return out
+
+
+def _panned(
+    rotation: Float[np.ndarray, "... 3 3"], seen: Float[np.ndarray, "... 3"], possible: Bool[np.ndarray, "..."]
+) -> Float[np.ndarray, "... 3 3"]:
+    """Axes of the level camera in which the old forward direction has camera coordinates `seen`."""
+    right, forward = rotation[..., :, 0], rotation[..., :, 2]
+    flat, rise = np.hypot(forward[..., 0], forward[..., 1]), forward[..., 2]
+    # With the pitch p, seen's height above the horizon is seen_z sin p - seen_y cos p, which must be `rise`. The cosine
+    # is taken from the horizontal parts, since sqrt(1 - sin^2) would lose half the digits in a steep view.
+    cosine = np.sqrt(np.where(possible, (flat - np.abs(seen[..., 0])) * (flat + np.abs(seen[..., 0])), 1.0))
+    pitch = np.arctan2(seen[..., 1], seen[..., 2]) + np.arctan2(rise, cosine)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    # The old heading lies to the right of the new one by this angle.
+    aside = np.arctan2(seen[..., 0], seen[..., 2] * cp + seen[..., 1] * sp)
+    ca, sa = np.cos(aside), np.sin(aside)
+    old_x, old_y = -right[..., 1], right[..., 0]
+    x, y, zero = ca * old_x - sa * old_y, sa * old_x + ca * old_y, np.zeros_like(cp)
+    axes = [
+        np.stack([y, -x, zero], -1),
+        np.stack([sp * x, sp * y, -cp], -1),
+        np.stack([cp * x, cp * y, sp], -1),
+    ]
+    return np.stack(axes, -1)
+
+
+def frame_target(
+    world_from_camera: ArrayLike,
+    points_world: ArrayLike,
+    intrinsics: Intrinsics | Sequence[Intrinsics],
+    *,
+    rng: np.random.Generator,
+    spread: float = 1.0,
+    truncated: tuple[float, float] = (0.0, 0.0),
+) -> Framed:
+    """Turn each camera so that the target's box has a random place in the frame, with the wanted part of it inside.
+
+    The part to cut is drawn uniformly from `truncated`. With nothing to cut, the box's place is uniform over all that
+    keep it in the frame. Otherwise it is uniform over all places at which the frame's edges cut off just that share of
+    its area, through one side or over a corner.
+
+    Parameters
+    ----------
+    world_from_camera
+        (n, 4, 4) poses that look at the target.
+    points_world
+        (n, k, 3) or (1, k, 3) points whose projected box is the target's: the vertices of its convex hull, say.
+    intrinsics
+        One, or one for each pose.
+    rng
+        Source of randomness; five numbers a pose are drawn.
+    spread
+        0 to 1: how much of the room on either side of the middle is used. 0 centres the box.
+    truncated
+        Least and largest share of the box's area to be cut off, within 0 to 1.
+
+    Returns
+    -------
+    Framed
+        `truncated` is what came out. It is more than asked where the box is larger than the frame. Where a point of the
+        target is not in front of the camera there is no box: such cameras stay as they are, with nan.
+    """
+    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
+    points = checked(points_world, "points_world", ("m", "k", 3))
+    if len(points) not in (1, len(poses)):
+        raise ValueError(f"points_world: expected 1 or {len(poses)} sets of points, got {len(points)}")
+    if not 0.0 <= spread <= 1.0:
+        raise ValueError(f"spread: expected 0 to 1, got {spread}")
+    if not 0.0 <= truncated[0] <= truncated[1] <= 1.0:
+        raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
+    n = len(poses)
+    _, size = stacked(intrinsics)
+    size = np.broadcast_to(size, (n, 2))
+    box = _box(poses, points, intrinsics)
+    known = np.isfinite(box).all(axis=(1, 2))
+    extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
+    uniform = rng.random((n, 5))
+    share = 1.0 - (truncated[0] + uniform[:, 4] * (truncated[1] - truncated[0]))
+    inside, cut_high = _draw_cuts(extent, size, share, uniform)
+    place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
+
+    pixel = size / 2.0
+    best, best_pixel, best_box = poses, pixel, box
+    best_miss = np.full(n, np.inf)
+    for _ in range(ROUNDS):
+        pose = turned(poses, intrinsics, np.where(known[:, None], pixel, size / 2.0))
+        box = _box(pose, points, intrinsics)
+        low, extent = box[:, 0], box[:, 1] - box[:, 0]
+        # Wanted lower edge: `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
+        cut = np.where(cut_high, size - inside * extent, (inside - 1.0) * extent)
+        step = np.where(np.isnan(inside), place * (size - extent), cut) - low
+        miss = np.where(known, np.abs(step).max(axis=1), 0.0)
+        better = miss < best_miss
+        best = np.where(better[:, None, None], pose, best)
+        best_pixel = np.where(better[:, None], pixel, best_pixel)
+        best_box = np.where(better[:, None, None], box, best_box)
+        best_miss = np.where(better, miss, best_miss)
+        if not (best_miss > PLACED_PX).any():
+            break
+        # Halved steps from the best place so far where the last one led away (very wide lenses).
+        pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel) / 2.0)
+        pixel = np.where(np.isfinite(pixel), pixel, size / 2.0)
+    return Framed(best, np.where(known[:, None], best_pixel, size / 2.0), _share_outside(best_box, size))
+
+
+def _box(
+    poses: Float[np.ndarray, "n 4 4"],
+    points: Float[np.ndarray, "m k 3"],
+    intrinsics: Intrinsics | Sequence[Intrinsics],
+) -> Float[np.ndarray, "n 2 2"]:
+    """Low and high corner of the projected points, nan if one of them is not in front."""
+    pixels = project(intrinsics, poses, points).pixels
+    return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
+
+
+def _share_outside(box: Float[np.ndarray, "n 2 2"], size: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    extent = box[:, 1] - box[:, 0]
+    kept = np.clip(np.minimum(box[:, 1], size) - np.maximum(box[:, 0], 0.0), 0.0, None)
+    return 1.0 - np.prod(kept / np.where(extent > 0.0, extent, np.nan), axis=1)
+
+
+def _draw_cuts(
+    extent: Float[np.ndarray, "n 2"],
+    size: Float[np.ndarray, "n 2"],
+    share: Float[np.ndarray, " n"],
+    uniform: Float[np.ndarray, "n 5"],
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, "n 2"]]:
+    """For each axis the share of the extent to keep inside (nan: all that fits, anywhere), and the side to cut.
+
+    On the set of places (x, y) with share_x(x) share_y(y) = share, uniform by the area of a thin band around it. A band
+    of width ds has the area 2 room_y extent_x ds / most_y where one vertical side is cut, the like for a horizontal
+    one, and 4 extent_x extent_y ln(most_x most_y / share) ds over the four corners, where share_x is log-uniform.
+    """
+    most = np.minimum(1.0, size / extent)
+    room = np.abs(size - extent)
+    most_area = most.prod(axis=1)
+    keep = np.clip(share, 1e-6, most_area)
+    ratio = np.log(most_area / keep)
+    weights = np.stack(
+        [
+            2.0 * room[:, 1] * extent[:, 0] / most[:, 1],
+            2.0 * room[:, 0] * extent[:, 1] / most[:, 0],
+            4.0 * extent[:, 0] * extent[:, 1] * ratio,
+        ],
+        1,
+    )
+    edges = np.cumsum(weights, axis=1)
+    kind = (uniform[:, :1] * edges[:, 2:] >= edges[:, :2]).sum(axis=1)
+    # Both sides of the cut come from one number: which corner or side, then how deep along a corner.
+    corner = uniform[:, 1] * 4.0
+    cut_high = np.stack([corner.astype(int) % 2 == 1, corner.astype(int) // 2 == 1], 1)
+    depth = corner % 1.0
+    inside = np.full(extent.shape, math.nan)
+    inside[kind == 0, 0] = (keep / most[:, 1])[kind == 0]
+    inside[kind == 1, 1] = (keep / most[:, 0])[kind == 1]
+    both = kind == 2
+    across = most[:, 0] * np.exp(-ratio * depth)
+    inside[both, 0] = across[both]
+    inside[both, 1] = (keep / across)[both]
+    inside[keep >= most_area] = math.nan
+    return inside, cut_high
