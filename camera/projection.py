@@ -14,6 +14,8 @@ from camera.intrinsics import Intrinsics, stacked
 from geometry.arrays import checked
 from geometry.transforms import apply, invert_rigid
 
+NEAR = 0.1  # metres along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
+
 
 class Projected(NamedTuple):
     """Where points fall in the image."""
