@@ -99,3 +99,29 @@ def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
         ],
         -2,
     )
+
+
+def facing(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+    """The rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw`.
+
+    This is the tilt that keeps the heading: the vertical plane that holds the x axis does not turn, whatever `up` is.
+    (`tilt_to(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a
+    quarter of the square of the tilt: 4 degrees at a tilt of 30.)
+
+    Parameters
+    ----------
+    yaw
+        (...) radians, counter-clockwise from +x.
+    up
+        (..., 3) unit direction with z > 0. The third column of the result is this very array.
+    """
+    theta = checked(yaw, "yaw", ("...",))
+    z_axis = checked(up, "up", ("...", 3))
+    if (z_axis[..., 2] <= 0).any():
+        raise ValueError("up: expected directions with z > 0, where every heading has one direction across them")
+    c, s = np.cos(theta), np.sin(theta)
+    nx, ny, nz = z_axis[..., 0], z_axis[..., 1], z_axis[..., 2]
+    x_axis = np.stack([c * nz, s * nz, -(c * nx + s * ny)], -1)
+    x_axis /= np.sqrt((x_axis**2).sum(-1, keepdims=True))
+    z_axis = np.broadcast_to(z_axis, x_axis.shape)
+    return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], -1)

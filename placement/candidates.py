@@ -1,0 +1,49 @@
+"""Where to try: positions and headings drawn uniformly over a scenery."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from geometry.arrays import checked
+
+
+def candidates(
+    bounds: ArrayLike, n: int, *, rng: np.random.Generator, margin: float = 0.8
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    """Positions uniform in the shrunken bounds, and headings uniform over the circle.
+
+    Row i depends on the generator's state and on i alone, not on `n`: the first rows of a longer draw from the same
+    state are the rows of a shorter one.
+
+    Parameters
+    ----------
+    bounds
+        (2, 2) or (2, 3) lowest and highest corner in the world, metres; z is not looked at.
+    n
+        How many candidates; 0 is legal.
+    rng
+        Where the numbers come from.
+    margin
+        Share of the bounds that is kept along each axis, about the centre; in (0, 1].
+
+    Returns
+    -------
+    xy, yaw
+        (n, 2) metres, and (n,) radians in [-pi, pi), counter-clockwise from +x.
+
+    References
+    ----------
+    Paper, section 2.1.5: the placeable area is shrunk to 80 percent of the scenery.
+    """
+    low, high = checked(np.asarray(bounds)[..., :2], "bounds", (2, 2))
+    if (low > high).any():
+        raise ValueError(f"bounds: expected the lowest corner first, got {low.tolist()} and {high.tolist()}")
+    if n < 0:
+        raise ValueError(f"n: expected a count of 0 or more, got {n}")
+    if not 0.0 < margin <= 1.0:
+        raise ValueError(f"margin: expected a share in (0, 1], got {margin}")
+    uniform = rng.random((n, 3))
+    xy = (low + high) / 2 + (uniform[:, :2] - 0.5) * (margin * (high - low))
+    return xy, (uniform[:, 2] - 0.5) * (2 * np.pi)

@@ -1,0 +1,96 @@
+"""Three rules by which a footprint's samples of the ground become the plane a vehicle rests on.
+
+All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
+for every candidate. They are compared with a reference rest pose in docs/settling.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from placement.support import support_plane
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rest:
+    """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings."""
+
+    height: Float[np.ndarray, " k"]
+    gradient: Float[np.ndarray, "k 2"]
+    found: Bool[np.ndarray, " k"]
+
+
+def averaged(
+    samples: Float[np.ndarray, "m 2"],
+    heights: Float[np.ndarray, "k m"],
+    normals: Float[np.ndarray, "k m 3"],
+    valid: Bool[np.ndarray, "k m"],
+) -> Rest:
+    """Through the mean of the hits, at right angles to the mean of their normals.
+
+    Parameters
+    ----------
+    samples
+        (m, 2) positions of the samples about the vehicle's origin.
+    heights
+        (k, m) heights of the ground.
+    normals
+        (k, m, 3) unit normals in the turned frames.
+    valid
+        (k, m) samples that met ground; the rest are not looked at.
+
+    References
+    ----------
+    Paper, section 2.1.5.
+    """
+    count = valid.sum(axis=1)
+    weight = valid / np.maximum(count, 1)[:, None]
+    # Zero times nan is nan: what is not valid must go before it is weighed.
+    height = (weight * np.where(valid, heights, 0.0)).sum(axis=1)
+    mean = np.einsum("km,kmd->kd", weight, np.where(valid[..., None], normals, 0.0))
+    found = mean[:, 2] > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gradient = -mean[:, :2] / mean[:, 2:]
+    # The mean height belongs to the mean position of the valid samples, which need not be the origin.
+    return Rest(height - (gradient * (weight @ samples)).sum(axis=1), gradient, found)
+
+
+def least_squares(
+    samples: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]
+) -> Rest:
+    """The plane with the least sum of squared vertical distances to the hits."""
+    count = np.maximum(valid.sum(axis=1), 1)
+    weight = valid / count[:, None]
+    known = np.where(valid, heights, 0.0)
+    centre = weight @ samples
+    mean = (weight * known).sum(axis=1)
+    sxx, sxy, syy = (
+        weight @ np.stack([samples[:, 0] ** 2, samples[:, 0] * samples[:, 1], samples[:, 1] ** 2], axis=1)
+        - np.stack([centre[:, 0] ** 2, centre[:, 0] * centre[:, 1], centre[:, 1] ** 2], axis=1)
+    ).T
+    moments = (weight * (known - mean[:, None])) @ samples
+    determinant = sxx * syy - sxy**2
+    # Hits on one line carry no plane; the threshold is far below any footprint that has an area.
+    found = determinant > 1e-9 * np.ptp(samples[:, 0]) ** 2 * np.ptp(samples[:, 1]) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gradient = (
+            np.stack([moments[:, 0] * syy - moments[:, 1] * sxy, moments[:, 1] * sxx - moments[:, 0] * sxy], axis=1)
+            / determinant[:, None]
+        )
+    return Rest(mean - (gradient * centre).sum(axis=1), gradient, found)
+
+
+def support(
+    samples: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]
+) -> Rest:
+    """The lowest plane above all hits at the centre of the footprint, where the centre of gravity is taken to be."""
+    centre = (samples.min(axis=0) + samples.max(axis=0)) / 2
+    # Relative to the highest valid sample, so that rounding scales with the relief and not with the altitude.
+    top = np.where(valid, heights, -np.inf).max(axis=1, keepdims=True, initial=-np.inf)
+    top[~np.isfinite(top)] = 0.0
+    plane = support_plane(samples - centre, heights - top, valid)
+    height = plane.height + top[:, 0] - plane.gradient @ centre
+    return Rest(height, plane.gradient, plane.found)

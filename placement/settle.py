@@ -1,0 +1,248 @@
+"""How a vehicle stands on the ground: slope gate, footprint, resting pose, and how well that pose touches.
+
+The contact point of a candidate is where the vertical line through (x, y) meets the rest plane. The vehicle's origin,
+the centre of its underside, is put there, and the vehicle is tilted about it until its up axis is the plane's normal;
+the vertical plane that holds its forward axis does not turn. Contact height and heading are therefore the same before
+and after the tilt.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy.typing import ArrayLike
+
+from geometry.arrays import checked
+from geometry.transforms import apply, facing, rigid, rotation_z
+from placement.rest import Rest, averaged, least_squares, support
+from placement.terrain import Method, Terrain
+from placement.verdict import Verdict
+
+Rule = Literal["averaged", "least_squares", "support"]
+BLOCK_RAYS = 1 << 19  # footprint rays at a time: the memory of a million candidates stays at some hundred MB
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Settled:
+    """What became of each candidate; nan where a refusal came before the value was known.
+
+    Parameters
+    ----------
+    world_from_vehicle
+        (k, 4, 4) resting poses.
+    slope
+        (k,) radians: inclination of the ground at (x, y) itself.
+    tilt
+        (k,) radians: inclination of the rest plane, which is the vehicle's.
+    share
+        (k,) share of the footprint's rays that met ground.
+    gap
+        (k,) metres: the largest vertical distance from the tilted underside down to the ground.
+    penetration
+        (k,) metres: the largest vertical distance from the tilted underside up to the ground.
+    verdict
+        (k,) codes of `Verdict`.
+    """
+
+    world_from_vehicle: Float[np.ndarray, "k 4 4"]
+    slope: Float[np.ndarray, " k"]
+    tilt: Float[np.ndarray, " k"]
+    share: Float[np.ndarray, " k"]
+    gap: Float[np.ndarray, " k"]
+    penetration: Float[np.ndarray, " k"]
+    verdict: UInt8[np.ndarray, " k"]
+
+    @property
+    def ok(self) -> Bool[np.ndarray, " k"]:
+        """Which candidates stand."""
+        return self.verdict == Verdict.OK
+
+
+def settle(
+    terrain: Terrain,
+    size_xyz: ArrayLike,
+    xy: ArrayLike,
+    yaw: ArrayLike,
+    *,
+    rule: Rule = "support",
+    n: int = 5,
+    max_slope: float = math.radians(30.0),
+    min_share: float = 0.8,
+    max_gap: float = math.inf,
+    max_penetration: float = math.inf,
+    contact_n: int = 9,
+    footprint: ArrayLike | None = None,
+    method: Method = "certified",
+    threads: int = 1,
+) -> Settled:
+    """The resting pose of a vehicle at each candidate position, or why there is none.
+
+    Parameters
+    ----------
+    terrain
+        The ground.
+    size_xyz
+        (3,) length, width, height of the vehicle's bounding box, metres.
+    xy
+        (k, 2) positions of the vehicle's origin in the world, metres.
+    yaw
+        (k,) headings in radians, counter-clockwise from +x.
+    rule
+        How the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
+        "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on.
+    n
+        The footprint is sampled by n x n vertical rays, border included.
+    max_slope
+        Greatest inclination in radians, of the ground at (x, y) and of the rest plane.
+    min_share
+        Least share of the n x n rays that must meet ground.
+    max_gap, max_penetration
+        Largest vertical distance in metres from the underside to the ground below it and above it.
+    contact_n
+        Gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan.
+    footprint
+        (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame; by default the whole underside of the
+        bounding box. See `placement.footprint.contact_footprint`.
+    method
+        How top hits are found; see `Terrain.top_hits`.
+    threads
+        Threads that cast rays.
+
+    Returns
+    -------
+    Settled
+        One row per candidate.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is out of its range.
+
+    References
+    ----------
+    Paper, section 2.1.5.
+    """
+    size = checked(size_xyz, "size_xyz", (3,))
+    positions = checked(xy, "xy", ("k", 2))
+    headings = checked(yaw, "yaw", (len(positions),))
+    if (size <= 0).any():
+        raise ValueError(f"size_xyz: expected lengths above 0, got {size.tolist()}")
+    if rule not in get_args(Rule):
+        raise ValueError(f"rule: expected one of {', '.join(get_args(Rule))}, got {rule!r}")
+    if n < (1 if rule == "averaged" else 2):
+        raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {n}")
+    if contact_n < 0:
+        raise ValueError(f"contact_n: expected 0 or more points a side, got {contact_n}")
+    if not 0.0 <= max_slope < math.pi / 2:
+        raise ValueError(f"max_slope: expected radians in [0, pi/2), got {max_slope}")
+    box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
+    if (box[0] >= box[1]).any():
+        raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
+    options = _Options(
+        rule, _grid(box, n), _grid(box, contact_n), max_slope, min_share, max_gap, max_penetration, method, threads
+    )
+    block = max(1, BLOCK_RAYS // max(n, contact_n) ** 2)
+    parts = [
+        _settle_block(terrain, positions[i : i + block], headings[i : i + block], options)
+        for i in range(0, max(len(positions), 1), block)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return Settled(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Settled)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Options:
+    rule: Rule
+    samples: Float[np.ndarray, "m 2"]
+    contact_samples: Float[np.ndarray, "c 2"]
+    max_slope: float
+    min_share: float
+    max_gap: float
+    max_penetration: float
+    method: Method
+    threads: int
+
+
+def _grid(box: Float[np.ndarray, "2 2"], n: int) -> Float[np.ndarray, "m 2"]:
+    """N x n points over a rectangle, border included; one point is its centre."""
+    share = np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
+    x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def _settle_block(
+    terrain: Terrain, xy: Float[np.ndarray, "k 2"], yaw: Float[np.ndarray, " k"], options: _Options
+) -> Settled:
+    k = len(xy)
+    slope, tilt, share, gap, penetration = np.full((5, k), np.nan)
+    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, gap, penetration, np.zeros(k, dtype=np.uint8))
+    spot = terrain.top_hits(xy, method=options.method, threads=options.threads)
+    out.slope[:] = _inclination(spot.normal)
+    out.verdict[~spot.hit] = Verdict.OFF_GROUND
+    out.verdict[out.slope > options.max_slope] = Verdict.TOO_STEEP
+
+    rows = np.flatnonzero(out.verdict == Verdict.OK)
+    turn = rotation_z(yaw[rows])
+    rest, out.share[rows] = _rest(terrain, xy[rows], turn, spot.z[rows], options)
+    out.verdict[rows[~rest.found | (out.share[rows] < options.min_share)]] = Verdict.OVERHANG
+
+    on = out.verdict[rows] == Verdict.OK
+    rows, turn, height, gradient = rows[on], turn[on], rest.height[on], rest.gradient[on]
+    normal = np.concatenate([-gradient, np.ones((len(rows), 1))], axis=1)
+    normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
+    normal = np.einsum("kij,kj->ki", turn, normal)
+    out.tilt[rows] = _inclination(normal)
+    origin = np.concatenate([xy[rows], height[:, None]], axis=1)
+    out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
+    out.verdict[rows[out.tilt[rows] > options.max_slope]] = Verdict.MEAN_TOO_STEEP
+
+    rows = rows[out.verdict[rows] == Verdict.OK]
+    if len(options.contact_samples):
+        out.gap[rows], out.penetration[rows] = _contact(terrain, out.world_from_vehicle[rows], options)
+        out.verdict[rows[out.penetration[rows] > options.max_penetration]] = Verdict.PENETRATION
+        out.verdict[rows[out.gap[rows] > options.max_gap]] = Verdict.GAP
+    return out
+
+
+def _rest(
+    terrain: Terrain,
+    xy: Float[np.ndarray, "k 2"],
+    turn: Float[np.ndarray, "k 3 3"],
+    spot_z: Float[np.ndarray, " k"],
+    options: _Options,
+) -> tuple[Rest, Float[np.ndarray, " k"]]:
+    """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
+    samples_world = xy[:, None] + options.samples @ np.swapaxes(turn[:, :2, :2], 1, 2)
+    hits = terrain.top_hits(samples_world.reshape(-1, 2), method=options.method, threads=options.threads)
+    valid = hits.hit.reshape(samples_world.shape[:2])
+    # About the height at the centre: the altitude of the scenery costs no digits of the relief.
+    heights = hits.z.reshape(valid.shape) - spot_z[:, None]
+    if options.rule == "averaged":
+        rest = averaged(options.samples, heights, hits.normal.reshape(*valid.shape, 3) @ turn, valid)
+    elif options.rule == "least_squares":
+        rest = least_squares(options.samples, heights, valid)
+    else:
+        rest = support(options.samples, heights, valid)
+    return Rest(rest.height + spot_z, rest.gradient, rest.found), valid.mean(axis=1)
+
+
+def _contact(
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], options: _Options
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Gap and penetration of the tilted undersides; points over no ground count for neither."""
+    underside = np.concatenate([options.contact_samples, np.zeros((len(options.contact_samples), 1))], axis=1)
+    points = apply(world_from_vehicle, underside)
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=options.method, threads=options.threads)
+    above = points[..., 2] - hits.z.reshape(points.shape[:2])
+    # fmax passes over the nan of a miss.
+    return np.fmax.reduce(above, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+
+
+def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+    """Angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
+    return np.arctan2(np.hypot(normal[:, 0], normal[:, 1]), normal[:, 2])

@@ -1,0 +1,141 @@
+"""The plane a rigid footprint comes to rest on: the lowest plane above all samples, at the centre of gravity.
+
+A vehicle set down on rough ground touches it in (at least) three points whose triangle surrounds the centre of gravity.
+Among all planes that lie on or above every sample, the rest plane is the one that is lowest under the centre of
+gravity: a linear programme in three unknowns, whose optimum is the facet of the samples' upper convex hull there. The
+dual says the same: of all triangles of samples around the centre, the one that carries it highest. The simplex method
+below walks from triangle to triangle, for all candidates at once; the samples' positions are the same for all of them,
+only the heights differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+# A centre exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
+# the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.
+NUDGE = np.array([1.0e-6, 1.0e-6 * (5**0.5 - 1) / 2])
+MOST_PIVOTS = 500
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Support:
+    """The rest plane of each candidate: height at the centre and gradient, and the three samples that carry it."""
+
+    height: Float[np.ndarray, " n"]
+    gradient: Float[np.ndarray, "n 2"]
+    contacts: Int[np.ndarray, "n 3"]
+    found: Bool[np.ndarray, " n"]
+
+
+def support_plane(
+    samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
+) -> Support:
+    """The lowest plane above all valid samples, for each row of heights.
+
+    Parameters
+    ----------
+    samples_xy
+        (m, 2) positions about the centre of gravity, the same for every row.
+    heights
+        (n, m) heights of the ground there; anything where not `valid`.
+    valid
+        (n, m) samples that have ground.
+
+    Returns
+    -------
+    Support
+        `found` is False where the centre lies outside the hull of the valid samples: nothing carries the vehicle there.
+
+    References
+    ----------
+    Dantzig, Linear Programming and Extensions, 1963, chapter 5 (simplex method, largest-coefficient rule).
+    """
+    n = len(heights)
+    start = _start(samples_xy)
+    if n == 0 or start is None:
+        return Support(np.full(n, np.nan), np.full((n, 2), np.nan), np.full((n, 3), -1), np.zeros(n, dtype=bool))
+    basis = np.tile(start, (n, 1))
+    found = np.ones(n, dtype=bool)
+    broken = np.flatnonzero(~valid.all(axis=1))
+    if len(broken):
+        # First a triangle of valid samples only: the same programme with the missing ones one unit below the rest.
+        missing = -1.0 * ~valid[broken]
+        basis[broken] = _climb(samples_xy, missing, basis[broken])
+        found[broken] = np.take_along_axis(valid[broken], basis[broken], axis=1).all(axis=1)
+    rows = np.flatnonzero(found)
+    basis[rows] = _climb(samples_xy, np.where(valid[rows], heights[rows], -np.inf), basis[rows])
+    coefficients = np.full((n, 3), np.nan)
+    carrying = np.take_along_axis(heights[rows], basis[rows], axis=1)
+    coefficients[rows] = _plane(samples_xy[basis[rows]], carrying)
+    basis[~found] = -1
+    return Support(coefficients[:, 2], coefficients[:, :2], basis, found)
+
+
+def _start(samples_xy: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "3"] | None:
+    """A wide triangle of samples around the nudged centre, or None if there is none."""
+    extent = np.ptp(samples_xy, axis=0) if len(samples_xy) else np.zeros(2)
+    if (extent <= 0).any():
+        return None
+    corners = np.array([np.argmax(samples_xy @ d) for d in ((-1, -1.1), (1, -1.1), (1, 1.1), (-1, 1.1))])
+    for skipped in range(4):
+        triangle = np.delete(corners, skipped)
+        if (_weights(samples_xy[triangle][None], NUDGE[None] * extent) > 0).all():
+            return triangle
+    return None
+
+
+def _climb(
+    samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], basis: Int[np.ndarray, "n 3"]
+) -> Int[np.ndarray, "n 3"]:
+    """Pivots each row's triangle until no sample is above its plane; samples at -inf never enter."""
+    centre = NUDGE * np.ptp(samples_xy, axis=0)
+    design = np.concatenate([samples_xy, np.ones((len(samples_xy), 1))], axis=1).T
+    finite = np.where(np.isinf(heights), 0.0, heights)
+    # Far below any step that matters, far above the rounding of a plane through three samples.
+    tolerance = 1e-12 * (1e-3 + np.ptp(finite, axis=1))
+    basis = basis.copy()
+    rows = np.arange(len(basis))
+    for _ in range(MOST_PIVOTS):
+        corners = samples_xy[basis[rows]]
+        carrying = np.take_along_axis(heights[rows], basis[rows], axis=1)
+        above = heights[rows] - _plane(corners, carrying) @ design
+        entering = np.argmax(above, axis=1)
+        on = above[np.arange(len(rows)), entering] > tolerance[rows]
+        rows, corners, entering = rows[on], corners[on], entering[on]
+        if not len(rows):
+            break
+        step = _weights(corners, samples_xy[entering])
+        here = _weights(corners, np.broadcast_to(centre, (len(rows), 2)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(step > 0, here / step, np.inf)
+        basis[rows, np.argmin(ratio, axis=1)] = entering
+    return basis
+
+
+def _plane(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Gradient and height at the origin of the plane through three points each."""
+    ax, ay = (corners[:, 1] - corners[:, 0]).T
+    bx, by = (corners[:, 2] - corners[:, 0]).T
+    az, bz = heights[:, 1] - heights[:, 0], heights[:, 2] - heights[:, 0]
+    area = ax * by - ay * bx
+    gx, gy = (az * by - bz * ay) / area, (bz * ax - az * bx) / area
+    return np.stack([gx, gy, heights[:, 0] - gx * corners[:, 0, 0] - gy * corners[:, 0, 1]], axis=1)
+
+
+def _weights(corners: Float[np.ndarray, "n 3 2"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Barycentric coordinates of a point each in a triangle each."""
+    to_point = corners - points[:, None]
+    x, y = to_point[..., 0], to_point[..., 1]
+    part = np.stack(
+        [
+            x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1],
+            x[:, 2] * y[:, 0] - x[:, 0] * y[:, 2],
+            x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0],
+        ],
+        axis=1,
+    )
+    return part / part.sum(axis=1, keepdims=True)

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from placement.candidates import candidates
+
+BOUNDS = np.array([[-10.0, 200.0, -3.0], [30.0, 210.0, 9.0]])
+
+
+def test_positions_fill_the_bounds_shrunk_per_axis_about_the_centre():
+    xy, yaw = candidates(BOUNDS, 20_000, rng=np.random.default_rng(1))
+    assert (xy >= [-6.0, 201.0]).all()
+    assert (xy <= [26.0, 209.0]).all()
+    assert (xy.min(axis=0) < [-5.9, 201.1]).all()
+    assert (xy.max(axis=0) > [25.9, 208.9]).all()
+    assert -np.pi <= yaw.min() < -3.1
+    assert 3.1 < yaw.max() < np.pi
+
+
+def test_a_quarter_of_the_tries_falls_into_each_quarter():
+    xy, yaw = candidates(BOUNDS, 40_000, rng=np.random.default_rng(2))
+    quarter = 2 * (xy[:, 0] > 10) + (xy[:, 1] > 205)
+    # Five standard deviations of a binomial count: sqrt(40000 * 1/4 * 3/4) = 87.
+    assert np.abs(np.bincount(quarter) - 10_000).max() < 435
+    assert np.abs(np.histogram(yaw, bins=4, range=(-np.pi, np.pi))[0] - 10_000).max() < 435
+
+
+def test_a_longer_draw_begins_with_the_shorter_one():
+    short, long = (candidates(BOUNDS, n, rng=np.random.default_rng(3)) for n in (5, 500))
+    np.testing.assert_array_equal(short[0], long[0][:5])
+    np.testing.assert_array_equal(short[1], long[1][:5])
+
+
+def test_no_tries_and_a_point_sized_scenery_are_legal():
+    assert candidates(BOUNDS, 0, rng=np.random.default_rng(0))[0].shape == (0, 2)
+    xy, _ = candidates([[1.0, 2.0], [1.0, 2.0]], 3, rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(xy, [[1.0, 2.0]] * 3)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "n", "margin", "message"),
+    [
+        ([[0, 0, 0], [1, 1, 1]], -1, 0.8, "n: expected a count of 0 or more, got -1"),
+        ([[0, 0, 0], [1, 1, 1]], 1, 1.5, r"margin: expected a share in \(0, 1\], got 1.5"),
+        ([[2, 0, 0], [1, 1, 1]], 1, 0.8, "bounds: expected the lowest corner first"),
+        ([[-np.inf, 0, 0], [1, 1, 1]], 1, 0.8, "bounds: expected finite numbers"),
+        ([0, 0, 0], 1, 0.8, r"bounds: expected shape \(2, 2\)"),
+    ],
+)
+def test_a_wrong_call_names_the_argument(bounds, n, margin, message):
+    with pytest.raises(ValueError, match=message):
+        candidates(bounds, n, rng=np.random.default_rng(0), margin=margin)
