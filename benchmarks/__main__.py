@@ -1,8 +1,8 @@
 """`python -m benchmarks`: run every benchmark, write docs/benchmarks.md, its plots and the raw figures.
 
 Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)`
-makes a Markdown section of it, `plots(results, folder)` draws it and returns the files. Peers run beside hulldown in the
-same process, in turn, so that the ratios hold on a noisy machine.
+makes a Markdown section of it, `plots(results, folder)` draws it and returns the files. Peers run beside hulldown in
+the same process, in turn, so that the ratios hold on a noisy machine.
 """
 
 from __future__ import annotations
