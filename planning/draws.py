@@ -1,0 +1,156 @@
+"""Random numbers that are computed, not consumed: number j of try a of item i is a function of (seed, i, a, j).
+
+A generator that is advanced would tie every draw to how many came before it, hence to how the work was cut into
+batches. Here every item has its own stream, reached at once, for any stack of items in one call.
+
+References
+----------
+Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA 2014: SplitMix64, whose mixing function and
+increment are used. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011, for the idea.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt64
+from numpy.typing import ArrayLike
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # odd, 2**64 divided by the golden ratio
+_TO_UNIT = 2.0**-53
+
+
+class Purpose(IntEnum):
+    """What numbers are drawn for; streams of different purposes have nothing in common."""
+
+    SCENERY = 1
+    PLACE = 2
+    ARTICULATION = 3
+    COMPANION = 4
+    CAMERA = 5
+    LIGHT = 6
+    SAMPLE_SEED = 7
+    VISIBILITY = 8
+
+
+class Draws:
+    """All random numbers of one plan.
+
+    Parameters
+    ----------
+    seed
+        Any integer from 0 on; 0 is a seed like any other.
+    """
+
+    __slots__ = ("_key",)
+
+    def __init__(self, seed: int) -> None:
+        self._key = np.random.SeedSequence(seed).generate_state(1, np.uint64)
+
+    def uniform(
+        self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike, *, count: int
+    ) -> Float[np.ndarray, "n {count}"]:
+        """Numbers uniform in [0, 1), multiples of 2**-53.
+
+        Parameters
+        ----------
+        purpose
+            What they are for.
+        item, attempt
+            (n,) counters from 0 on, or single numbers.
+        count
+            Numbers for each item.
+        """
+        return _unit(self.bits(purpose, item, attempt, count=count))
+
+    def bits(
+        self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike, *, count: int
+    ) -> UInt64[np.ndarray, "n {count}"]:
+        """The same as 64 random bits each."""
+        return _numbers(self.states(purpose, item, attempt), count)
+
+    def states(self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, " n"]:
+        """Where the streams of these items and attempts begin."""
+        items, attempts = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(item, dtype=np.uint64)), np.asarray(attempt, dtype=np.uint64)
+        )
+        state = _mixed(self._key + np.array([int(purpose)], dtype=np.uint64) * _GOLDEN)
+        state = _mixed(state + items * _GOLDEN)
+        return _mixed(state + attempts * _GOLDEN)
+
+
+class StackedGenerator(np.random.Generator):
+    """A Generator for functions that draw a row for each item: row i comes from item i's own stream.
+
+    Only `random` and `uniform` work, and only for a first axis of n; everything else a Generator can do is refused,
+    since it would draw from elsewhere.
+
+    Parameters
+    ----------
+    draws
+        The plan's numbers.
+    purpose
+        What they are for.
+    item, attempt
+        (n,) counters from 0 on, or single numbers.
+    """
+
+    def __init__(self, draws: Draws, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
+        super().__init__(np.random.PCG64(0))
+        self._states = draws.states(purpose, item, attempt)
+        self._drawn = 0
+
+    def random(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
+        """Numbers uniform in [0, 1), multiples of 2**-53; `size` is n or (n, ...)."""
+        shape = (size,) if isinstance(size, (int, np.integer)) else tuple(size or ())
+        if not shape or shape[0] != len(self._states) or out is not None or dtype is not np.float64:
+            raise ValueError(f"size: expected {len(self._states)} rows of float64, got size {size!r}")
+        count = math.prod(shape[1:])
+        values = _unit(_numbers(self._states, count, first=self._drawn))
+        self._drawn += count
+        return values.reshape(shape)
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """Numbers uniform in [low, high]; `size` is n or (n, ...)."""
+        return between(low, high, self.random(size))
+
+
+def _refused(self: StackedGenerator, *args: Any, **options: Any) -> Any:
+    raise NotImplementedError("a StackedGenerator has only random() and uniform()")
+
+
+for _name in dir(np.random.Generator):
+    if not _name.startswith("_") and _name not in ("random", "uniform", "bit_generator"):
+        setattr(StackedGenerator, _name, _refused)
+
+
+def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.ndarray, "..."]:
+    """Numbers between `low` and `high`, in proportion to `uniform` in [0, 1); never outside by rounding."""
+    lowest, highest = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
+
+
+def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "..."]:
+    """Indices into `weights` (k,), each as likely as its weight, in proportion to `uniform` in [0, 1)."""
+    running = np.cumsum(np.asarray(weights, dtype=np.float64))
+    index = np.searchsorted(running, np.asarray(uniform) * running[-1], side="right")
+    # Rounding may reach the end; the last index with any weight is what was meant.
+    return np.minimum(index, np.flatnonzero(weights)[-1])
+
+
+def _numbers(states: UInt64[np.ndarray, " n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "n {count}"]:
+    return _mixed(states[:, None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
+
+
+def _unit(bits: UInt64[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    return (bits >> np.uint64(11)) * _TO_UNIT
+
+
+def _mixed(z: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
+    """SplitMix64's finalizer (Stafford's variant 13): every input bit changes every output bit with probability 1/2."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))

@@ -1,0 +1,74 @@
+"""Random numbers by counter: the same whatever they are batched with, uniform, and apart from each other."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from planning.draws import Draws, Purpose, StackedGenerator, between, choose
+
+
+def test_a_row_does_not_depend_on_the_rows_beside_it():
+    draws = Draws(7)
+    items, tries = np.arange(100), np.arange(100) % 5
+    together = draws.uniform(Purpose.PLACE, items, tries, count=6)
+    for i in (0, 17, 99):
+        alone = draws.uniform(Purpose.PLACE, items[i], tries[i], count=6)
+        assert np.array_equal(alone[0], together[i])
+    assert np.array_equal(draws.uniform(Purpose.PLACE, items, tries, count=2), together[:, :2])
+
+
+def test_numbers_are_uniform_and_uncorrelated_along_every_axis():
+    draws = Draws(0)
+    values = draws.uniform(Purpose.PLACE, np.arange(4000), 0, count=8)
+    assert stats.kstest(values.ravel(), "uniform").pvalue > 1e-3
+    tries = draws.uniform(Purpose.PLACE, 3, np.arange(4000), count=8)
+    assert stats.kstest(tries.ravel(), "uniform").pvalue > 1e-3
+    for a, b in [(values[:-1], values[1:]), (values[:, :-1], values[:, 1:]), (values, tries)]:
+        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / np.sqrt(a.size)
+
+
+def test_no_two_streams_share_a_number():
+    draws = Draws(1)
+    bits = [draws.bits(p, np.arange(500), t, count=10) for p in Purpose for t in range(3)]
+    bits += [Draws(2).bits(Purpose.PLACE, np.arange(500), 0, count=10)]
+    flat = np.concatenate([b.ravel() for b in bits])
+    assert len(np.unique(flat)) == len(flat)
+
+
+def test_seed_0_is_a_seed():
+    assert not np.array_equal(Draws(0).bits(Purpose.PLACE, 0, 0, count=4), Draws(1).bits(Purpose.PLACE, 0, 0, count=4))
+
+
+def test_the_numbers_of_a_seed_never_change():
+    # Plans made by an earlier version must come out again.
+    assert Draws(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
+
+
+def test_a_stacked_generator_hands_each_row_its_own_stream():
+    draws = Draws(5)
+    rng = StackedGenerator(draws, Purpose.CAMERA, np.arange(10), 2)
+    first, second = rng.random((10, 3)), rng.random(10)
+    expected = draws.uniform(Purpose.CAMERA, np.arange(10), 2, count=4)
+    assert np.array_equal(np.column_stack([first, second]), expected)
+    again = StackedGenerator(draws, Purpose.CAMERA, np.arange(10), 2)
+    assert np.array_equal(again.uniform(-1.0, 1.0, (10, 3)), between(-1.0, 1.0, expected[:, :3]))
+
+
+def test_a_stacked_generator_refuses_what_it_cannot_answer_by_row():
+    rng = StackedGenerator(Draws(5), Purpose.CAMERA, np.arange(10), 0)
+    with pytest.raises(ValueError, match="size: expected 10 rows"):
+        rng.random((3, 2))
+    with pytest.raises(NotImplementedError):
+        rng.normal(size=10)
+
+
+def test_choices_follow_their_weights():
+    u = (np.arange(100_000) + 0.5) / 100_000
+    assert np.bincount(choose([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
+    assert choose([1.0, 2.0, 0.0], np.array([1.0 - 2.0**-53])).tolist() == [1]
+
+
+def test_between_never_leaves_its_bounds():
+    u = np.array([0.0, 0.5, 1.0 - 2.0**-53])
+    assert between(0.1, 0.3, u).max() <= 0.3
+    assert between(2.0, 2.0, u).tolist() == [2.0, 2.0, 2.0]
