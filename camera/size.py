@@ -1,0 +1,167 @@
+"""How large a target appears, and the exact distance at which it appears as large as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from camera.intrinsics import Intrinsics, stacked
+from camera.projection import project
+from geometry.arrays import checked
+
+Measure = Literal["height", "width", "diagonal", "area"]
+
+# Newton on 1 / size, which is nearly linear in distance, takes 3 to 6 rounds; the rest is for bisection.
+ROUNDS = 80
+RELATIVE = 4e-15
+
+
+class Extent(NamedTuple):
+    """Size of the tight box around projected points, in pixels, wherever in or out of the frame it is; nan: no box."""
+
+    width: Float[np.ndarray, "..."]
+    height: Float[np.ndarray, "..."]
+
+    def measure(self, measure: Measure) -> Float[np.ndarray, "..."]:
+        """Width, height or diagonal in pixels; for area the root of it, so that all four are lengths."""
+        return _length(np.stack([self.width, self.height], -1), measure)
+
+
+def projected_extent(
+    intrinsics: Intrinsics | Sequence[Intrinsics], world_from_camera: ArrayLike, points_world: ArrayLike
+) -> Extent:
+    """Size of the box around points (..., n, 3) seen from poses (..., 4, 4); nan where a point is not in front."""
+    pixels = project(intrinsics, world_from_camera, points_world).pixels
+    low, high = pixels.min(axis=-2), pixels.max(axis=-2)
+    return Extent(high[..., 0] - low[..., 0], high[..., 1] - low[..., 1])
+
+
+def solve_distance(
+    intrinsics: Intrinsics | Sequence[Intrinsics],
+    world_from_camera: ArrayLike,
+    points_world: ArrayLike,
+    *,
+    centre: ArrayLike,
+    pixels: ArrayLike,
+    measure: Measure = "height",
+) -> Float[np.ndarray, " m"]:
+    """Distance from the centre at which the points' projected box has exactly the wanted size.
+
+    The camera keeps its rotation and moves on the line through `centre` and where it is now, so that the centre keeps
+    its pixel, in the middle of the frame or off it. Along that line a vertex moves on a hyperbola of the distance, away
+    from the centre's pixel; each side of the box is the outermost of them, and the size falls steadily with distance if
+    the centre lies inside the points' hull.
+
+    Parameters
+    ----------
+    intrinsics
+        One, or one for each pose.
+    world_from_camera
+        (m, 4, 4) poses with the centre in front of them.
+    points_world
+        (m, n, 3) or (1, n, 3) points, such as the vertices of the posed vehicle's convex hull.
+    centre
+        (3,) or (m, 3) world point.
+    pixels
+        () or (m,) wanted size, positive: of the height, width or diagonal in pixels, of the area in square pixels.
+    measure
+        What of the box shall have that size.
+
+    Returns
+    -------
+    (m,) metres; nan where no distance with all points in front of the camera gives that size.
+    """
+    if measure not in get_args(Measure):
+        raise ValueError(f"measure: expected one of {', '.join(get_args(Measure))}, got {measure!r}")
+    poses = checked(world_from_camera, "world_from_camera", ("m", 4, 4))
+    points = checked(points_world, "points_world", ("k", "n", 3))
+    m = len(poses)
+    middle = np.broadcast_to(checked(centre, "centre", ("...", 3)), (m, 3))
+    wanted = np.broadcast_to(checked(pixels, "pixels", ("...",)), (m,))
+    if (wanted <= 0.0).any():
+        raise ValueError(f"pixels: expected positive sizes, got {float(wanted.min())}")
+    if len(points) not in (1, m):
+        raise ValueError(f"points_world: expected 1 or {m} sets of points, got {len(points)}")
+    rotation = poses[:, :3, :3]
+    ray = ((middle - poses[:, :3, 3])[:, None] @ rotation)[:, 0]
+    if (ray[:, 2] <= 0.0).any():
+        raise ValueError("centre: expected a point in front of every camera")
+    ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    local = (points - middle[:, None]) @ rotation
+    f, _ = stacked(intrinsics)
+    # At distance D the pixel of a point is off the centre's by f * aside / (D * ray_z + depth).
+    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * f[..., None, None]
+    target = np.sqrt(wanted) if measure == "area" else wanted
+    along = _solve(aside, local[..., 2], target, measure)
+    return along / ray[:, 2]
+
+
+def _solve(
+    aside: Float[np.ndarray, "m n 2"],
+    depth: Float[np.ndarray, "m n"],
+    target: Float[np.ndarray, " m"],
+    measure: Measure,
+) -> Float[np.ndarray, " m"]:
+    """Depth of the centre at which the box around aside / (x + depth) measures `target`."""
+    nearest = -depth.min(axis=1)
+    widest = np.abs(aside).max(axis=(1, 2))
+    scale = np.maximum(np.abs(depth).max(axis=1), 1e-9)
+    low = nearest + 1e-9 * scale
+    # The size is at most 2 sqrt(2) widest / (x - nearest).
+    high = nearest + np.maximum(3.0 * widest / target, 1e-6 * scale)
+    x = high
+    at_low, _ = _size_and_slope(aside, depth, low, measure)
+    possible = (at_low >= target) & (widest > 0.0) & (low < high)
+    active = possible
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for _ in range(ROUNDS):
+            size, slope = _size_and_slope(aside, depth, x, measure)
+            large = size >= target
+            low, high = np.where(active & large, x, low), np.where(active & ~large, x, high)
+            # Newton on 1 / size - 1 / target.
+            step = x + (1.0 / size - 1.0 / target) * size**2 / slope
+            # Closed bounds: at the root the step stays where it is, which is one of them.
+            inside = (step >= low) & (step <= high)
+            following = np.where(inside, step, 0.5 * (low + high))
+            moved = np.abs(following - x) > RELATIVE * np.maximum(np.abs(x), scale)
+            x = np.where(active, following, x)
+            active = active & moved & (size != target)
+            if not active.any():
+                break
+    return np.where(possible, x, np.nan)
+
+
+def _size_and_slope(
+    aside: Float[np.ndarray, "m n 2"], depth: Float[np.ndarray, "m n"], x: Float[np.ndarray, " m"], measure: Measure
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    inverse = 1.0 / (x[:, None] + depth)
+    at = aside * inverse[..., None]
+    last, first = at.argmax(axis=1), at.argmin(axis=1)
+    row = np.arange(len(x))[:, None]
+    axis = np.arange(2)[None]
+    high, low = at[row, last, axis], at[row, first, axis]
+    sides = high - low
+    slopes = -high * inverse[row, last] + low * inverse[row, first]
+    size = _length(sides, measure)
+    if measure == "height":
+        return size, slopes[:, 1]
+    if measure == "width":
+        return size, slopes[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if measure == "diagonal":
+            return size, (sides * slopes).sum(axis=1) / size
+        return size, (sides[:, ::-1] * slopes).sum(axis=1) / (2.0 * size)
+
+
+def _length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
+    if measure == "height":
+        return sides[..., 1]
+    if measure == "width":
+        return sides[..., 0]
+    if measure == "diagonal":
+        return np.hypot(sides[..., 0], sides[..., 1])
+    return np.sqrt(sides[..., 0] * sides[..., 1])
