@@ -1,0 +1,136 @@
+"""Bundle files: what Blender made of a file, as arrays in an .npz that is written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+
+FORMAT = 1
+REMEDY = "delete the file, it is made again when it is needed"
+
+
+def save_vehicle(path: Path | str, shape: VehicleShape) -> None:
+    """Write `shape` to `path`, atomically."""
+    _save(
+        Path(path),
+        "vehicle",
+        name=np.str_(shape.name),
+        mesh_name=np.str_(shape.mesh.name),
+        vertices=shape.mesh.vertices,
+        faces=shape.mesh.faces,
+        part_names=_names(shape.part_names),
+        **{f: getattr(shape, f) for f in _arrays(VehicleShape)},
+    )
+
+
+def load_vehicle(path: Path | str) -> VehicleShape:
+    """The vehicle that `save_vehicle` wrote to `path`, bit for bit.
+
+    Raises
+    ------
+    AssetError
+        If `path` is no such file, or one of another format version.
+    """
+    data = _load(
+        Path(path), "vehicle", {"name", "mesh_name", "vertices", "faces", "part_names", *_arrays(VehicleShape)}
+    )
+    return VehicleShape(
+        name=str(data["name"]),
+        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"])),
+        part_names=tuple(data["part_names"].tolist()),
+        **{f: data[f] for f in _arrays(VehicleShape)},
+    )
+
+
+def save_scenery(path: Path | str, scenery: Scenery) -> None:
+    """Write `scenery` to `path`, atomically."""
+    meshes = [*scenery.obstacle_meshes, *([scenery.ground] if scenery.ground else [])]
+    _save(
+        Path(path),
+        "scenery",
+        name=np.str_(scenery.name),
+        ground_names=_names(scenery.ground_names),
+        instance_names=_names(scenery.instance_names),
+        has_ground=np.bool_(scenery.ground is not None),
+        mesh_names=_names([m.name for m in meshes]),
+        vertex_counts=np.array([len(m.vertices) for m in meshes], np.int64),
+        face_counts=np.array([len(m.faces) for m in meshes], np.int64),
+        vertices=np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)]),
+        faces=np.concatenate([np.empty((0, 3), np.int32), *(m.faces for m in meshes)]),
+        **{f: getattr(scenery, f) for f in _arrays(Scenery)},
+    )
+
+
+def load_scenery(path: Path | str) -> Scenery:
+    """The scenery that `save_scenery` wrote to `path`, bit for bit.
+
+    Raises
+    ------
+    AssetError
+        If `path` is no such file, or one of another format version.
+    """
+    wanted = {"name", "ground_names", "instance_names", "has_ground", "mesh_names", "vertex_counts", "face_counts"}
+    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", *_arrays(Scenery)})
+    vertices = np.split(data["vertices"], np.cumsum(data["vertex_counts"])[:-1])
+    faces = np.split(data["faces"], np.cumsum(data["face_counts"])[:-1])
+    meshes = [Mesh(v, f, n) for v, f, n in zip(vertices, faces, data["mesh_names"].tolist(), strict=False)]
+    ground = meshes.pop() if data["has_ground"] else None
+    return Scenery(
+        name=str(data["name"]),
+        ground=ground,
+        ground_names=tuple(data["ground_names"].tolist()),
+        obstacle_meshes=tuple(meshes),
+        instance_names=tuple(data["instance_names"].tolist()),
+        **{f: data[f] for f in _arrays(Scenery)},
+    )
+
+
+def _arrays(kind: type) -> tuple[str, ...]:
+    """Names of the fields that are single arrays, so that a new one is neither forgotten nor named twice."""
+    return tuple(f.name for f in fields(kind) if "np.ndarray" in str(f.type))
+
+
+def _names(names: Sequence[str]) -> np.ndarray:
+    # An empty list would become floats; a name that ends in NUL would lose it, and Blender knows none.
+    return np.array(names, dtype=np.str_) if names else np.empty(0, dtype="<U1")
+
+
+def _save(path: Path, kind: str, **arrays: np.ndarray | np.generic) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with open(temporary, "wb") as file:
+            np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if "hulldown_bundle" not in file or "kind" not in file:
+                raise AssetError("is no bundle of hulldown", path=path, remedy=REMEDY)
+            if (version := int(file["hulldown_bundle"])) != FORMAT:
+                raise AssetError(f"is a bundle of format {version}, this is {FORMAT}", path=path, remedy=REMEDY)
+            if str(file["kind"]) != kind:
+                raise AssetError(f"is a bundle of a {file['kind']}, expected a {kind}", path=path)
+            if missing := wanted - set(file.files):
+                raise AssetError(f"lacks {sorted(missing)}", path=path, remedy=REMEDY)
+            return {name: file[name] for name in wanted}
+    except FileNotFoundError:
+        raise AssetError("does not exist", path=path) from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError, TypeError) as error:
+        raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=REMEDY) from error
