@@ -1,0 +1,207 @@
+"""The exact box of a posed vehicle in an image, known before a pixel is rendered (paper, section 2.1.7).
+
+The rule is `surface_box`: clip every triangle, project what is left, take the extremes. `VehicleBoxes` gives the
+same answer from the few vertices that can be extreme, and clips only where a plane cuts the vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from annotate.clipping import Frustum, extremes_of_mesh
+from annotate.posing import PosedParts, move
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import NEAR, Camera
+from geometry.arrays import checked
+
+BLOCK = 1 << 15  # numbers a step works on in a batch: what stays in the second-level cache
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Boxes:
+    """Boxes of n poses, as COCO writes them: x, y, width, height in continuous pixels.
+
+    Parameters
+    ----------
+    xywh
+        (n, 4) tight box of the surface inside the image; nan where there is none.
+    amodal
+        (n, 4) tight box of the surface in front of the near plane, inside the image or not; nan where there is none.
+    truncated_fraction
+        (n,) share of the amodal box's area that the box in the image lacks: 0 framed, 1 out of the image.
+    """
+
+    xywh: Float[np.ndarray, "n 4"]
+    amodal: Float[np.ndarray, "n 4"]
+    truncated_fraction: Float[np.ndarray, " n"]
+
+
+def surface_box(
+    vertices_world: ArrayLike, faces: ArrayLike, camera: Camera, *, frame: bool = True
+) -> Float[np.ndarray, "4"] | None:
+    """Tight box of a triangle mesh's surface: the exact rule.
+
+    Parameters
+    ----------
+    vertices_world
+        (v, 3) metres.
+    faces
+        (f, 3) vertex indices.
+    camera
+        What it is seen by.
+    frame
+        Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR` metres).
+
+    Returns
+    -------
+    xywh in continuous pixels, or None if no surface counts. What occludes the surface plays no part.
+    """
+    vertices = checked(vertices_world, "vertices_world", ("v", 3))
+    triangles = checked(faces, "faces", ("f", 3), dtype=np.int64)
+    if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        raise ValueError(
+            f"faces: expected indices from 0 to {len(vertices) - 1}, got {triangles.min()} to {triangles.max()}"
+        )
+    # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
+    points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
+    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(camera.intrinsics, frame=frame)))
+
+
+class VehicleBoxes:
+    """Boxes of one vehicle in any pose and articulation, equal to `surface_box` of its posed mesh.
+
+    Parameters
+    ----------
+    shape
+        The vehicle.
+    """
+
+    def __init__(self, shape: VehicleShape) -> None:
+        self.shape = shape
+        self._parts = PosedParts(shape)
+
+    def box(
+        self,
+        world_from_vehicle: ArrayLike,
+        camera: Camera,
+        articulation: Mapping[str, float] | None = None,
+        *,
+        frame: bool = True,
+    ) -> Float[np.ndarray, "4"] | None:
+        """Tight box of the vehicle's surface.
+
+        Parameters
+        ----------
+        world_from_vehicle
+            (4, 4) rigid pose.
+        camera
+            What it is seen by.
+        articulation
+            Part name -> radians; parts not named are at rest.
+        frame
+            Whether only the surface inside the image counts, or all of it in front of the near plane.
+
+        Returns
+        -------
+        xywh in continuous pixels, or None if no surface counts.
+        """
+        pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
+        angles = self._parts.angles([articulation or {}])
+        camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
+        framed, extremes = self._framed(camera_from_parts, [camera.intrinsics])
+        if framed[0]:
+            return _xywh(extremes[0])
+        return _xywh(self._clipped(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
+
+    def boxes(
+        self,
+        world_from_vehicle: ArrayLike,
+        world_from_camera: ArrayLike,
+        intrinsics: Intrinsics | Sequence[Intrinsics],
+        articulations: Sequence[Mapping[str, float]] | None = None,
+    ) -> Boxes:
+        """Boxes of n poses at once.
+
+        Parameters
+        ----------
+        world_from_vehicle, world_from_camera
+            (n, 4, 4) rigid poses.
+        intrinsics
+            One for all, or one for each.
+        articulations
+            One for each, part name -> radians; none: all parts at rest.
+        """
+        vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
+        cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
+        n = len(vehicles)
+        each = [intrinsics] * n if isinstance(intrinsics, Intrinsics) else list(intrinsics)
+        turned = [{}] * n if articulations is None else articulations
+        for name, given in (("world_from_camera", cameras), ("intrinsics", each), ("articulations", turned)):
+            if len(given) != n:
+                raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
+        angles = self._parts.angles(turned)
+        xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
+        step = max(1, BLOCK // self._parts.extreme.shape[1])
+        for start in range(0, n, step):
+            rows = slice(start, min(start + step, n))
+            camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
+            framed, extremes = self._framed(camera_from_parts, each[rows])
+            xywh[rows][framed, :2] = amodal[rows][framed, :2] = extremes[framed, :2]
+            xywh[rows][framed, 2:] = amodal[rows][framed, 2:] = extremes[framed, 2:] - extremes[framed, :2]
+            for i in np.flatnonzero(~framed):
+                for out, frame in ((xywh, True), (amodal, False)):
+                    found = _xywh(self._clipped(camera_from_parts[i], Frustum.of(each[start + i], frame=frame)))
+                    if found is not None:
+                        out[start + i] = found
+        return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
+
+    def _framed(
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Sequence[Intrinsics]
+    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
+        """Which poses are wholly inside the frustum, and the extremes in pixels of those."""
+        f, width, height = np.array([(i.f_px, i.width, i.height) for i in intrinsics]).T
+        x, y, z = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts)
+        in_front = z.min(axis=1) >= NEAR
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x /= z
+            y /= z
+        # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
+        extremes = np.stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)], axis=1)
+        extremes *= f[:, None]
+        extremes += np.stack([width, height, width, height], axis=1) / 2.0
+        u0, v0, u1, v1 = extremes.T
+        return in_front & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes
+
+    def _clipped(self, camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum) -> Float[np.ndarray, "4"]:
+        points = move(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
+        return extremes_of_mesh(points, self._parts.faces, frustum)
+
+
+def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
+    """Share of an amodal box's area that the box in the image lacks.
+
+    Of a box without width or height the other side alone counts. Where `xywh` is nan nothing is in the image: 1.
+
+    Parameters
+    ----------
+    xywh, amodal
+        (..., 4) boxes; the first inside the second.
+    """
+    inner = checked(xywh, "xywh", ("...", 4), finite=False)
+    outer = checked(amodal, "amodal", ("...", 4), finite=False)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sides = np.where(outer[..., 2:] > 0.0, inner[..., 2:] / outer[..., 2:], 1.0)
+    share = np.where(np.isnan(inner[..., 0]), 0.0, sides[..., 0] * sides[..., 1])
+    return np.clip(1.0 - share, 0.0, 1.0)
+
+
+def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
+    if not extremes[0] <= extremes[2]:
+        return None
+    return np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
