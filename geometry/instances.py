@@ -1,0 +1,251 @@
+"""Scenes of many copies of few meshes: rays are moved into the copies, the copies are never moved into the world.
+
+A hierarchy is built once per unique mesh, in its own frame; ten thousand copies of a tree cost one tree and ten
+thousand small matrices. Embree's own instancing is out of embreex's reach, so the upper level is `geometry.boxtree`,
+in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
+
+from geometry.arrays import checked
+from geometry.boxtree import BoxTree
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster
+from geometry.transforms import apply
+
+RAYS = 1 << 16  # rays whose crossings are held at a time
+# Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
+FLATTEST = 1e-6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class InstanceHits:
+    """What n rays met first.
+
+    Parameters
+    ----------
+    distance
+        (n,) metres from the origin, in the world; inf on a miss.
+    face
+        (n,) face index in the instance's own mesh; -1 on a miss.
+    instance
+        (n,) index of the instance; -1 on a miss.
+    """
+
+    distance: Float[np.ndarray, " n"]
+    face: Int[np.ndarray, " n"]
+    instance: Int[np.ndarray, " n"]
+
+    @property
+    def hit(self) -> Bool[np.ndarray, " n"]:
+        """Whether each ray met anything."""
+        return self.face >= 0
+
+
+class InstancedScene:
+    """Copies of meshes in the world, for rays to meet; seen from both sides. Built once, never changes.
+
+    Parameters
+    ----------
+    meshes
+        The unique meshes, each in its own frame.
+    instance_mesh
+        (k,) for each instance the index into `meshes`; k = 0 is legal.
+    world_from_instance
+        (k, 4, 4) affine poses: may mirror, shear and scale unevenly. An instance that is squashed flat works too,
+        at the price of a mesh of its own.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match, an index is out of range or a pose is not affine.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh], instance_mesh: ArrayLike, world_from_instance: ArrayLike) -> None:
+        poses = np.asarray(world_from_instance, dtype=np.float64)
+        poses = checked(poses.reshape(0, 4, 4) if not poses.size else poses, "world_from_instance", ("k", 4, 4))
+        which = np.asarray(instance_mesh)
+        which = checked(which if which.size else which.astype(int), "instance_mesh", (len(poses),), dtype=np.int64)
+        if len(which) and (which.min() < 0 or which.max() >= len(meshes)):
+            raise ValueError(f"instance_mesh: expected indices below {len(meshes)}, got {which.min()} to {which.max()}")
+        if (poses[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
+            raise ValueError("world_from_instance: expected last rows (0, 0, 0, 1)")
+        self.meshes = tuple(meshes)
+        self.instance_mesh = which
+        self.world_from_instance = poses
+        self.bounds = _bounds(self.meshes, which, poses)
+
+        used = set(which.tolist())
+        self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.meshes)]
+        self._caster_of = which.copy()
+        self._instance_from_world = np.tile(np.eye(4), (len(poses), 1, 1))
+        stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
+        flat = stretch[:, 2] <= FLATTEST * stretch[:, 0]
+        self._instance_from_world[~flat] = np.linalg.inv(poses[~flat])
+        for i in np.flatnonzero(flat):
+            mesh = self.meshes[which[i]]
+            self._caster_of[i] = len(self._casters)
+            self._casters.append(RayCaster(Mesh(apply(poses[i], mesh.vertices), mesh.faces, mesh.name)))
+        self._tree = BoxTree(_padded(self.bounds))
+
+    def cast(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> InstanceHits:
+        """The first face along each ray; arguments as for `RayCaster.cast`."""
+        start, along, reach = _rays(origins, directions, max_distance)
+        n = len(start)
+        hits = InstanceHits(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
+        for i in range(0, n, RAYS):
+            part = slice(i, i + RAYS)
+            self._cast_block(
+                start[part], along[part], reach[part].copy(), threads,
+                InstanceHits(hits.distance[part], hits.face[part], hits.instance[part]),
+            )  # fmt: skip
+        return hits
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether anything lies along each ray; arguments as for `RayCaster.cast`."""
+        start, along, reach = _rays(origins, directions, max_distance)
+        blocked = np.zeros(len(start), dtype=bool)
+        for i in range(0, len(start), RAYS):
+            part = slice(i, i + RAYS)
+            self._occlude_block(start[part], along[part], reach[part], threads, blocked[part])
+        return blocked
+
+    def _cast_block(
+        self,
+        start: Float[np.ndarray, "n 3"],
+        along: Float[np.ndarray, "n 3"],
+        reach: Float[np.ndarray, " n"],
+        threads: int,
+        hits: InstanceHits,
+    ) -> None:
+        queue = self._queue(start, along, reach)
+        for ray, instance, entry in queue.rounds():
+            on = entry <= reach[ray]
+            ray, instance = ray[on], instance[on]
+            distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
+            for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+                met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+                distance[rows], face[rows] = met.distance / scale, met.face
+            # The nearest of each ray; of equals, the instance that comes first.
+            order = np.lexsort((instance, distance, ray))
+            first = order[np.diff(ray[order], prepend=-1) > 0]
+            first = first[distance[first] < hits.distance[ray[first]]]
+            at = ray[first]
+            reach[at] = hits.distance[at] = distance[first]
+            hits.face[at], hits.instance[at] = face[first], instance[first]
+
+    def _occlude_block(
+        self,
+        start: Float[np.ndarray, "n 3"],
+        along: Float[np.ndarray, "n 3"],
+        reach: Float[np.ndarray, " n"],
+        threads: int,
+        blocked: Bool[np.ndarray, " n"],
+    ) -> None:
+        for ray, instance, _ in self._queue(start, along, reach).rounds():
+            on = ~blocked[ray]
+            ray, instance = ray[on], instance[on]
+            for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+                met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+                blocked[ray[rows[met]]] = True
+
+    def _queue(self, start: np.ndarray, along: np.ndarray, reach: np.ndarray) -> _Queue:
+        crossings = self._tree.crossed(start, along, reach)
+        order = np.lexsort((crossings.box, crossings.entry, crossings.ray))
+        return _Queue(crossings.ray[order], crossings.box[order], crossings.entry[order])
+
+    def _moved(
+        self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
+    ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
+        caster_of = self._caster_of[instance]
+        order = np.argsort(caster_of, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(caster_of[order])) + 1):
+            if not len(rows):
+                continue
+            caster = self._casters[caster_of[rows[0]]]
+            assert caster is not None
+            moves = self._instance_from_world[instance[rows]]
+            inside = np.einsum("kij,kj->ki", moves[:, :3, :3], start[ray[rows]]) + moves[:, :3, 3]
+            inward = np.einsum("kij,kj->ki", moves[:, :3, :3], along[ray[rows]])
+            yield caster, rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Queue:
+    """Pairs of ray and instance, sorted by ray and then by where the ray enters the instance's box."""
+
+    ray: Int[np.ndarray, " p"]
+    instance: Int[np.ndarray, " p"]
+    entry: Float[np.ndarray, " p"]
+
+    def rounds(self) -> Iterator[tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, " q"]]]:
+        """Each ray's first pair, then its second, then the next 2, 4, 8, ...: nearest first, in few batches."""
+        begins = np.diff(self.ray, prepend=-1) > 0
+        rank = np.arange(len(self.ray)) - np.maximum.accumulate(np.where(begins, np.arange(len(self.ray)), 0))
+        done, most = 0, int(rank.max(initial=-1)) + 1
+        while done < most:
+            upto = max(2 * done, 1)
+            now = np.flatnonzero((rank >= done) & (rank < upto))
+            yield self.ray[now], self.instance[now], self.entry[now]
+            done = upto
+
+
+def _rays(
+    origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Origins, unit directions and reaches, checked."""
+    start = checked(origins, "origins", ("n", 3))
+    along = checked(directions, "directions", (len(start), 3))
+    reach = np.asarray(max_distance, dtype=np.float64)
+    if reach.shape not in ((), (len(start),)) or np.isnan(reach).any():
+        raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {reach.shape}")
+    length = np.sqrt(np.einsum("ij,ij->i", along, along))
+    if not length.all():
+        raise ValueError(f"directions: expected lengths above zero, got a zero at index {int(np.argmin(length))}")
+    return start, along / length[:, None], np.broadcast_to(reach, length.shape)
+
+
+def _bounds(
+    meshes: Sequence[Mesh], instance_mesh: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4 4"]
+) -> Float[np.ndarray, "k 2 3"]:
+    """Tight world boxes of all instances, from the few points of each mesh that can be extreme."""
+    bounds = np.empty((len(poses), 2, 3))
+    for mesh in np.unique(instance_mesh):
+        extreme = _extreme_points(meshes[mesh])
+        mine = np.flatnonzero(instance_mesh == mesh)
+        block = max(1, (1 << 18) // len(extreme))
+        for i in range(0, len(mine), block):
+            points = apply(poses[mine[i : i + block]], extreme)
+            bounds[mine[i : i + block]] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+    return bounds
+
+
+def _extreme_points(mesh: Mesh) -> Float[np.ndarray, "e 3"]:
+    """The vertices of the convex hull; all used vertices where the mesh is flat or small."""
+    used = mesh.vertices[np.unique(mesh.faces)]
+    if len(used) < 64:
+        return used
+    try:
+        return used[ConvexHull(used - used.mean(axis=0)).vertices]
+    except QhullError:
+        return used
+
+
+def _padded(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
+    """Boxes that the float32 meshes inside cannot stick out of."""
+    pad = 1e-6 * np.ptp(bounds, axis=1) + 1e-14 * np.abs(bounds).max(axis=1) + 1e-12
+    pad = pad.max(axis=1, keepdims=True)[:, None]
+    return bounds + pad * np.array([-1.0, 1.0])[:, None]
