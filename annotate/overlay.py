@@ -36,7 +36,7 @@ def draw(
 ) -> Image.Image:
     """A copy of a picture with its annotations on it.
 
-    Lines lie just outside the boxes, so that they hide nothing of what is inside.
+    Lines lie just outside the boxes, so that they hide nothing of what is inside, but never outside the picture.
 
     Parameters
     ----------
@@ -64,7 +64,8 @@ def draw(
         colour = colour_of(annotation["category_id"])
         if amodal and annotation.get("bbox_amodal"):
             pen.rectangle(_corners(annotation["bbox_amodal"], 1), outline=colour, width=1)
-        corners = _corners(annotation["bbox"], line)
+        left, top, right, bottom = _corners(annotation["bbox"], line)
+        corners = max(left, 0), max(top, 0), min(right, picture.width - 1), min(bottom, picture.height - 1)
         pen.rectangle(corners, outline=colour, width=line)
         _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
     return picture
@@ -92,8 +93,9 @@ def contact_sheet(
         raise ValueError("pictures: expected at least one, got none")
     if captions is not None and len(captions) != len(pictures):
         raise ValueError(f"captions: expected {len(pictures)}, one for each picture, got {len(captions)}")
-    gap, font = max(2, tile_width // 80), ImageFont.load_default(max(10, tile_width // 32))
-    caption_height = 2 * gap + font.size if captions is not None else 0
+    gap, letters = max(2, tile_width // 80), max(10, tile_width // 32)
+    font = ImageFont.load_default(letters)
+    caption_height = 2 * gap + letters if captions is not None else 0
     columns = min(columns, len(pictures))
     tiles = [
         picture.convert("RGB").resize(
@@ -132,9 +134,8 @@ def dataset_sheet(
     if not images:
         raise DatasetError("has no images yet", path=folder, remedy="render some first")
     names = {category["id"]: category["name"] for category in coco["categories"]}
-    chosen = [
-        images[i] for i in np.unique(np.linspace(0, len(images) - 1, min(count, len(images))).round().astype(int))
-    ]
+    spread = np.linspace(0, len(images) - 1, min(count, len(images)))
+    chosen = [images[i] for i in np.unique(spread.round().astype(int))]
     mine: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in chosen}
     for annotation in coco["annotations"]:
         if annotation["image_id"] in mine:
