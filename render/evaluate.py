@@ -1,0 +1,279 @@
+"""Everything that a file's scene draws, as the renderer sees it: render-level modifiers, instances, particles.
+
+The scene is rendered once by an engine that paints nothing and writes down what it is given. So the meshes are those
+that Cycles would get, not those of the viewport: there is no other way to ask Blender for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+from geometry.transforms import apply
+from render.cleanup import Link, Piece
+from render.poses import Poses
+
+SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+UNREAD = {
+    "CURVES": "hair curves are rendered but are in nobody's way",
+    "POINTCLOUD": "a point cloud is rendered but is in nobody's way",
+    "VOLUME": "a volume is rendered but is in nobody's way",
+    "GREASEPENCIL": "grease pencil is not rendered by Cycles",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """An object of the file that is no piece, and why."""
+
+    name: str
+    kind: str
+    why: str
+
+
+@dataclass(eq=False, slots=True)
+class Evaluated:
+    """What a scene draws.
+
+    Parameters
+    ----------
+    meshes
+        Unique evaluated meshes, each in its own frame and the file's units.
+    pieces
+        Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
+    markers
+        Chains of all empties.
+    left
+        Objects that are no piece, and why.
+    """
+
+    meshes: list[Mesh] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    markers: list[tuple[Link, ...]] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
+
+
+class _Capture(bpy.types.RenderEngine):
+    """Hands the depsgraph of a render over instead of rendering it."""
+
+    bl_idname = "HULLDOWN_CAPTURE"
+    bl_label = "hulldown capture"
+    bl_use_preview = False
+
+    visit: Callable[[Any], None] | None = None
+    error: BaseException | None = None
+
+    def render(self, depsgraph: Any) -> None:
+        """Called by Blender, which prints exceptions and goes on; so they are carried out by hand."""
+        try:
+            if _Capture.visit:
+                _Capture.visit(depsgraph)
+        except BaseException as error:
+            _Capture.error = error
+
+
+def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
+    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame.
+
+    The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
+    """
+    if not hasattr(bpy.types, "HULLDOWN_CAPTURE"):
+        bpy.utils.register_class(_Capture)
+    render = scene.render
+    render.engine = _Capture.bl_idname
+    render.resolution_x = render.resolution_y = render.resolution_percentage = 16
+    render.use_compositing = render.use_sequencer = render.use_freestyle = render.use_multiview = False
+    layers = list(scene.view_layers)
+    chosen = next((layer for layer in layers if layer.use), layers[0])
+    for layer in layers:
+        layer.use = layer == chosen
+    if scene.camera is None:
+        scene.camera = bpy.data.objects.new("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        scene.collection.objects.link(scene.camera)
+    _Capture.visit, _Capture.error = visit, None
+    try:
+        bpy.ops.render.render(scene=scene.name)
+        if _Capture.error:
+            raise _Capture.error
+    finally:
+        _Capture.visit = _Capture.error = None
+
+
+def evaluate(
+    scene: Any,
+    *,
+    metres_from_file: Float[np.ndarray, "4 4"],
+    keep_mesh: Callable[[Any, Any], None] | None = None,
+) -> Evaluated:
+    """Everything that `scene` draws.
+
+    Parameters
+    ----------
+    scene
+        A Blender scene.
+    metres_from_file
+        The file's scale and up axis, for the bounds of the pieces.
+    keep_mesh
+        Called with the depsgraph and the drawn object for each of the unique meshes, in their order.
+
+    Raises
+    ------
+    AssetError
+        If a mesh has coordinates that are no numbers.
+    """
+    result = Evaluated()
+    visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keep_mesh).read())
+    _list_hidden(scene, result)
+    return result
+
+
+class _Reader:
+    def __init__(
+        self,
+        depsgraph: Any,
+        result: Evaluated,
+        metres_from_file: Float[np.ndarray, "4 4"],
+        keep_mesh: Callable[[Any, Any], None] | None,
+    ) -> None:
+        self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
+        self.keep_mesh = keep_mesh
+        self.poses = Poses(depsgraph)
+        self.index: dict[tuple[int, tuple[str, ...]], int] = {}
+        self.box: list[np.ndarray] = []  # corners around each mesh
+        self.unseen: dict[tuple[int, int], str | None] = {}
+
+    def read(self) -> None:
+        for instance in self.depsgraph.object_instances:
+            kind = instance.object.type
+            if kind == "EMPTY":
+                self.result.markers.append(self._chain(instance, self.poses.instance_pose(instance)))
+            elif not instance.show_self:
+                self._leave(instance, "its instances are drawn, but not it itself")
+            elif kind == "MESH":
+                self._read_mesh(instance)
+            elif kind in UNREAD:
+                self._leave(instance, UNREAD[kind])
+            elif kind not in SURFACES:
+                self._leave(instance, f"a {kind.lower().replace('_', ' ')}")
+            # Curves, texts and the like come once more as the meshes they make.
+
+    def _leave(self, instance: Any, why: str) -> None:
+        self.result.left.append(Left(instance.object.name, instance.object.type, why))
+
+    def _read_mesh(self, instance: Any) -> None:
+        drawn = instance.object
+        materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
+        key = (drawn.data.as_pointer(), materials)
+        if key not in self.index:
+            mesh = _mesh(drawn)
+            if mesh is None:
+                self._leave(instance, "has no faces")
+                return
+            self.index[key] = len(self.result.meshes)
+            self.result.meshes.append(mesh)
+            self.box.append(np.array(list(product(*mesh.bounds.T))))
+            if self.keep_mesh:
+                self.keep_mesh(self.depsgraph, drawn)
+        number = self.index[key]
+        mesh = self.result.meshes[number]
+        pose = self.poses.instance_pose(instance)
+        own = not instance.is_instance or _is_own_surface(instance)
+        scattered = not own and instance.parent.instance_type != "COLLECTION"
+        seen = apply(self.metres @ pose, self.box[number] if scattered else mesh.vertices[np.unique(mesh.faces)])
+        self.result.pieces.append(
+            Piece(
+                data=drawn.data.name,
+                chain=self._chain(instance, pose),
+                mesh=number,
+                pose=pose,
+                bounds=np.stack([seen.min(axis=0), seen.max(axis=0)]),
+                faces=len(mesh.faces),
+                scattered=scattered,
+                anonymous=scattered and _carries_itself(instance),
+                unseen=self._why_unseen(drawn),
+            )
+        )
+
+    def _why_unseen(self, drawn: Any) -> str | None:
+        key = (drawn.original.as_pointer(), drawn.data.as_pointer())
+        if key not in self.unseen:
+            self.unseen[key] = why_unseen(drawn, self.depsgraph)
+        return self.unseen[key]
+
+    def _chain(self, instance: Any, pose: Float[np.ndarray, "4 4"]) -> tuple[Link, ...]:
+        if not instance.is_instance:
+            return self.poses.chain(instance.object)
+        carrier = self.poses.chain(instance.parent)
+        if _carries_itself(instance):
+            return carrier
+        inner = instance.instance_object
+        own = self.poses.pose(inner)
+        if abs(np.linalg.det(own)) < 1e-30:
+            return (Link(inner.name, self.poses.collections(inner), inner.type, pose), *carrier)
+        return (*self.poses.chain(inner, pose @ np.linalg.inv(own)), *carrier)
+
+
+def _carries_itself(instance: Any) -> bool:
+    """Whether the instance has no object of its own: the surface of a curve, or a mesh that geometry nodes made."""
+    inner = instance.instance_object
+    return inner is None or inner.original == instance.parent.original
+
+
+def _is_own_surface(instance: Any) -> bool:
+    """Whether this is the mesh that a curve, text or metaball is drawn as."""
+    if not _carries_itself(instance) or instance.parent.type == "MESH":
+        return False
+    return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
+
+
+def _mesh(drawn: Any) -> Mesh | None:
+    data = drawn.data
+    data.calc_loop_triangles()
+    if not len(data.loop_triangles):
+        return None
+    vertices = np.empty(3 * len(data.vertices), np.float32)
+    data.vertices.foreach_get("co", vertices)
+    faces = np.empty(3 * len(data.loop_triangles), np.int32)
+    data.loop_triangles.foreach_get("vertices", faces)
+    try:
+        return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
+    except ValueError as error:
+        raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
+
+
+def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
+    """Why the camera does not see an object although it is drawn; None if it does."""
+    original = drawn.original
+    if not drawn.visible_camera:
+        return "invisible to the camera (ray visibility)"
+    if drawn.is_shadow_catcher:
+        return "a shadow catcher"
+    if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
+        return "a holdout"
+    materials = [s.material for s in drawn.material_slots]
+    if materials and all(m is not None and _is_volume(m) for m in materials):
+        return "has volume shaders only"
+    return None
+
+
+def _is_volume(material: Any) -> bool:
+    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
+
+
+def _list_hidden(scene: Any, result: Evaluated) -> None:
+    """Name what the file holds but the render does not."""
+    drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
+    for obj in scene.objects:
+        if obj.name not in drawn and obj.type in (*SURFACES, *UNREAD):
+            result.left.append(
+                Left(obj.name, obj.type, "hidden from render" if obj.hide_render else "not in the render")
+            )

@@ -1,0 +1,119 @@
+"""What was found in an asset file and what was made of it, as data that prints as a table or as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One object of the file, or all instances of it.
+
+    Parameters
+    ----------
+    name
+        Object name.
+    kind
+        Blender's object type.
+    use
+        A part's name ("hull", "turret", "gun"), "ground", "obstacle", "backdrop" or "dropped".
+    why
+        The reason.
+    count
+        How often it is drawn.
+    triangles
+        Of one of them, evaluated as rendered.
+    size
+        Extents in metres of the largest of them along x, y, z.
+    """
+
+    name: str
+    kind: str
+    use: str
+    why: str
+    count: int = 1
+    triangles: int = 0
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PartRow:
+    """A part that turns: where, about what, how far, and how that was found out. Metres and radians."""
+
+    name: str
+    parent: str
+    pivot: tuple[float, float, float]
+    axis: tuple[float, float, float]
+    limits: tuple[float, float]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A file that is wanted but not there."""
+
+    path: str
+    wanted_by: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """What a file was read as.
+
+    Parameters
+    ----------
+    kind
+        "vehicle" or "scenery".
+    path
+        The file.
+    size
+        Extents in metres: of the vehicle, or of the ground (of everything if there is none).
+    triangles
+        Drawn triangles of what is used, each instance counted.
+    unit
+        Metres to one unit of the file.
+    up
+        "z" or "y".
+    origin
+        What was subtracted from a scenery's coordinates, metres.
+    rows
+        Every object and what it is used as.
+    parts
+        Parts of a vehicle that turn.
+    missing
+        Textures and libraries that are not there.
+    doubts
+        What a person should look at, a sentence each.
+    written_by
+        The version of Blender that wrote the file, or the format.
+    """
+
+    kind: str
+    path: str
+    size: tuple[float, float, float]
+    triangles: int
+    unit: float
+    up: str
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rows: tuple[Row, ...] = ()
+    parts: tuple[PartRow, ...] = ()
+    missing: tuple[Missing, ...] = ()
+    doubts: tuple[str, ...] = ()
+    written_by: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as what JSON can hold."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> FileReport:
+        """The report that `to_json` gave."""
+        known: dict[str, Any] = {k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in data.items()}
+        known["rows"] = tuple(Row(**{**r, "size": tuple(r["size"])}) for r in data["rows"])
+        known["parts"] = tuple(
+            PartRow(**{k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in p.items()}) for p in data["parts"]
+        )
+        known["missing"] = tuple(Missing(m["path"], tuple(m["wanted_by"])) for m in data["missing"])
+        return cls(**known)
