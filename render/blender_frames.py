@@ -1,0 +1,37 @@
+"""The one place where hulldown's frames meet Blender's: the camera's axes, and float64 matrices going to float32.
+
+Imports numpy only, because it also runs inside an installed Blender.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+# OpenCV's camera looks along +z with y down, Blender's along -z with y up: a half turn about x.
+CAMERA_FROM_BLENDER_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def world_from_blender_camera(world_from_camera: Any) -> np.ndarray:
+    """Pose of Blender's camera object for an OpenCV camera pose (4, 4)."""
+    return np.asarray(world_from_camera, dtype=np.float64) @ CAMERA_FROM_BLENDER_CAMERA
+
+
+def pose(obj: Any, world_from_object: Any) -> None:
+    """Put a Blender object exactly where a float64 affine matrix (4, 4) says.
+
+    The matrix goes into the parent inverse, which Blender multiplies as it is; setting `matrix_world` would split it
+    into location, Euler angles and scale, which rounds a rotation and loses shear. The object's parent must stand at
+    the origin and its own location, rotation and scale must be those of a new object.
+    """
+    matrix = np.asarray(world_from_object, dtype=np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ValueError(f"world_from_object: expected a finite (4, 4) matrix, got {matrix.tolist()}")
+    obj.matrix_parent_inverse = matrix.T.tolist()  # Blender stores columns and takes nested lists as stored
+
+
+def matrix_of(blender_matrix: Sequence[Sequence[float]]) -> np.ndarray:
+    """A Blender matrix as (4, 4) float64."""
+    return np.array([list(row) for row in blender_matrix], dtype=np.float64)

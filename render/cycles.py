@@ -1,0 +1,160 @@
+"""Cycles as hulldown uses it: device, samples, denoising, film; nothing of a scenery file's own settings survives.
+
+Runs inside Blender; imports numpy-free standard library and bpy only.
+
+References
+----------
+Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+
+GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
+TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
+IMAGE_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+
+
+def available_devices() -> list[dict[str, str]]:
+    """`kind` and `name` of every device that Cycles could render on here, the preferred ones first; the CPU is last."""
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    found = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
+    preferences.compute_device_type = "NONE"
+    return [*found, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
+
+
+def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
+    """Make Cycles render on the device `wanted`; what it is called, and how many of its kind there are.
+
+    Parameters
+    ----------
+    wanted
+        "auto" (a GPU if there is one), "gpu", "cpu" or one of "optix", "cuda", "hip", "oneapi", "metal".
+    index
+        Which of several GPUs, counted round.
+
+    Raises
+    ------
+    RuntimeError
+        If a GPU is asked for and there is none of that kind.
+    """
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
+    for kind in kinds:
+        if cards := _cards(preferences, kind):
+            mine = cards[index % len(cards)]
+            for device in preferences.devices:
+                device.use = device == mine
+            return f"{kind} {mine.name}", len(cards)
+    if wanted not in ("auto", "cpu"):
+        raise RuntimeError(f"Cycles finds no {wanted} device here; use --device auto or cpu")
+    preferences.compute_device_type = "NONE"
+    return "CPU", 1
+
+
+def _cards(preferences: Any, kind: str) -> list[Any]:
+    try:
+        preferences.compute_device_type = kind
+    except TypeError:  # this build of Blender does not know the kind
+        return []
+    preferences.refresh_devices()
+    return [device for device in preferences.devices if device.type == kind]
+
+
+def _reset(struct: Any, fresh: Any) -> None:
+    """Give an RNA struct all the settings of another, which Blender has just made."""
+    for prop in struct.bl_rna.properties:
+        if not prop.is_readonly and prop.type != "COLLECTION" and prop.identifier not in ("name", "preview_pause"):
+            # Some settings are only legal beside others, and those are set explicitly below.
+            with contextlib.suppress(TypeError, AttributeError, ValueError):
+                setattr(struct, prop.identifier, getattr(fresh, prop.identifier))
+
+
+def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: int = 0) -> None:
+    """Render `scene` as the plan says and in no other way.
+
+    Parameters
+    ----------
+    scene
+        The scene of the scenery file.
+    settings
+        `samples`, `denoise`, `adaptive_threshold` (0: no adaptive sampling), `bounces`.
+    device
+        The first thing that `choose_device` said.
+    threads
+        CPU threads; 0 for all.
+    """
+    render, cycles = scene.render, scene.cycles
+    # A property's own default is not always what a new scene has, so a new scene is asked.
+    fresh = bpy.data.scenes.new("hulldown defaults")
+    for of in ("render", "cycles", "view_settings", "display_settings", "cycles_curves"):
+        _reset(getattr(scene, of), getattr(fresh, of))
+    _reset(scene.render.image_settings, fresh.render.image_settings)
+    for other in scene.view_layers[1:]:
+        scene.view_layers.remove(other)
+    _reset(scene.view_layers[0], fresh.view_layers[0])
+    bpy.data.scenes.remove(fresh)
+    render.engine = "CYCLES"
+    _plain_output(scene)
+    render.threads_mode = "FIXED" if threads else "AUTO"
+    if threads:
+        render.threads = threads
+    cycles.device = "CPU" if device == "CPU" else "GPU"
+    cycles.samples = int(settings["samples"])
+    cycles.use_adaptive_sampling = settings["adaptive_threshold"] > 0
+    if cycles.use_adaptive_sampling:
+        cycles.adaptive_threshold = settings["adaptive_threshold"]
+    cycles.use_denoising = bool(settings["denoise"])
+    cycles.denoiser = "OPENIMAGEDENOISE"
+    cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+    cycles.denoising_use_gpu = device != "CPU"
+    _bounces(cycles, int(settings["bounces"]))
+    # Keeps textures, geometry and BVHs from one image to the next.
+    render.use_persistent_data = True
+
+
+def _bounces(cycles: Any, bounces: int) -> None:
+    """Blender's own proportions, with `bounces` on top: 12 gives exactly Blender's defaults."""
+    cycles.max_bounces = bounces
+    cycles.diffuse_bounces = cycles.glossy_bounces = min(4, bounces)
+    cycles.transmission_bounces = bounces
+    cycles.volume_bounces = 0
+    cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
+
+
+def _plain_output(scene: Any) -> None:
+    """Nothing between Cycles and the picture but Blender's own view transform."""
+    scene.compositing_node_group = None
+    scene.render.use_compositing = False
+    scene.render.use_sequencer = False
+    scene.timeline_markers.clear()  # a marker may carry a camera
+    scene.display_settings.display_device = "sRGB"
+    # AgX rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white.
+    scene.view_settings.view_transform = "AgX"
+    scene.view_settings.look = "None"
+
+
+def image_format(scene: Any, suffix: str) -> None:
+    """Write pictures in the format that a file name's suffix says: .png or .jpg, 8 bits.
+
+    Raises
+    ------
+    ValueError
+        For any other suffix.
+    """
+    if suffix not in IMAGE_FORMATS:
+        raise ValueError(f"file_name: expected one of {sorted(IMAGE_FORMATS)}, got {suffix!r}")
+    settings = scene.render.image_settings
+    settings.file_format = IMAGE_FORMATS[suffix]
+    settings.color_mode = "RGB"
+    if settings.file_format == "PNG":
+        settings.color_depth = "8"
+        settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
+    else:
+        settings.quality = 95

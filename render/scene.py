@@ -1,0 +1,146 @@
+"""One scenery in Blender's memory, and what a plan row puts into it: vehicles, camera, HDRI, fog.
+
+Everything is posed in the coordinates of the scenery's file, so that its parents, instances and scattered plants stay
+as they are. Runs inside Blender; needs numpy and bpy only.
+
+References
+----------
+Paper, sections 2.1.3 and 2.1.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from render.blender_frames import pose, world_from_blender_camera
+from render.light import Fog, HdriWorld
+
+PART = "hulldown_part"  # custom property of a prepared vehicle's objects: the index of their part
+REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
+MAX_VEHICLES = 4  # vehicle files kept in memory; the rows are sorted, so more would only fill it
+SENSOR_WIDTH = 36.0
+SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
+FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
+
+
+class Stage:
+    """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
+
+    def __init__(self, path: str, scenery_from_file: np.ndarray) -> None:
+        # Never run what a file brings along: see docs/rendering.md.
+        bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+        self.path = path
+        self.scene = bpy.context.scene
+        self.file_from_scenery = np.linalg.inv(scenery_from_file)
+        self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
+        _delete_delivered()
+        self.root = bpy.data.objects.new("hulldown", None)
+        self.scene.collection.objects.link(self.root)
+        self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        self.scene.camera = self.camera
+        self.world = HdriWorld(self.scene)
+        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
+        self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
+
+    def _add(self, name: str, data: Any) -> Any:
+        obj = bpy.data.objects.new(name, data)
+        obj.parent = self.root
+        self.scene.collection.objects.link(obj)
+        return obj
+
+    def place_vehicles(self, vehicles: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+        """Stand exactly these vehicles in the scenery; the objects of each.
+
+        Parameters
+        ----------
+        vehicles
+            Each with `prepared` (path of the file that `render.prepare` made) and `world_from_parts` (p, 4, 4).
+        """
+        used: dict[str, int] = {}
+        placed = []
+        for vehicle in vehicles:
+            path = vehicle["prepared"]
+            copy = used.get(path, 0)
+            used[path] = copy + 1
+            collection = self._vehicle(path, copy)
+            parts = self.file_from_scenery @ np.asarray(vehicle["world_from_parts"], dtype=np.float64)
+            for obj in collection.objects:
+                pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+            placed.append(list(collection.objects))
+        linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
+        children = self.scene.collection.children
+        for collection in [c for copies in self._vehicles.values() for c in copies]:
+            if (collection in linked) != (collection.name in children):
+                (children.link if collection in linked else children.unlink)(collection)
+        self._forget_all_but(used)
+        return placed
+
+    def _vehicle(self, path: str, copy: int) -> Any:
+        copies = self._vehicles.pop(path, [])
+        self._vehicles[path] = copies
+        if not copies:
+            with bpy.data.libraries.load(path, link=False) as (source, target):
+                target.collections = source.collections[:1]
+            copies.append(target.collections[0])
+            for obj in copies[0].objects:
+                obj.parent = self.root
+        while len(copies) <= copy:
+            twin = bpy.data.collections.new(copies[0].name)
+            for obj in copies[0].objects:
+                twin.objects.link(obj.copy())  # shares mesh and materials
+            copies.append(twin)
+        return copies[copy]
+
+    def _forget_all_but(self, used: Mapping[str, int]) -> None:
+        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - MAX_VEHICLES)]:
+            copies = self._vehicles.pop(path)
+            bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
+            bpy.data.orphans_purge(do_recursive=True)
+
+    def set_camera(self, camera: Mapping[str, Any]) -> None:
+        """Look through the row's camera.
+
+        Parameters
+        ----------
+        camera
+            `world_from_camera` (4, 4), `fov_x` in radians, `width`, `height` in pixels, `near` in metres.
+        """
+        matrix = self.file_from_scenery @ world_from_blender_camera(camera["world_from_camera"])
+        matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
+        pose(self.camera, matrix)
+        data = self.camera.data
+        data.sensor_fit = "HORIZONTAL"
+        data.lens_unit = "MILLIMETERS"
+        half = math.tan(camera["fov_x"] / 2)
+        data.lens = max(SENSOR_WIDTH / (2 * half), SHORTEST_LENS)
+        data.sensor_width = 2 * half * data.lens
+        data.clip_start = camera["near"] * self.units_per_metre
+        data.clip_end = FAR * self.units_per_metre
+        render = self.scene.render
+        render.resolution_x, render.resolution_y = camera["width"], camera["height"]
+
+    def set_light(self, light: Mapping[str, Any]) -> None:
+        """Light by an HDRI, and fog if the row has weather.
+
+        Parameters
+        ----------
+        light
+            `hdri` (path), `yaw` (radians counter-clockwise), `strength`, `visibility` (metres or None).
+        """
+        self.world.set(light["hdri"], light["yaw"], light["strength"], self.file_from_scenery)
+        self.fog.clear()
+        if light["visibility"]:
+            self.fog.fill(
+                light["visibility"], self.world.airlight(), self.file_from_scenery, self.camera.matrix_parent_inverse
+            )
+
+
+def _delete_delivered() -> None:
+    """Remove the file's own cameras (paper, 2.1.3) and its lamps: the HDRI is the light, and one sun is enough."""
+    unwanted = [obj for obj in bpy.data.objects if obj.type in ("CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER")]
+    bpy.data.batch_remove(unwanted)
