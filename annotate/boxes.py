@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from annotate.clipping import Frustum, extremes_of_mesh
+from annotate.clusters import ClusteredSurface
 from annotate.posing import PosedParts, move
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
@@ -85,6 +86,7 @@ class VehicleBoxes:
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
         self._parts = PosedParts(shape)
+        self._surface = ClusteredSurface(self._parts)
 
     def box(
         self,
@@ -117,7 +119,7 @@ class VehicleBoxes:
         framed, extremes = self._framed(camera_from_parts, [camera.intrinsics])
         if framed[0]:
             return _xywh(extremes[0])
-        return _xywh(self._clipped(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
+        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
 
     def boxes(
         self,
@@ -156,9 +158,9 @@ class VehicleBoxes:
             xywh[rows][framed, 2:] = amodal[rows][framed, 2:] = extremes[framed, 2:] - extremes[framed, :2]
             for i in np.flatnonzero(~framed):
                 for out, frame in ((xywh, True), (amodal, False)):
-                    found = _xywh(self._clipped(camera_from_parts[i], Frustum.of(each[start + i], frame=frame)))
-                    if found is not None:
-                        out[start + i] = found
+                    frustum = Frustum.of(each[start + i], frame=frame)
+                    found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
+                    out[start + i] = np.nan if found is None else found
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _framed(
@@ -177,10 +179,6 @@ class VehicleBoxes:
         extremes += np.stack([width, height, width, height], axis=1) / 2.0
         u0, v0, u1, v1 = extremes.T
         return in_front & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes
-
-    def _clipped(self, camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-        points = move(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
-        return extremes_of_mesh(points, self._parts.faces, frustum)
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:

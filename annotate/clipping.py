@@ -79,9 +79,14 @@ class Frustum:
         return code
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
-        """Continuous pixels of points in front of the camera."""
+        """Continuous pixels of points inside the frustum; rounding does not take them out of the image."""
         x, y, z = points
-        return np.stack([x / z * self.f_px + self.width / 2.0, y / z * self.f_px + self.height / 2.0])
+        u = x / z * self.f_px + self.width / 2.0
+        v = y / z * self.f_px + self.height / 2.0
+        if self.frame:
+            np.clip(u, 0.0, self.width, out=u)
+            np.clip(v, 0.0, self.height, out=v)
+        return np.stack([u, v])
 
 
 def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "4"]:
@@ -151,16 +156,14 @@ def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum)
         flags[:, 1] = (on & on[following]) | np.uint8(bit)
         points, on = clipped[:, kept], flags[kept]
         polygon = np.repeat(polygon, kept.sum(axis=1))
-    u, v = frustum.project(points)
+    pixels = frustum.project(points)
+    u, v = pixels
     # A corner cut by an edge of the image lies on it, whatever rounding says.
     u[on & LEFT_BIT != 0] = 0.0
     u[on & RIGHT_BIT != 0] = frustum.width
     v[on & TOP_BIT != 0] = 0.0
     v[on & BOTTOM_BIT != 0] = frustum.height
-    if frustum.frame:
-        np.clip(u, 0.0, frustum.width, out=u)
-        np.clip(v, 0.0, frustum.height, out=v)
-    return extremes_of_points(np.stack([u, v]))
+    return extremes_of_points(pixels)
 
 
 def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
