@@ -112,8 +112,7 @@ class FileReport:
         """The report that `to_json` gave."""
         known: dict[str, Any] = {k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in data.items()}
         known["rows"] = tuple(Row(**{**r, "size": tuple(r["size"])}) for r in data["rows"])
-        known["parts"] = tuple(
-            PartRow(**{k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in p.items()}) for p in data["parts"]
-        )
+        triples = ("pivot", "axis", "limits")
+        known["parts"] = tuple(PartRow(**{**p, **{k: tuple(p[k]) for k in triples}}) for p in data["parts"])
         known["missing"] = tuple(Missing(m["path"], tuple(m["wanted_by"])) for m in data["missing"])
         return cls(**known)

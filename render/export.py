@@ -1,0 +1,156 @@
+"""A vehicle or scenery out of an asset file, read by Blender in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from assets.bundle import load_scenery, load_vehicle
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from render.build import Options
+from render.report import FileReport
+
+ROOT = Path(__file__).resolve().parent.parent
+LAST_WORDS = 500  # characters of what Blender said before it crashed
+DEFAULTS = Options()
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What reading a file left behind.
+
+    Parameters
+    ----------
+    report
+        What was found in the file and what was made of it.
+    bundle
+        The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
+    tidy
+        A .blend that holds what is rendered and nothing else, see `render.tidy`.
+    files
+        Absolute path of every file that the asset refers to: textures, libraries.
+    """
+
+    report: FileReport
+    bundle: Path
+    tidy: Path
+    files: tuple[str, ...]
+
+
+def export_vehicle(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> VehicleShape:
+    """The vehicle in the file `path`.
+
+    Parameters
+    ----------
+    path
+        A .blend, .glb, .gltf, .fbx or .obj file.
+    name
+        What to call it; the file's name without suffix if empty.
+    options
+        How to read it.
+
+    Raises
+    ------
+    AssetError
+        If the file cannot be read or no vehicle is left in it.
+    """
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
+        return load_vehicle(export(path, folder, kind="vehicle", name=name, options=options).bundle)
+
+
+def export_scenery(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> Scenery:
+    """The scenery in the file `path`; parameters and errors as of `export_vehicle`."""
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
+        return load_scenery(export(path, folder, kind="scenery", name=name, options=options).bundle)
+
+
+def export(
+    path: Path | str, folder: Path | str, *, kind: str | None = None, name: str = "", options: Options = DEFAULTS
+) -> Exported:
+    """Read the file `path` once and write bundle and tidy twin into `folder`.
+
+    Parameters
+    ----------
+    path
+        A .blend, .glb, .gltf, .fbx or .obj file.
+    folder
+        Exists; files of an earlier export in it are overwritten.
+    kind
+        "vehicle", "scenery", or None to judge by what is in it.
+    name
+        What to call it; the file's name without suffix if empty.
+    options
+        How to read it.
+
+    Raises
+    ------
+    AssetError
+        If the file cannot be read, or does not hold what is wanted.
+    """
+    path, folder = Path(path), Path(folder).resolve()
+    check_readable(path)
+    files = {key: folder / f"{key}{suffix}" for key, suffix in (("bundle", ".npz"), ("tidy", ".blend"))}
+    job = {
+        "path": str(path.resolve()),
+        "kind": kind,
+        "name": name or path.stem,
+        "options": asdict(options),
+        **{key: str(file) for key, file in files.items()},
+    }
+    answer = _ask_reader(job, path, folder)
+    if "error" in answer:
+        raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
+    report = FileReport.from_json({**answer["report"], "path": str(path)})
+    return Exported(report, files["bundle"], files["tidy"], tuple(answer["files"]))
+
+
+def check_readable(path: Path) -> None:
+    """Refuse what Blender need not be asked about.
+
+    Raises
+    ------
+    AssetError
+        If `path` is no file, is empty, or its suffix or first bytes are of no format that can be read.
+    """
+    if not path.exists():
+        raise AssetError("does not exist", path=path)
+    if not path.is_file():
+        raise AssetError("is no file", path=path)
+
+
+def _ask_reader(job: Mapping[str, Any], path: Path, folder: Path) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix=".read-", dir=folder) as own:
+        job_file, answer_file = Path(own) / "job.json", Path(own) / "answer.json"
+        job_file.write_text(json.dumps({**job, "answer": str(answer_file)}), encoding="utf-8")
+        # -P: a folder `render` where the user happens to be must not come first.
+        ran = subprocess.run(
+            [sys.executable, "-P", "-m", "render.reader", str(job_file)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+        if answer_file.is_file():
+            answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
+            return answer
+        if "ModuleNotFoundError: No module named 'bpy'" in ran.stdout:
+            raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
+        if ran.returncode < 0:
+            raise AssetError(
+                f"Blender crashed reading it (signal {-ran.returncode})",
+                path=path,
+                remedy="open it in Blender, save it again, or leave it out",
+            )
+        raise RuntimeError(f"{path}: reading it failed:\n{ran.stdout[-4 * LAST_WORDS :]}")

@@ -1,0 +1,121 @@
+"""The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
+
+Run as ``python -m render.reader JOB.json``. Blender may crash on a damaged file, keeps what it once loaded, and talks
+on stdout; so every file gets a process of its own and answers come in files.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from assets.bundle import save_scenery, save_vehicle
+from geometry.errors import HulldownError
+from render.build import Options, build_scenery, build_vehicle, metres_from_file
+from render.cleanup import Piece
+from render.evaluate import Evaluated, evaluate
+from render.importers import load
+from render.report import FileReport, Row
+from render.textures import missing_files, used_files
+from render.tidy import Keeper, write_scenery, write_vehicle
+
+
+def main(job_path: str) -> None:
+    """Do the job in the JSON file `job_path` and write the answer to the path that it names."""
+    job = json.loads(Path(job_path).read_text(encoding="utf-8"))
+    try:
+        answer = read(job)
+    except HulldownError as error:
+        answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
+    Path(job["answer"]).write_text(json.dumps(answer), encoding="utf-8")
+
+
+def read(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Read the file, write bundle and tidy twin, and return report and dependencies."""
+    path = Path(job["path"])
+    given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in job["options"].items()}
+    options = Options(**given)
+    unit, written_by = load(path)
+    unit, up = options.scale or unit, options.up or "z"
+    metres = metres_from_file(unit, up)
+    keeper = Keeper()
+    drawn = evaluate(bpy.context.scene, metres_from_file=metres, keeper=keeper)
+    common: dict[str, Any] = {
+        "path": str(path),
+        "unit": unit,
+        "up": up,
+        "written_by": written_by,
+        "missing": missing_files(),
+    }
+    kind = job["kind"] or _kind(drawn)
+    if kind == "vehicle":
+        vehicle = build_vehicle(job["name"], drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=options)
+        save_vehicle(job["bundle"], vehicle.shape)
+        write_vehicle(Path(job["tidy"]), keeper, drawn.pieces, vehicle.piece_part, vehicle.shape.vehicle_from_file)
+        names = vehicle.shape.part_names
+        uses = [names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
+        report = FileReport(
+            kind=kind,
+            size=_three(vehicle.shape.size_xyz),
+            triangles=len(vehicle.shape.mesh.faces),
+            rows=_rows(drawn, uses, [r.why for r in vehicle.roles]),
+            parts=vehicle.parts,
+            **common,
+        )
+    else:
+        scenery = build_scenery(job["name"], drawn.meshes, drawn.pieces, metres=metres, options=options)
+        save_scenery(job["bundle"], scenery.scenery)
+        write_scenery(Path(job["tidy"]), keeper, drawn.pieces, scenery.scenery.scenery_from_file)
+        uses = [r.use for r in scenery.roles]
+        extent = [p.bounds for p, use in zip(drawn.pieces, uses, strict=True) if use == "ground"]
+        extent = extent or [p.bounds for p, use in zip(drawn.pieces, uses, strict=True) if use == "obstacle"]
+        report = FileReport(
+            kind=kind,
+            size=_three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
+            triangles=sum(p.faces for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "obstacle")),
+            rows=_rows(drawn, uses, [r.why for r in scenery.roles]),
+            origin=_three(scenery.scenery.origin),
+            **common,
+        )
+    return {"report": report.to_json(), "files": used_files()}
+
+
+def _kind(drawn: Evaluated) -> str:
+    return "vehicle"
+
+
+def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Row, ...]:
+    """One row for all pieces of one object that are used alike, then what is no piece."""
+    groups: dict[tuple[str, str, str], list[Piece]] = defaultdict(list)
+    for piece, use, reason in zip(drawn.pieces, uses, why, strict=True):
+        groups[piece.name, use, reason].append(piece)
+    rows = [
+        Row(
+            name,
+            pieces[0].chain[0].kind,
+            use,
+            reason,
+            len(pieces),
+            pieces[0].faces,
+            _three(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
+        )
+        for (name, use, reason), pieces in groups.items()
+    ]
+    rows += [Row(left.name, left.kind, "dropped", left.why) for left in drawn.left]
+    return tuple(rows)
+
+
+def _three(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

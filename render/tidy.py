@@ -1,0 +1,86 @@
+"""The tidy twin of a file: what it draws as plain posed meshes with their materials, for the renderer.
+
+People's files have parents, modifiers, constraints, key frames, particles and drivers, all of which can undo a planned
+pose. Here they are worked out, once, from the same evaluation that the exported geometry comes from; so what is
+rendered is what was planned. Vehicles: one collection; every object has the index of its part in ``hulldown_part`` and
+its pose in the vehicle frame in ``hulldown_rest`` (16 numbers, row by row). Sceneries: a scene in metres, z up,
+relative to the scenery's origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from render.cleanup import Piece
+
+VISIBILITY = tuple(
+    f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+)
+
+
+class Keeper:
+    """Takes copies of evaluated meshes while the depsgraph lives."""
+
+    def __init__(self) -> None:
+        self.meshes: list[Any] = []
+        self.looks: list[dict[str, Any]] = []
+
+    def keep_mesh(self, drawn: Any) -> None:
+        """Called for every unique mesh in order."""
+        mesh = drawn.data.copy()
+        mesh.animation_data_clear()
+        for slot, material in enumerate(s.material for s in drawn.material_slots):
+            if slot < len(mesh.materials):
+                mesh.materials[slot] = material.original if material else None
+        self.meshes.append(mesh)
+
+    def keep_look(self, drawn: Any) -> None:
+        """Called for every piece in order: what the object itself adds to its mesh's look."""
+        look: dict[str, Any] = {name: getattr(drawn, name) for name in VISIBILITY}
+        look["color"] = tuple(drawn.color)
+        look["pass_index"] = drawn.pass_index
+        self.looks.append(look)
+
+
+def write_vehicle(
+    path: Path,
+    keeper: Keeper,
+    pieces: Sequence[Piece],
+    piece_part: Sequence[int],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
+) -> None:
+    """Write the pieces whose part is not -1."""
+    collection = bpy.data.collections.new("hulldown vehicle")
+    for i, (piece, part) in enumerate(zip(pieces, piece_part, strict=True)):
+        if part < 0:
+            continue
+        rest = vehicle_from_file @ piece.pose
+        obj = _object(keeper, piece, i, rest)
+        obj["hulldown_part"] = int(part)
+        obj["hulldown_rest"] = rest.ravel().tolist()
+        collection.objects.link(obj)
+    bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
+
+
+def _object(keeper: Keeper, piece: Piece, index: int, pose: Float[np.ndarray, "4 4"]) -> Any:
+    obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
+    obj.matrix_world = pose.T.tolist()
+    for name, value in keeper.looks[index].items():
+        setattr(obj, name, value)
+    return obj
+
+
+def write_scenery(
+    path: Path, keeper: Keeper, pieces: Sequence[Piece], scenery_from_file: Float[np.ndarray, "4 4"]
+) -> None:
+    """Write everything that is drawn, backdrops too, as a file with one scene."""
+    scene = bpy.data.scenes.new("hulldown scenery")
+    for i, piece in enumerate(pieces):
+        scene.collection.objects.link(_object(keeper, piece, i, scenery_from_file @ piece.pose))
+    bpy.data.libraries.write(str(path), {scene}, path_remap="ABSOLUTE", compress=True)
