@@ -1,0 +1,139 @@
+"""A vehicle as rays meet it: one ray caster a part, turned by its articulation, never moved into the world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
+
+from assets.vehicle import VehicleShape
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster
+from geometry.transforms import apply, invert_rigid, rigid, rotation_about
+
+Articulation = Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Part:
+    """One rigid part of a vehicle.
+
+    Parameters
+    ----------
+    index
+        Its index in the shape's parts.
+    caster
+        Its triangles, in the vehicle frame at rest.
+    hull
+        (k, 3) vertices of its convex hull, vehicle frame at rest.
+    """
+
+    index: int
+    caster: RayCaster
+    hull: Float[np.ndarray, "k 3"]
+
+
+class VehicleTarget:
+    """Built once for a vehicle; answers which rays meet it in any pose and articulation.
+
+    Parameters
+    ----------
+    shape
+        The vehicle.
+    """
+
+    def __init__(self, shape: VehicleShape) -> None:
+        self.shape = shape
+        face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
+        self.parts = tuple(
+            _part(int(i), Mesh(shape.mesh.vertices, shape.mesh.faces[face_part == i], shape.part_names[i]))
+            for i in np.unique(face_part)
+        )
+        # At rest one caster for all is quicker than one a part.
+        self.at_rest = self.parts if len(self.parts) == 1 else (_part(0, shape.mesh),)
+
+    def vehicle_from_parts(self, articulation: Articulation | Sequence[Articulation]) -> Float[np.ndarray, "... p 4 4"]:
+        """Where articulation takes each part: (p, 4, 4), or (n, p, 4, 4) for a sequence of n of them."""
+        one = isinstance(articulation, Mapping)
+        rows = [articulation] if isinstance(articulation, Mapping) else list(articulation)
+        names = self.shape.part_names
+        if unknown := set().union(*(set(a) for a in rows)) - set(names[1:]):
+            raise ValueError(
+                f"articulation: {self.shape.name!r} has no part {sorted(unknown)}; it has {list(names[1:])}"
+            )
+        angles = np.array([[a.get(name, 0.0) for name in names] for a in rows], dtype=np.float64).reshape(
+            -1, len(names)
+        )
+        poses = np.tile(np.eye(4), (len(rows), len(names), 1, 1))
+        for i in range(1, len(names)):
+            poses[:, i] = poses[:, self.shape.part_parent[i]]
+            if angles[:, i].any():
+                turn = rotation_about(self.shape.part_axis[i], angles[:, i])
+                pivot = self.shape.part_pivot[i]
+                poses[:, i] = poses[:, i] @ rigid(turn, pivot - turn @ pivot)
+        return poses[0] if one else poses
+
+    def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
+        """Vehicle-frame points with the convex hull of the articulated vehicle; any projected box is theirs."""
+        poses = self.vehicle_from_parts(articulation)
+        return np.concatenate([apply(poses[part.index], part.hull) for part in self.parts])
+
+    def placed(
+        self, camera_from_vehicle: Float[np.ndarray, "n 4 4"], articulation: Articulation | Sequence[Articulation]
+    ) -> list[tuple[Part, Float[np.ndarray, "n 4 4"]]]:
+        """The parts to cast against and where each is in n cameras' frames."""
+        poses = self.vehicle_from_parts(articulation)
+        if (poses == np.eye(4)).all():
+            return [(part, camera_from_vehicle) for part in self.at_rest]
+        return [(part, camera_from_vehicle @ poses[..., part.index, :, :]) for part in self.parts]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Standing:
+    """A vehicle in n poses, such as a companion that may hide the target of n cameras.
+
+    Parameters
+    ----------
+    target
+        The vehicle.
+    world_from_vehicle
+        (n, 4, 4) rigid poses, one for each camera, or (1, 4, 4) for all of them.
+    articulation
+        Part name to radians; one for all, or a sequence of n.
+    """
+
+    target: VehicleTarget
+    world_from_vehicle: Float[np.ndarray, "n 4 4"]
+    articulation: Articulation | Sequence[Articulation]
+
+    def rows(self, index: np.ndarray) -> Standing:
+        """The poses of some of the cameras."""
+        poses = self.world_from_vehicle if len(self.world_from_vehicle) == 1 else self.world_from_vehicle[index]
+        turned = self.articulation
+        return Standing(self.target, poses, turned if isinstance(turned, Mapping) else [turned[int(i)] for i in index])
+
+    def seen_from(self, world_from_camera: Float[np.ndarray, "n 4 4"]) -> list[tuple[Part, Float[np.ndarray, "n 4 4"]]]:
+        """The parts to cast against and where each is in the cameras' frames."""
+        camera_from_vehicle = invert_rigid(world_from_camera) @ self.world_from_vehicle
+        return self.target.placed(camera_from_vehicle, self.articulation)
+
+
+def hull_vertices(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "k 3"]:
+    """The vertices of the convex hull, or all distinct vertices where they lie in a plane or on a line."""
+    try:
+        return vertices[ConvexHull(vertices).vertices]
+    except (QhullError, ValueError):
+        return np.unique(vertices, axis=0)
+
+
+def _part(index: int, mesh: Mesh) -> Part:
+    return Part(index, RayCaster(Mesh(*_used(mesh), mesh.name)), hull_vertices(mesh.vertices[np.unique(mesh.faces)]))
+
+
+def _used(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Only the vertices that faces use: others would move the centre that rays are traced about."""
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    return mesh.vertices[used], faces.reshape(-1, 3)

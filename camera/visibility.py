@@ -1,0 +1,294 @@
+"""What part of a target a camera sees, by rays at the target: small targets get as many as large ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from camera.intrinsics import Intrinsics, stacked
+from camera.projection import NEAR
+from camera.target import Articulation, Part, Standing, VehicleTarget
+from geometry.arrays import checked
+from geometry.transforms import apply, invert_rigid
+
+# What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
+TOUCHING = 1e-3
+# Rays through one pinhole are coherent as they come; batches below this size are not sorted again by RayCaster.
+BATCH = 4095
+
+
+class Occluder(Protocol):
+    """Whatever can hide a target: a `RayCaster`, an `InstancedScene`, a `Plane`."""
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether anything lies along each ray."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """The endless ground at one height."""
+
+    z: float
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether the plane lies along each ray."""
+        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = (self.z - o[:, 2]) / d[:, 2] * np.linalg.norm(d, axis=1)
+        return (at > 0.0) & (at <= max_distance)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Visibility:
+    """What n cameras see of their targets.
+
+    Shares are of the target's silhouette in the frame, as it would be with nothing else in the world; they add up to 1.
+    All are nan where no ray met the target in the frame.
+
+    Parameters
+    ----------
+    fraction
+        (n,) visible share.
+    by_ground
+        (n,) share hidden by the ground.
+    by_obstacles
+        (n,) share hidden by obstacles and not by the ground.
+    by_vehicles
+        (n,) share hidden by other vehicles and nothing else.
+    hits
+        (n,) rays that met the target.
+    area
+        (n,) square pixels of the silhouette in the frame.
+    """
+
+    fraction: Float[np.ndarray, " n"]
+    by_ground: Float[np.ndarray, " n"]
+    by_obstacles: Float[np.ndarray, " n"]
+    by_vehicles: Float[np.ndarray, " n"]
+    hits: Int[np.ndarray, " n"]
+    area: Float[np.ndarray, " n"]
+
+    def error(self, *, confidence: float = 0.95) -> Float[np.ndarray, " n"]:
+        """By how much `fraction` may be off, at that confidence; see `error_bound`."""
+        return error_bound(self.hits, confidence=confidence)
+
+
+def error_bound(hits: ArrayLike, *, confidence: float = 0.95) -> Float[np.ndarray, "..."]:
+    """How far from the truth a fraction from so many rays on the target is, at most, with this confidence.
+
+    Every ray has a cell of the target's box to itself and a uniformly random place in it. With p the true fraction, V
+    and M the numbers of visible rays and of rays on the target, V - p M is a sum of independent terms of mean 0 within
+    [-1, 1], whose variances add up to at most p (1 - p) E[M]. So the standard error is at most 1 / (2 sqrt(M)), and by
+    Bernstein's inequality |V / M - p| <= (L / 3 + sqrt(L^2 / 9 + L M / 2)) / M, L = ln(2 / (1 - confidence)), where M
+    stands in for its mean. This holds for any silhouette and any occluders; usual ones, with edges that are lines and
+    not dust, do several times better, as cells that no edge crosses have no error at all.
+
+    References
+    ----------
+    Boucheron, Lugosi, Massart, Concentration Inequalities, 2013, theorem 2.10 (Bernstein).
+    """
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence: expected a number between 0 and 1, got {confidence}")
+    m = checked(hits, "hits", ("...",))
+    log = math.log(2.0 / (1.0 - confidence))
+    with np.errstate(divide="ignore"):
+        return np.where(m > 0, np.minimum((log / 3 + np.sqrt(log**2 / 9 + log * m / 2)) / m, 1.0), np.nan)
+
+
+def visible_fraction(
+    target: VehicleTarget,
+    world_from_vehicle: ArrayLike,
+    world_from_camera: ArrayLike,
+    *,
+    intrinsics: Intrinsics | Sequence[Intrinsics],
+    articulation: Articulation | Sequence[Articulation] | None = None,
+    ground: Occluder | None = None,
+    obstacles: Occluder | None = None,
+    others: Sequence[Standing] = (),
+    rays: int = 256,
+    seed: int = 0,
+    threads: int = 1,
+) -> Visibility:
+    """Visible share of each target's silhouette in its camera's frame.
+
+    Rays go through jittered points in the part of the frame that the target's projected box covers, one a cell of a
+    grid over it. Those that meet the vehicle, moved into its own frame and part by part, are silhouette; what meets
+    something else first is hidden. Pixels are not looked at: a target smaller than one is sampled like any other.
+
+    Parameters
+    ----------
+    target
+        The vehicle.
+    world_from_vehicle
+        (n, 4, 4) rigid poses, or (1, 4, 4) for one vehicle that all cameras look at.
+    world_from_camera
+        (n, 4, 4) rigid poses. Nothing nearer than `camera.projection.NEAR` is seen.
+    intrinsics
+        One, or one for each camera.
+    articulation
+        Part name to radians; one for all, or a sequence of n. None: at rest.
+    ground, obstacles
+        What may hide the target.
+    others
+        Other vehicles that may.
+    rays
+        Rays into the target's box for each camera; `Visibility.error` says what they buy.
+    seed
+        Of the jitter, which is the same for all cameras: a camera's answer does not depend on its company.
+    threads
+        How many threads share the work.
+
+    Returns
+    -------
+    Visibility
+        nan for targets out of the frame.
+    """
+    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
+    vehicles = checked(world_from_vehicle, "world_from_vehicle", ("m", 4, 4))
+    n = len(poses)
+    if len(vehicles) not in (1, n):
+        raise ValueError(f"world_from_vehicle: expected 1 or {n} poses, got {len(vehicles)}")
+    if rays < 1:
+        raise ValueError(f"rays: expected at least 1, got {rays}")
+    standing = Standing(target, vehicles, articulation or {})
+    pattern = np.concatenate([np.ones((rays, 1)), jittered(rays, rng=np.random.default_rng(seed))], axis=1)
+    f, size = stacked(intrinsics)
+    f, size = np.broadcast_to(f, (n,)), np.broadcast_to(size, (n, 2))
+    counts, area = np.zeros((n, 5), dtype=np.int64), np.zeros(n)
+
+    def work(index: Int[np.ndarray, " k"]) -> None:
+        views = _Views(poses[index], f[index], size[index], pattern)
+        counts[index], area[index] = views.count(
+            standing.rows(index), ground, obstacles, [other.rows(index) for other in others]
+        )
+
+    blocks = list(_blocks(n, max(1, BATCH // rays)))
+    if threads > 1 and len(blocks) > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in pool.map(work, blocks):
+                pass
+    else:
+        for block in blocks:
+            work(block)
+    hits = counts[:, 0]
+    share = counts[:, 1:] / np.where(hits > 0, hits, np.nan)[:, None]
+    return Visibility(share[:, 0], share[:, 1], share[:, 2], share[:, 3], hits, area * hits / rays)
+
+
+def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
+    """One uniform point in each of n cells of equal area that tile the unit square."""
+    rows = max(1, round(math.sqrt(n)))
+    columns = np.full(rows, n // rows)
+    columns[: n % rows] += 1
+    row = np.repeat(np.arange(rows), columns)
+    column = np.arange(n) - np.repeat(np.cumsum(columns) - columns, columns)
+    # A row is as high as its share of the cells.
+    top = (np.cumsum(columns) - columns)[row] / n
+    uniform = rng.random((n, 2))
+    return np.stack([(column + uniform[:, 0]) / columns[row], top + uniform[:, 1] * columns[row] / n], axis=1)
+
+
+def _blocks(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
+    for i in range(0, n, size):
+        yield np.arange(i, min(i + size, n))
+
+
+class _Views:
+    """Some cameras and the rays that leave them."""
+
+    def __init__(
+        self,
+        world_from_camera: Float[np.ndarray, "n 4 4"],
+        f: Float[np.ndarray, " n"],
+        size: Float[np.ndarray, "n 2"],
+        pattern: Float[np.ndarray, "r 3"],
+    ) -> None:
+        self.world_from_camera, self.f, self.size, self.pattern = world_from_camera, f, size, pattern
+
+    def count(
+        self, standing: Standing, ground: Occluder | None, obstacles: Occluder | None, others: Sequence[Standing]
+    ) -> tuple[Int[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
+        """For each camera: rays on the target, visible, hidden by each of three kinds; and the area they aim at."""
+        n, r = len(self.f), len(self.pattern)
+        placed = standing.seen_from(self.world_from_camera)
+        boxes = [self.box(part, pose) for part, pose in placed]
+        low = np.maximum(np.min([b[:, 0] for b in boxes], axis=0), 0.0)
+        high = np.minimum(np.max([b[:, 1] for b in boxes], axis=0), self.size)
+        extent = np.clip(high - low, 0.0, None)
+        in_frame = (extent > 0.0).all(axis=1)
+        # A ray's camera-frame direction, with z = 1, is its (1, u, v) of the pattern times this.
+        self.basis = np.zeros((n, 3, 3))
+        self.basis[:, 0, :2] = (low - self.size / 2.0) / self.f[:, None]
+        self.basis[:, 0, 2] = 1.0
+        self.basis[:, [1, 2], [0, 1]] = extent / self.f[:, None]
+        self.low, self.extent = low, extent
+
+        distance = np.full((n, r), np.inf)
+        for (part, pose), box in zip(placed, boxes, strict=True):
+            asked = np.flatnonzero(self.inside(box) & in_frame[:, None])
+            met = part.caster.cast(*self.rays(invert_rigid(pose), asked))
+            distance.flat[asked] = np.minimum(distance.flat[asked], met.distance)
+        counts = np.zeros((n, 5), dtype=np.int64)
+        left = np.flatnonzero(np.isfinite(distance))
+        counts[:, 0] = np.bincount(left // r, minlength=n)
+        reach = distance.ravel() - TOUCHING
+        for kind, occluder in ((2, ground), (3, obstacles)):
+            if occluder is not None and len(left):
+                hidden = occluder.occluded(*self.rays(self.world_from_camera, left), max_distance=reach[left])
+                counts[:, kind] = np.bincount(left[hidden] // r, minlength=n)
+                left = left[~hidden]
+        for other in others:
+            hidden = self.hidden_by(other, left, reach)
+            counts[:, 4] += np.bincount(left[hidden] // r, minlength=n)
+            left = left[~hidden]
+        counts[:, 1] = np.bincount(left // r, minlength=n)
+        return counts, extent.prod(axis=1)
+
+    def hidden_by(
+        self, other: Standing, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " nr"]
+    ) -> Bool[np.ndarray, " k"]:
+        hidden = np.zeros(len(left), dtype=bool)
+        for part, pose in other.seen_from(self.world_from_camera):
+            asked = np.flatnonzero(~hidden & self.inside(self.box(part, pose)).flat[left])
+            if len(asked):
+                rays = self.rays(invert_rigid(pose), left[asked])
+                hidden[asked] = part.caster.occluded(*rays, max_distance=reach[left[asked]])
+        return hidden
+
+    def box(self, part: Part, camera_from_part: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 2 2"]:
+        """Pixel box that holds the part's projection; endless where the part is not wholly beyond the near plane."""
+        points = apply(camera_from_part, part.hull)
+        depth = points[..., 2]
+        beyond = (depth > NEAR).all(axis=1)
+        pixels = points[..., :2] / np.where(beyond[:, None], depth, 1.0)[..., None]
+        box = np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1) * self.f[:, None, None] + self.size[:, None] / 2.0
+        box[~beyond] = np.array([[-np.inf], [np.inf]])
+        return box
+
+    def inside(self, box: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, "n r"]:
+        """Which rays go through the box."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = (box - self.low[:, None]) / self.extent[:, None]
+        u, v = self.pattern[:, 1], self.pattern[:, 2]
+        across = (u >= at[:, 0, :1]) & (u <= at[:, 1, :1])
+        return across & (v >= at[:, 0, 1:]) & (v <= at[:, 1, 1:])
+
+    def rays(
+        self, frame_from_camera: Float[np.ndarray, "n 4 4"], which: Int[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+        """Origins on the near plane, and directions, of the rays with these flat indices."""
+        turned = self.basis @ np.swapaxes(frame_from_camera[:, :3, :3], -1, -2)
+        along = (self.pattern @ turned).reshape(-1, 3)[which]
+        return frame_from_camera[which // len(self.pattern), :3, 3] + NEAR * along, along
