@@ -20,7 +20,6 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply
 from render.cleanup import Link, Piece
 from render.poses import Poses
-from render.tidy import Keeper
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 UNREAD = {
@@ -112,7 +111,8 @@ def evaluate(
     scene: Any,
     *,
     metres_from_file: Float[np.ndarray, "4 4"],
-    keeper: Keeper | None = None,
+    keep_mesh: Callable[[Any, Any], None] | None = None,
+    keep_look: Callable[[Any], None] | None = None,
 ) -> Evaluated:
     """Everything that `scene` draws.
 
@@ -122,8 +122,10 @@ def evaluate(
         A Blender scene.
     metres_from_file
         The file's scale and up axis, for the bounds of the pieces.
-    keeper
-        Is shown the drawn object of each unique mesh and of each piece, in their order.
+    keep_mesh
+        Called with the depsgraph and the drawn object for each of the unique meshes, in their order.
+    keep_look
+        Called with the drawn object for each of the pieces, in their order.
 
     Raises
     ------
@@ -131,7 +133,7 @@ def evaluate(
         If a mesh has coordinates that are no numbers.
     """
     result = Evaluated()
-    visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keeper).read())
+    visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keep_mesh, keep_look).read())
     _list_hidden(scene, result)
     return result
 
@@ -142,10 +144,11 @@ class _Reader:
         depsgraph: Any,
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
-        keeper: Keeper | None,
+        keep_mesh: Callable[[Any, Any], None] | None,
+        keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
-        self.keeper = keeper
+        self.keep_mesh, self.keep_look = keep_mesh, keep_look
         self.poses = Poses(depsgraph)
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
@@ -181,13 +184,13 @@ class _Reader:
             self.index[key] = len(self.result.meshes)
             self.result.meshes.append(mesh)
             self.box.append(np.array(list(product(*mesh.bounds.T))))
-            if self.keeper:
-                self.keeper.keep_mesh(drawn)
+            if self.keep_mesh:
+                self.keep_mesh(self.depsgraph, drawn)
         number = self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
-        if self.keeper:
-            self.keeper.keep_look(drawn)
+        if self.keep_look:
+            self.keep_look(drawn)
         own = not instance.is_instance or _is_own_surface(instance)
         scattered = not own and instance.parent.instance_type != "COLLECTION"
         seen = apply(self.metres @ pose, self.box[number] if scattered else mesh.vertices[np.unique(mesh.faces)])

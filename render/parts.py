@@ -15,6 +15,7 @@ from render.cleanup import Link, Piece
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
+REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
 
 
@@ -73,13 +74,15 @@ def find_parts(
     names, parents, why = [HULL], [-1], [""]
     pivots, axes, limits = [np.zeros(3)], [np.array([0.0, 0.0, 1.0])], [(0.0, 0.0)]
     piece_part = np.zeros(len(pieces), int)
+    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
+    middle = (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0)) / 2
     for name in (TURRET_PART, GUN_PART):
         mine = np.array([p == name for p in part_of], bool)
         if not mine.any() or mine.all():
             continue
         own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
         nodes = _nodes(pieces, markers, mine, namer, name)
-        pivot, source = _pivot(nodes, own, name, vehicle_from_file)
+        pivot, source = _pivot(nodes, own, name, pivots[-1] if len(pivots) > 1 else middle, vehicle_from_file)
         parents.append(names.index(TURRET_PART) if TURRET_PART in names else 0)
         piece_part[mine] = len(names)
         names.append(name)
@@ -172,7 +175,11 @@ def _nodes(
 
 
 def _pivot(
-    nodes: list[_Node], own: Float[np.ndarray, "n 3"], part: str, vehicle_from_file: Float[np.ndarray, "4 4"]
+    nodes: list[_Node],
+    own: Float[np.ndarray, "n 3"],
+    part: str,
+    behind: Float[np.ndarray, "3"],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
 ) -> tuple[Float[np.ndarray, "3"], str]:
     def origin(node: _Node) -> Float[np.ndarray, "3"]:
         return apply(vehicle_from_file, node.link.pose[:3, 3][None])[0]
@@ -194,15 +201,35 @@ def _pivot(
         or first([n for n in nodes if n.link.kind == "EMPTY" and 2 * n.faces > total])
         or min(nodes, key=lambda n: (n.link.kind == "EMPTY", -n.faces))
     )
-    at, low, high = origin(node), own.min(axis=0), own.max(axis=0)
+    at = origin(node)
+    if node.link.kind == "EMPTY":
+        return at, f"origin of the empty {node.link.name!r}"
+    low, high = own.min(axis=0), own.max(axis=0)
     slack = BELIEVED * float(max(high - low))
-    if node.link.kind == "EMPTY" or bool(((at >= low - slack) & (at <= high + slack)).all()):
-        return at, f"origin of {node.link.name!r}"
-    middle = (low + high) / 2
-    doubt = f"the origin of {node.link.name!r} lies outside the {part}, so"
+    outside = bool(((at < low - slack) | (at > high + slack)).any())
     if part == TURRET_PART:
-        return np.array([middle[0], middle[1], low[2]]), f"{doubt} the middle of its bounding box"
-    return np.array([low[0], middle[1], middle[2]]), f"{doubt} the middle of its rear end"
+        middle = (low + high) / 2
+        guess, where, wrong = np.array([middle[0], middle[1], low[2]]), "the middle of its bounding box", outside
+    else:
+        rear, front = _ends(own, behind)
+        guess, where = rear, "the middle of its rear end"
+        along = float((at - rear) @ (front - rear)) / float((front - rear) @ (front - rear))
+        wrong = outside or along > REAR
+    if not wrong:
+        return at, f"origin of {node.link.name!r}"
+    return guess, f"{where}, since the origin of {node.link.name!r} is not where a {part} turns"
+
+
+def _ends(
+    own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    axis = int(np.argmax((high - low)[:2]))
+    rear, front = (low + high) / 2, (low + high) / 2
+    forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
+    rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
+    return rear, front
 
 
 def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

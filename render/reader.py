@@ -47,7 +47,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     unit, up = options.scale or unit, options.up or "z"
     metres = metres_from_file(unit, up)
     keeper = Keeper()
-    drawn = evaluate(bpy.context.scene, metres_from_file=metres, keeper=keeper)
+    drawn = evaluate(bpy.context.scene, metres_from_file=metres, keep_mesh=keeper.keep_mesh, keep_look=keeper.keep_look)
     common: dict[str, Any] = {
         "path": str(path),
         "unit": unit,

@@ -31,7 +31,7 @@ class Keeper:
         self.meshes: list[Any] = []
         self.looks: list[dict[str, Any]] = []
 
-    def keep_mesh(self, drawn: Any) -> None:
+    def keep_mesh(self, _depsgraph: Any, drawn: Any) -> None:
         """Called for every unique mesh in order."""
         mesh = drawn.data.copy()
         mesh.animation_data_clear()
