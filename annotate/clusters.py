@@ -13,6 +13,7 @@ from annotate.posing import PosedParts, move
 from camera.projection import NEAR
 
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
+GROUP = 32  # clusters in a group, whose bounds are asked first
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
 SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by their rounding
 
@@ -29,12 +30,18 @@ class ClusteredSurface:
     def __init__(self, parts: PosedParts) -> None:
         self._parts = parts
         clusters = [_clusters(parts.vertices, parts.faces[place]) for place in parts.face_slices]
-        self._ends = np.cumsum([0, *(len(c) for c in clusters)])
         self._faces: Int[np.ndarray, "k leaf 3"] = np.concatenate(clusters)
+        counts = [len(c) for c in clusters]
         corners = parts.vertices[:, self._faces.reshape(len(self._faces), -1)]
         low, high = corners.min(axis=2), corners.max(axis=2)
-        self._centre: Float[np.ndarray, "3 k"] = (low + high) / 2.0
-        self._half: Float[np.ndarray, "3 k"] = (high - low) / 2.0
+        self._leaves = _Bounds(low, high, counts)
+        starts = np.concatenate([np.arange(a, b, GROUP) for a, b in pairwise(self._leaves.ends)])
+        self._members = np.append(starts, len(self._faces))
+        self._groups = _Bounds(
+            np.minimum.reduceat(low, starts, axis=1),
+            np.maximum.reduceat(high, starts, axis=1),
+            [-(-count // GROUP) for count in counts],
+        )
 
     def extremes(self, camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum) -> Float[np.ndarray, "4"]:
         """Lowest u, lowest v, highest u, highest v of the surface inside the frustum; empty if there is none.
@@ -44,57 +51,82 @@ class ClusteredSurface:
         """
         parts = self._parts
         first = move(parts.extreme, parts.extreme_slices, camera_from_parts[None])[:, 0]
-        best = extremes_of_points(frustum.project(first[:, frustum.outside(first) == 0]))
-        if not frustum.frame and np.isinf(best).any():
-            return best  # a hull wholly behind the near plane
-        centre = move(self._centre, _slices(self._ends), camera_from_parts[None])[:, 0]
-        left = np.arange(len(self._faces))
-        reach = self._reach(frustum.planes[:, :3], frustum.planes[:, 3], camera_from_parts, centre, left)
-        left = left[(reach >= 0.0).all(axis=0)]
+        outside = frustum.outside(first)
+        best = extremes_of_points(frustum.project(first[:, outside == 0]))
+        if np.bitwise_and.reduce(outside) or (not frustum.frame and not outside.any()):
+            return best
+        groups = self._groups.within(frustum, best, camera_from_parts, np.arange(len(self._groups)))
+        left = _ranges(self._members[groups], self._members[groups + 1])
+        left = self._leaves.within(frustum, best, camera_from_parts, left)
         count = ROUND
         while len(left):
-            gain = self._reach(_sides(best, frustum), np.zeros(4), camera_from_parts, centre[:, left], left)
-            widens = (gain > 0.0).any(axis=0)
-            left, gain = left[widens], gain[:, widens]
             chosen = np.ones(len(left), dtype=bool)
             if len(left) > 4 * count:
                 # What lies far beyond a side is likely to move it most, and so to rule out others.
-                gain /= np.maximum(centre[2, left], NEAR)
+                functions = np.concatenate([_sides(best, frustum), [[0.0, 0.0, 1.0, 0.0]]])
+                *gain, depth = self._leaves.reach(functions, camera_from_parts, left)
                 chosen[:] = False
-                chosen[np.argpartition(gain, -count, axis=1)[:, -count:]] = True
+                chosen[np.argpartition(gain / np.maximum(depth, NEAR), -count, axis=1)[:, -count:]] = True
             best = union(best, self._look(left[chosen], camera_from_parts, frustum))
-            left, count = left[~chosen], 2 * count
+            left, count = self._leaves.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
         return best
-
-    def _reach(
-        self,
-        normals: Float[np.ndarray, "h 3"],
-        offsets: Float[np.ndarray, " h"],
-        camera_from_parts: Float[np.ndarray, "p 3 4"],
-        centre: Float[np.ndarray, "3 m"],
-        clusters: Int[np.ndarray, " m"],
-    ) -> Float[np.ndarray, "h m"]:
-        """At least the greatest value that each linear function of camera coordinates takes in each cluster's box.
-
-        `clusters` are in ascending order, so that those of one part lie together.
-        """
-        greatest = normals @ centre
-        size = np.abs(normals) @ np.abs(centre)
-        for part, place in enumerate(_slices(np.searchsorted(clusters, self._ends))):
-            along = np.abs(normals @ camera_from_parts[part, :, :3])
-            greatest[:, place] += along @ self._half[:, clusters[place]]
-        return greatest + SLACK * size + offsets[:, None]
 
     def _look(
         self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum
     ) -> Float[np.ndarray, "4"]:
         corners = self._parts.vertices[:, self._faces[clusters].reshape(-1)]
-        ends = np.searchsorted(clusters, self._ends) * self._faces[0].size
+        ends = np.searchsorted(clusters, self._leaves.ends) * self._faces[0].size
         moved = move(corners, _slices(ends), camera_from_parts[None])
         return extremes_of_triangles(moved.reshape(3, -1, 3), frustum)
 
 
-def _sides(best: Float[np.ndarray, "4"], frustum: Frustum) -> Float[np.ndarray, "4 3"]:
+class _Bounds:
+    """Boxes in the frames of parts, those of one part together."""
+
+    def __init__(self, low: Float[np.ndarray, "3 k"], high: Float[np.ndarray, "3 k"], counts: list[int]) -> None:
+        self.ends = np.cumsum([0, *counts])
+        self._centre = (low + high) / 2.0
+        self._half = (high - low) / 2.0
+        self._size = np.abs([low, high]).max(initial=0.0)
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def within(
+        self,
+        frustum: Frustum,
+        best: Float[np.ndarray, "4"],
+        camera_from_parts: Float[np.ndarray, "p 3 4"],
+        which: Int[np.ndarray, " m"],
+    ) -> Int[np.ndarray, " l"]:
+        """Those of `which` that may reach into the frustum and beyond a side of the best box."""
+        planes = frustum.planes
+        reach = self.reach(np.concatenate([planes, _sides(best, frustum)]), camera_from_parts, which)
+        inside, beyond = (reach[: len(planes)] >= 0.0).all(axis=0), (reach[len(planes) :] > 0.0).any(axis=0)
+        return which[inside & beyond]
+
+    def reach(
+        self,
+        functions: Float[np.ndarray, "h 4"],
+        camera_from_parts: Float[np.ndarray, "p 3 4"],
+        which: Int[np.ndarray, " m"],
+    ) -> Float[np.ndarray, "h m"]:
+        """At least the greatest value of a x + b y + c z + d, camera coordinates, in each of some boxes.
+
+        `which` is in ascending order, so that boxes of one part lie together.
+        """
+        greatest = np.empty((len(functions), len(which)))
+        normals, offsets = functions[:, :3], functions[:, 3]
+        for pose, place in zip(camera_from_parts, _slices(np.searchsorted(which, self.ends)), strict=True):
+            turned, apart = normals @ pose[:, :3], normals @ pose[:, 3] + offsets
+            rounding = np.abs(normals) @ (self._size + np.abs(pose[:, 3])) + np.abs(offsets)
+            greatest[:, place] = turned @ self._centre[:, which[place]]
+            greatest[:, place] += np.abs(turned) @ self._half[:, which[place]]
+            greatest[:, place] += (apart + SLACK * rounding)[:, None]
+        return greatest
+
+
+def _sides(best: Float[np.ndarray, "4"], frustum: Frustum) -> Float[np.ndarray, "4 4"]:
     """Linear functions that are positive, in front of the camera, at what lies beyond each side of a box.
 
     Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
@@ -105,10 +137,10 @@ def _sides(best: Float[np.ndarray, "4"], frustum: Frustum) -> Float[np.ndarray, 
     u0, v0, u1, v1 = best
     rows = np.array(
         [
-            [-f, 0.0, u0 - width / 2.0],
-            [0.0, -f, v0 - height / 2.0],
-            [f, 0.0, width / 2.0 - u1],
-            [0.0, f, height / 2.0 - v1],
+            [-f, 0.0, u0 - width / 2.0, 0.0],
+            [0.0, -f, v0 - height / 2.0, 0.0],
+            [f, 0.0, width / 2.0 - u1, 0.0],
+            [0.0, f, height / 2.0 - v1, 0.0],
         ]
     )
     if frustum.frame:
@@ -127,3 +159,9 @@ def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"])
 
 def _slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+
+def _ranges(starts: Int[np.ndarray, " n"], ends: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    """All integers of the half-open ranges, one range after the other."""
+    counts = ends - starts
+    return np.arange(counts.sum()) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
