@@ -1,4 +1,4 @@
-"""Masks as COCO stores them, and what they say: run lengths, area, box, overlap."""
+"""Masks of vehicles in images by rays, and as COCO stores them: run lengths, area, box, overlap."""
 
 from __future__ import annotations
 
@@ -10,7 +10,76 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
+from camera.projection import NEAR, Camera, directions
+from camera.target import Standing
+from camera.visibility import TOUCHING, Occluder
 from geometry.arrays import checked
+from geometry.transforms import invert_rigid
+
+
+def vehicle_mask(
+    vehicle: Standing,
+    camera: Camera,
+    *,
+    xywh: ArrayLike | None = None,
+    occluders: Sequence[Occluder] = (),
+    others: Sequence[Standing] = (),
+    threads: int = 1,
+) -> Bool[np.ndarray, "h w"]:
+    """The pixels whose centre shows the vehicle.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle, in one pose.
+    camera
+        What sees it; nothing nearer than `NEAR` is seen.
+    xywh
+        The vehicle's box in the image: only pixels with their centre in it are looked at. None: all pixels.
+    occluders
+        What may hide the vehicle: a `RayCaster`, an `InstancedScene`, a `Plane`, in world coordinates. With no
+        occluders and no others the mask is the whole silhouette in the image.
+    others
+        Other vehicles that may hide it, each in one pose.
+    threads
+        How many threads share the work.
+
+    Returns
+    -------
+    (height, width), true where the vehicle is seen.
+    """
+    width, height = camera.intrinsics.width, camera.intrinsics.height
+    box = np.array([0.0, 0.0, width, height]) if xywh is None else checked(xywh, "xywh", (4,))
+    first = np.clip(np.ceil(box[:2] - 0.5), 0, [width, height]).astype(int)
+    end = np.clip(np.floor(box[:2] + box[2:] - 0.5) + 1, first, [width, height]).astype(int)
+    rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
+    mask = np.zeros((height, width), dtype=bool)
+    if not len(rows):
+        return mask
+    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5)
+    pose = camera.world_from_camera[None]
+    distance = np.full(len(along), np.inf)
+    for part, camera_from_part in vehicle.seen_from(pose):
+        met = part.caster.cast(*_rays(invert_rigid(camera_from_part)[0], along), threads=threads)
+        distance = np.minimum(distance, met.distance)
+    left = np.flatnonzero(np.isfinite(distance))
+    for occluder in occluders:
+        rays = _rays(camera.world_from_camera, along[left])
+        left = left[~occluder.occluded(*rays, max_distance=distance[left] - TOUCHING, threads=threads)]
+    for other in others:
+        for part, camera_from_part in other.seen_from(pose):
+            rays = _rays(invert_rigid(camera_from_part)[0], along[left])
+            left = left[~part.caster.occluded(*rays, max_distance=distance[left] - TOUCHING, threads=threads)]
+    mask[rows[left], columns[left]] = True
+    return mask
+
+
+def _rays(
+    frame_from_camera: Float[np.ndarray, "4 4"], along: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Origins on the near plane, and directions, in another frame."""
+    turned = along @ frame_from_camera[:3, :3].T
+    return frame_from_camera[:3, 3] + NEAR * turned, turned
 
 
 def encode(mask: ArrayLike) -> dict[str, Any]:
