@@ -9,21 +9,26 @@ building does not, and a mesh added after the first run() is ignored.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, UInt16
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.meshes import Mesh
 
+T = TypeVar("T")
+R = TypeVar("R")
+
 _FAR = np.float32(1e37)  # what embreex calls no limit
-BLOCK = 1 << 17  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
+BLOCK = 1 << 16  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
 _LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centred
 
@@ -108,7 +113,7 @@ class RayCaster:
             face[i[within]] = met["primID"][within]
             distance[i[within]] = rays.skipped[i[within]] + met["tfar"][within]
 
-        in_blocks(trace, rays.order, threads=threads)
+        in_coherent_blocks(trace, rays.passing, threads=threads)
         return RayHits(distance, face)
 
     def occluded(
@@ -122,7 +127,7 @@ class RayCaster:
             met = self._scene.run(rays.origins[i], rays.directions[i], dists=rays.reach[i], query="OCCLUDED")
             blocked[i] = (met >= 0) & (rays.reach[i] >= 0)
 
-        in_blocks(trace, rays.order, threads=threads)
+        in_coherent_blocks(trace, rays.passing, threads=threads)
         return blocked
 
     def down(self, xy: Float[np.ndarray, "k 2"]) -> Int[np.ndarray, " k"]:
@@ -168,8 +173,8 @@ class RayCaster:
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         reach = np.minimum(limit - skipped, _FAR).astype(np.float32)
-        order = coherent_order(relative + np.maximum(nearest, 0.0)[:, None] * unit)
-        return _Rays(entry, unit.astype(np.float32), reach, skipped, order)
+        passing = relative + np.maximum(nearest, 0.0)[:, None] * unit
+        return _Rays(entry, unit.astype(np.float32), reach, skipped, passing)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -178,47 +183,84 @@ class _Rays:
     directions: Float32[np.ndarray, "n 3"]
     reach: Float32[np.ndarray, " n"]
     skipped: Float[np.ndarray, " n"]
-    order: Int[np.ndarray, " n"]
+    passing: Float[np.ndarray, "n 3"]  # where the ray comes nearest to the mesh's centre
 
 
 _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
-def coherent_order(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
-    """An order in which neighbours in the list are neighbours in space; small batches stay as they are.
+def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[Int[np.ndarray, " k"]]:
+    """Indices of all points, in blocks that are compact in space and in an order that keeps neighbours together.
 
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
-    hundredth of the time that tracing takes, and that give most of what a finer curve would.
+    hundredth of the time that tracing takes, and that give most of what a finer curve would. Each thread sorts its own
+    share; a block takes the same stretch of the curve from every share, so nothing has to be merged.
 
     References
     ----------
-    Morton, A computer oriented geodetic data base, IBM, 1966.
+    Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM, 1966.
     """
-    if len(points) < _WORTH_SORTING:
-        return np.arange(len(points))
-    low = points.min(axis=0)
-    extent = points.max(axis=0) - low
-    key = np.zeros(len(points), dtype=np.uint16)
-    for shift, axis in enumerate(np.sort(np.argsort(extent)[-2:])):
-        if extent[axis] > 0:
-            cell = (points[:, axis] - low[axis]) * (255.0 / extent[axis])
-            key |= _SPREAD[cell.astype(np.uint8)] << np.uint16(shift)
-    return np.argsort(key, kind="stable")
+    n = len(points)
+    if n < _WORTH_SORTING:
+        yield np.arange(n)
+        return
+    low = np.array([column.min() for column in points.T])
+    extent = np.array([column.max() for column in points.T]) - low
+    axes = [a for a in np.sort(np.argsort(extent)[-2:]) if extent[a] > 0]
+
+    def sort(share: slice) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+        key = np.zeros(share.stop - share.start, dtype=np.uint16)
+        for shift, axis in enumerate(axes):
+            cell = points[share, axis] - low[axis]
+            cell *= 255.0 / extent[axis]
+            key |= _SPREAD[shift].take(cell.astype(np.uint8))
+        order = np.argsort(key, kind="stable")
+        cuts = np.searchsorted(key.take(order), np.arange(65537), side="left")
+        order += share.start
+        return order, cuts
+
+    ends = np.linspace(0, n, pool.threads + 1).astype(int)
+    shares = list(pool.map(sort, [slice(a, b) for a, b in pairwise(ends)]))
+    total = np.sum([cuts for _, cuts in shares], axis=0)
+    steps = np.unique(np.searchsorted(total, np.arange(0, n + BLOCK, BLOCK)).clip(0, 65536))
+    for a, b in pairwise(steps):
+        yield np.concatenate([order[cuts[a] : cuts[b]] for order, cuts in shares])
 
 
-# The bits of 0..255, each followed by a zero bit.
-_SPREAD = sum(((np.arange(256) >> b & 1) << 2 * b for b in range(8)), np.zeros(256, int)).astype(np.uint16)
+def _spread(shift: int) -> UInt16[np.ndarray, "256"]:
+    """The bits of 0..255, each followed by a zero bit, moved up by `shift`."""
+    byte = np.arange(256)
+    return (np.sum([(byte >> b & 1) << 2 * b for b in range(8)], axis=0) << shift).astype(np.uint16)
 
 
-def in_blocks(work: Callable[[Int[np.ndarray, " k"]], None], order: Int[np.ndarray, " n"], *, threads: int = 1) -> None:
-    """`work` on consecutive blocks of `order`, on so many threads."""
-    if threads < 1:
-        raise ValueError(f"threads: expected at least 1, got {threads}")
-    blocks = [order[i : i + BLOCK] for i in range(0, len(order), BLOCK)]
-    if threads == 1 or len(blocks) < 2:
-        for block in blocks:
-            work(block)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            for _ in pool.map(work, blocks):
-                pass
+_SPREAD = (_spread(0), _spread(1))
+
+
+class Pool:
+    """So many threads, or none but the caller's own."""
+
+    def __init__(self, threads: int) -> None:
+        if threads < 1:
+            raise ValueError(f"threads: expected at least 1, got {threads}")
+        self.threads = threads
+        self._executor = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._executor:
+            self._executor.shutdown()
+
+    def map(self, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+        """`work` of each item, in order."""
+        return self._executor.map(work, items) if self._executor else map(work, items)
+
+
+def in_coherent_blocks(
+    work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int
+) -> None:
+    """`work` on the indices of all points, compact block by compact block, on so many threads."""
+    with Pool(threads if len(points) > BLOCK else min(threads, 1)) as pool:
+        for _ in pool.map(work, coherent_blocks(points, pool)):
+            pass

@@ -1,0 +1,172 @@
+"""Where the ground is a single sheet: a raster that says so only where it is proven.
+
+Take every ground face, seen from above, counter-clockwise. N(p), the number of faces over a point p, changes only
+across edges that faces have on their left more often, or less often, than on their right; where faces meet as they
+should, the two cancel. So N is constant on every connected region that no such unbalanced edge touches, and one exact
+count there holds for all of it. docs/top-hits.md has the proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy import ndimage
+
+EMPTY, SINGLE, UNKNOWN = 0, 1, 2
+_MOST_CELLS = 1 << 22
+_MOST_PIECES = 1 << 21
+_MOST_REGIONS = 1 << 12
+
+# For each point, how many faces contain it, and whether it lies strictly inside every one of them.
+Count = Callable[[Float[np.ndarray, "n 2"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]]
+
+
+class SheetMap:
+    """For each cell of a raster over the ground: no sheet, a single one, or unknown.
+
+    Parameters
+    ----------
+    xy
+        (v, 2) the vertices seen from above.
+    faces
+        (f, 3) faces, all counter-clockwise, none without area.
+    bounds
+        (2, 2) lowest and highest corner of these faces.
+    count
+        The exact count of the faces that contain a point.
+    """
+
+    def __init__(
+        self,
+        xy: Float[np.ndarray, "v 2"],
+        faces: Int[np.ndarray, "f 3"],
+        bounds: Float[np.ndarray, "2 2"],
+        count: Count,
+    ) -> None:
+        self._low, self._high = bounds
+        extent = self._high - self._low
+        # About two cells a face, as square as they come, and always far wider than a rounding error.
+        side = np.sqrt(extent.prod() / min(4 * len(faces) + 64, _MOST_CELLS))
+        finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
+        shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
+        self._columns, self._rows = int(shape[0]), int(shape[1])
+        self._per_metre = np.minimum(shape / extent, 1e300)
+        self._states = self._sheets(xy[unbalanced(faces, xy)], count).ravel()
+
+    def state(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
+        """EMPTY, SINGLE or UNKNOWN at each point; EMPTY outside the bounds."""
+        column, row = self._cells(x, 0), self._cells(y, 1)
+        row *= self._columns
+        row += column
+        state = self._states.take(row)
+        inside = (x >= self._low[0]) & (x <= self._high[0]) & (y >= self._low[1]) & (y <= self._high[1])
+        return state * inside  # EMPTY is 0
+
+    def _cells(self, values: Float[np.ndarray, "..."], axis: int) -> Int[np.ndarray, "..."]:
+        # Monotone in each coordinate: what lies between two points lies in a cell between theirs.
+        cell = (values - self._low[axis]) * self._per_metre[axis]
+        return np.clip(cell, 0, (self._columns, self._rows)[axis] - 1, out=cell).astype(np.intp)
+
+    def _sheets(self, edges: Float[np.ndarray, "e 2 2"], count: Count) -> UInt8[np.ndarray, "r c"]:
+        regions, n = ndimage.label(~self._touched(edges))
+        states = np.full(n + 1, UNKNOWN, dtype=np.uint8)
+        if n:
+            size = np.bincount(regions.ravel(), minlength=n + 1)
+            size[0] = 0
+            largest = np.argsort(-size, kind="stable")[: min(n, _MOST_REGIONS)]
+            cells = np.flatnonzero(regions)
+            by_region = cells[np.argsort(regions.ravel()[cells], kind="stable")]
+            first = np.cumsum(size) - size
+            # The counting point must lie on no edge: try a few.
+            for share in (0.5, 0.31, 0.83):
+                open_ = largest[states[largest] == UNKNOWN]
+                if not len(open_):
+                    break
+                row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
+                at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_metre
+                same = (self._cells(at[:, 0].copy(), 0) == column) & (self._cells(at[:, 1].copy(), 1) == row)
+                sheets, strictly = count(at)
+                known = same & strictly & (sheets <= SINGLE)
+                states[open_[known]] = sheets[known]
+        return states[regions]
+
+    def _touched(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
+        ends = np.stack([self._cells(edges[:, :, 0], 0), self._cells(edges[:, :, 1], 1)], axis=2)
+        span = np.ptp(ends, axis=1).max(axis=1)
+        short = span <= 1
+        pieces = np.minimum(span[~short], max(_MOST_PIECES // max(len(edges), 1), 1))
+        edge = np.repeat(np.flatnonzero(~short), pieces)
+        step = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        start, along = edges[edge, 0], edges[edge, 1] - edges[edge, 0]
+        share = np.repeat(1.0 / pieces, pieces)[:, None]
+        from_, to = start + along * (step[:, None] * share), start + along * ((step[:, None] + 1) * share)
+        # Points along an edge are rounded, by far less than a cell: one cell more on every side makes up for it.
+        cuts = [np.stack([self._cells(p[:, 0], 0), self._cells(p[:, 1], 1)], axis=1) for p in (from_, to)]
+        low = np.concatenate([ends[short].min(axis=1), np.minimum(*cuts) - 1])
+        high = np.concatenate([ends[short].max(axis=1), np.maximum(*cuts) + 1])
+        last = np.array([self._columns, self._rows]) - 1
+        low, high = np.clip(low, 0, last), np.clip(high, 0, last) + 1
+        # Rectangles as corners of a second difference, summed up.
+        change = np.zeros((self._rows + 1) * (self._columns + 1), dtype=np.int32)
+        for x, y, sign in ((low, low, 1), (high, high, 1), (low, high, -1), (high, low, -1)):
+            np.add.at(change, y[:, 1] * (self._columns + 1) + x[:, 0], np.int32(sign))
+        change = change.reshape(self._rows + 1, self._columns + 1)
+        np.cumsum(change, axis=0, out=change)
+        np.cumsum(change, axis=1, out=change)
+        return change[:-1, :-1] > 0
+
+
+def unbalanced(faces: Int[np.ndarray, "f 3"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
+    """The edges, as vertex pairs, that have faces on their left not exactly as often as on their right.
+
+    Vertices at the same XY are the same; most edges are settled by their vertex numbers, without a look at coordinates.
+    """
+    keys = np.empty((3, len(faces)), dtype=np.int64)
+    for key, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
+        _key(faces[:, i], faces[:, j], len(xy), out=key)
+    keys = keys.ravel()
+    keys.sort()
+    edges, balance = _left_over(keys, None, len(xy))
+    # What is left over may still cancel against vertices of another number at the same place.
+    used, local = np.unique(edges, return_inverse=True)
+    corner = xy[used]
+    order = np.lexsort(corner.T)
+    new = np.ones(len(used), dtype=bool)
+    new[1:] = (corner[order][1:] != corner[order][:-1]).any(axis=1)
+    place = np.empty(len(used), dtype=np.int64)
+    place[order] = np.cumsum(new) - 1
+    a, b = place[local].reshape(-1, 2).T
+    keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
+    by_key = np.argsort(keys)
+    again, _ = _left_over(keys[by_key], np.abs(balance)[by_key], len(xy))
+    return used[order[np.flatnonzero(new)]][again]
+
+
+def _key(
+    a: Int[np.ndarray, " e"], b: Int[np.ndarray, " e"], n: int, *, out: Int[np.ndarray, " e"]
+) -> Int[np.ndarray, " e"]:
+    # (lower, higher, direction) as one integer; sorted, an edge lies beside its opposite.
+    np.minimum(a, b, out=out)
+    out *= n
+    out += np.maximum(a, b)
+    out <<= 1
+    out |= a > b
+    return out
+
+
+def _left_over(
+    keys: Int[np.ndarray, " e"], weights: Int[np.ndarray, " e"] | None, n: int
+) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
+    """Of sorted keys, the edges whose weights do not cancel, directed so that the sums that are left are positive."""
+    if not len(keys):
+        return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64)
+    edge = keys >> 1
+    starts = np.flatnonzero(np.concatenate([[True], edge[1:] != edge[:-1]]))
+    signed = 1 - 2 * (keys & 1).astype(np.int8)
+    balance = np.add.reduceat(signed if weights is None else signed * weights, starts, dtype=np.int64)
+    open_ = balance != 0
+    pair = np.stack(np.divmod(edge[starts[open_]], n), axis=1)
+    balance = balance[open_]
+    return np.where((balance > 0)[:, None], pair, pair[:, ::-1]), np.abs(balance)

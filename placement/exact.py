@@ -1,0 +1,151 @@
+"""The exact top of the ground at any point, from every face that may lie under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8, Shaped
+
+from geometry.predicates import heights as exact_heights
+from geometry.predicates import normals as exact_normals
+from geometry.predicates import orient
+from placement.ground import Ground, normals_from_slopes
+from placement.lookup import FaceIndex
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tops:
+    """The top of the ground at n points: ground face (-1: none), height and normal (nan: none)."""
+
+    face: Int[np.ndarray, " n"]
+    z: Float[np.ndarray, " n"]
+    normal: Float[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Over:
+    """Pairs of a point and a face that contains it, by point; `sides` tells which corners have a share in the point."""
+
+    point: Int[np.ndarray, " k"]
+    face: Int[np.ndarray, " k"]
+    sides: Int8[np.ndarray, "k 3"]
+
+    def __getitem__(self, which: Shaped[np.ndarray, " m"]) -> _Over:
+        return _Over(self.point[which], self.face[which], self.sides[which])
+
+
+class ExactGround:
+    """Answers from exact arithmetic wherever float64 cannot decide; slower than Embree, and right on every input."""
+
+    def __init__(self, ground: Ground, low: Float[np.ndarray, "f 2"], high: Float[np.ndarray, "f 2"]) -> None:
+        self._ground = ground
+        self._index = FaceIndex(low, high)
+
+    def count(self, xy: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """How many faces contain each point, and whether it is strictly inside all of them."""
+        faces, on_edge = np.zeros(len(xy), dtype=np.intp), np.zeros(len(xy), dtype=bool)
+        for batch, point, face in self._index.candidates(xy):
+            over = self._containing(xy[batch], point, face)
+            n = batch.stop - batch.start
+            faces[batch] = np.bincount(over.point, minlength=n)
+            on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
+        return faces, ~on_edge
+
+    def tops(self, xy: Float[np.ndarray, "n 2"]) -> Tops:
+        """The highest face at each point that lies within the bounds of the ground; ties go to the lowest face."""
+        tops = Tops(np.full(len(xy), -1, np.int32), np.full(len(xy), np.nan), np.full((len(xy), 3), np.nan))
+        for batch, point, face in self._index.candidates(xy):
+            here = xy[batch]
+            over = self._highest(here, self._containing(here, point, face))
+            row = over.point + batch.start
+            tops.face[row] = over.face
+            tops.z[row] = self._heights(here, over)
+            tops.normal[row] = self._normals(over.face)
+        return tops
+
+    def _containing(
+        self, xy: Float[np.ndarray, "n 2"], point: Int[np.ndarray, " k"], face: Int[np.ndarray, " k"]
+    ) -> _Over:
+        g = self._ground
+        over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
+        for i in range(3):
+            a, b = g.faces[over.face, (i + 1) % 3], g.faces[over.face, (i + 2) % 3]
+            px, py = xy[over.point].T
+            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], px, py)
+            over = over[np.flatnonzero(over.sides[:, i] >= 0)]
+        return over[np.lexsort((over.face, over.point))]
+
+    def _highest(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
+        """One pair a point."""
+        alone = _alone(over.point)
+        rest = over[np.flatnonzero(~alone)]
+        if not len(rest.point):
+            return over
+        # Faces that meet in the very edge or vertex under the point are equally high: their lowest stands for all.
+        rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.faces[rest.face], -1))
+        rest = self._not_certainly_lower(xy, rest)
+        done = [over[np.flatnonzero(alone)]]
+        alone = _alone(rest.point)
+        done.append(rest[np.flatnonzero(alone)])
+        rest = rest[np.flatnonzero(~alone)]
+        if len(rest.point):
+            done.append(self._highest_by_integers(xy, rest))
+        return _Over(*(np.concatenate([getattr(d, f) for d in done]) for f in ("point", "face", "sides")))
+
+    def _not_certainly_lower(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
+        g = self._ground
+        x, y = xy[over.point].T
+        z = g.heights(x, y, over.face, g.faces[over.face, 0])
+        tame = g.tame[over.face]
+        low = np.where(tame, z - 2 * g.height_error, -np.inf)
+        high = np.where(tame, z + 2 * g.height_error, np.inf)
+        starts = np.flatnonzero(np.concatenate([[True], over.point[1:] != over.point[:-1]]))
+        bar = np.repeat(np.maximum.reduceat(low, starts), np.diff(np.append(starts, len(low))))
+        return over[np.flatnonzero(high >= bar)]
+
+    def _highest_by_integers(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
+        numerator, denominator = exact_heights(self._corners(over.face), xy[over.point])
+        best: dict[int, int] = {}
+        # Faces come in rising order, and only a higher one replaces: ties stay with the lowest face.
+        for i, p in enumerate(over.point.tolist()):
+            j = best.setdefault(p, i)
+            if numerator[i] * denominator[j] > numerator[j] * denominator[i]:
+                best[p] = i
+        return over[np.fromiter(best.values(), dtype=np.intp, count=len(best))]
+
+    def _heights(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> Float[np.ndarray, " k"]:
+        g = self._ground
+        x, y = xy[over.point].T
+        z = g.heights(x, y, over.face, g.faces[over.face, 0])
+        wild = np.flatnonzero(~g.tame[over.face])
+        if len(wild):
+            numerator, denominator = exact_heights(self._corners(over.face[wild]), xy[over.point[wild]])
+            z[wild] = (numerator / denominator).astype(np.float64)
+        return z
+
+    def _normals(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
+        normal = normals_from_slopes(self._ground.slope[face])
+        wild = np.flatnonzero(~self._ground.tame[face])
+        if len(wild):
+            normal[wild] = exact_normals(self._corners(face[wild]))
+        return normal
+
+    def _corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
+        vertex = self._ground.faces[face]
+        return np.stack([self._ground.x[vertex], self._ground.y[vertex], self._ground.z[vertex]], axis=2)
+
+
+def _alone(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Whether each number of a sorted list differs from its neighbours."""
+    changes = np.concatenate([[True], point[1:] != point[:-1], [True]]) if len(point) else np.ones(1, dtype=bool)
+    return changes[:-1] & changes[1:]
+
+
+def _first_of_each(over: _Over, support: Int[np.ndarray, "k 3"]) -> _Over:
+    """Of the pairs with the same point and the same corners under it, the one with the lowest face; order is kept."""
+    support = np.sort(support, axis=1)
+    order = np.lexsort((over.face, *support.T, over.point))
+    key = np.column_stack([over.point, support])[order]
+    first = np.concatenate([[True], (key[1:] != key[:-1]).any(axis=1)])
+    return over[np.sort(order[first])]

@@ -1,0 +1,172 @@
+"""Certified top hits against rational arithmetic, on meshes made of every hard case."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geometry.meshes import Mesh
+from placement.terrain import Terrain
+from property_tests.top_hits_oracle import angle, exact_tops
+
+HEIGHT_ULPS = 8  # of the largest |z| of the ground: what top_hits promises
+NORMAL_ERROR = 1e-12  # radians: likewise
+OFFSETS = [(0.0, 0.0), (5e5, 5.4e6), (1e7, -1e7), (0.1, 1 / 3)]
+LAYERS = [1e-3, 1e-5, 1e-7, 0.0]
+
+
+def lattice(nx, ny, x, y, z, diagonals):
+    """A grid of quads, each cut along one of its diagonals."""
+    vertices = np.column_stack([np.repeat(x, ny + 1), np.tile(y, nx + 1), z])
+    i = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).ravel()
+    a, b, c, d = i, i + ny + 1, i + ny + 2, i + 1
+    one = np.stack([a, b, c, a, c, d], axis=1)
+    other = np.stack([a, b, d, b, c, d], axis=1)
+    return vertices, np.where(diagonals[:, None], one, other).reshape(-1, 3)
+
+
+def together(*meshes):
+    # Not geometry.meshes.merge: the type checker draws from `random` to check a sequence, which Hypothesis forbids.
+    offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    faces = [m.faces + int(o) for m, o in zip(meshes, offsets, strict=False)]
+    return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
+
+
+@st.composite
+def grids(draw):
+    """Rough ground, level, on a lattice or off it, at map coordinates or not, of metres, millimetres or kilometres."""
+    nx, ny = draw(st.integers(1, 5)), draw(st.integers(1, 5))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    size = draw(st.sampled_from([1e-3, 0.1, 1.0, 5.0, 1e5]))
+    x, y = np.arange(nx + 1) * size, np.arange(ny + 1) * size
+    z = draw(st.sampled_from([0.0, 1.0, 100.0])) * rng.uniform(-1, 1, (nx + 1) * (ny + 1))
+    vertices, faces = lattice(nx, ny, x, y, z, rng.random(nx * ny) < 0.5)
+    if draw(st.booleans()):
+        vertices[:, :2] += rng.uniform(-0.3, 0.3, (len(vertices), 2)) * size
+    vertices[:, :2] += draw(st.sampled_from(OFFSETS))
+    return Mesh(vertices, faces)
+
+
+@st.composite
+def cut_up(draw, meshes):
+    """The same ground with holes, faces in another order and of any winding, and some that no longer share vertices."""
+    mesh = draw(meshes)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    faces = mesh.faces[rng.permutation(len(mesh.faces))]
+    faces = faces[: draw(st.integers(1, len(faces)))]
+    turned = rng.random(len(faces)) < draw(st.sampled_from([0.0, 0.5]))
+    faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    alone = np.flatnonzero(rng.random(len(faces)) < draw(st.sampled_from([0.0, 0.5, 1.0])))
+    copies = mesh.vertices[faces[alone]].reshape(-1, 3)
+    faces = faces.copy()
+    faces[alone] = len(mesh.vertices) + np.arange(len(copies)).reshape(-1, 3)
+    return Mesh(np.concatenate([mesh.vertices, copies]), faces)
+
+
+@st.composite
+def layered(draw, meshes):
+    """The ground and a copy a hair's breadth above or below, or none."""
+    mesh = draw(meshes)
+    gap = draw(st.sampled_from(LAYERS)) * draw(st.sampled_from([-1.0, 1.0]))
+    return together(mesh, Mesh(mesh.vertices + np.array([0, 0, gap]), mesh.faces))
+
+
+@st.composite
+def soups(draw):
+    """Triangles between few lattice points: zero area, repeated corners, walls, duplicates, every kind of touching."""
+    n = draw(st.integers(1, 12))
+    scale = draw(st.sampled_from([1.0, 0.1, 1e-3]))
+    corners = draw(st.lists(st.tuples(*[st.integers(0, 4)] * 2, st.integers(0, 2)), min_size=3 * n, max_size=3 * n))
+    vertices = np.array(corners, dtype=float) * [scale, scale, 1.0]
+    vertices[:, :2] += draw(st.sampled_from(OFFSETS))
+    if draw(st.booleans()):  # shared vertices
+        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
+        return Mesh(vertices, index.reshape(-1, 3))
+    return Mesh(vertices, np.arange(3 * n).reshape(-1, 3))
+
+
+@st.composite
+def slivers(draw):
+    """A fan of long strips, each a millionth as wide as it is long, in any direction."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    length, n = draw(st.sampled_from([1.0, 1e3])), draw(st.integers(1, 6))
+    turn = draw(st.sampled_from([0.0, 0.7, np.pi / 2]))
+    across = np.arange(n + 1) * length * 1e-6
+    vertices = np.concatenate([np.column_stack([np.full(n + 1, e), across]) for e in (0.0, length)])
+    vertices = vertices @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    vertices += draw(st.sampled_from(OFFSETS))
+    i = np.arange(n)
+    faces = np.concatenate([np.stack([i, n + 1 + i, i + 1], axis=1), np.stack([i + 1, n + 1 + i, n + 2 + i], axis=1)])
+    return Mesh(np.column_stack([vertices, rng.uniform(-10, 10, len(vertices))]), faces)
+
+
+@st.composite
+def cliffs(draw):
+    """Two terraces with a step between them of 89.9999 degrees, or exactly upright, or overhanging."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, height = draw(st.integers(1, 4)), 10.0
+    foot = draw(st.sampled_from([height * np.tan(np.radians(1e-4)), 0.0, -0.5]))
+    x = np.array([-3.0, 0.0, foot, 4.0])
+    z = np.repeat([0.0, 0.0, height, height], n + 1) + draw(st.sampled_from([0.0, 0.1])) * rng.random(4 * (n + 1))
+    vertices, faces = lattice(3, n, x, np.arange(n + 1.0), z, rng.random(3 * n) < 0.5)
+    if draw(st.booleans()):
+        vertices[:, [0, 1]] = vertices[:, [1, 0]]
+    vertices[:, :2] += draw(st.sampled_from(OFFSETS))
+    return Mesh(vertices, faces)
+
+
+@st.composite
+def mixed_sizes(draw):
+    """Triangles of 100 km and, somewhere on or above them, a patch of millimetres."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    z = rng.uniform(-100, 100, 9)
+    large = Mesh(*lattice(2, 2, np.arange(3) * 1e5, np.arange(3) * 1e5, z, rng.random(4) < 0.5))
+    at = rng.uniform(0, 2e5, 2)
+    n = draw(st.integers(1, 3))
+    steps = np.arange(n + 1) * 1e-3
+    height = draw(st.sampled_from([-200.0, 0.0, 200.0])) + 1e-3 * rng.random((n + 1) ** 2)
+    small = Mesh(*lattice(n, n, at[0] + steps, at[1] + steps, height, np.ones(n * n, bool)))
+    return together(large, small)
+
+
+def hard_meshes():
+    ground = cut_up(grids())
+    return st.one_of(grids(), ground, layered(ground), soups(), slivers(), layered(slivers()), cliffs(), mixed_sizes())
+
+
+def points_on(mesh, rng, n=12):
+    """Points where it matters: on vertices and edges and one ulp beside them, inside faces, and anywhere."""
+    corners = mesh.triangles[rng.integers(len(mesh.faces), size=n)][:, :, :2]
+    share = rng.choice([0.0, 0.25, 0.5, 1.0, 0.3], size=(n, 1))
+    on_edges = corners[:, 0] + share * (corners[:, 1] - corners[:, 0])
+    beside = np.nextafter(on_edges, on_edges + rng.choice([-1.0, 0.0, 1.0], size=on_edges.shape))
+    weights = rng.dirichlet([1, 1, 1], size=n)
+    low, high = mesh.bounds[:, :2]
+    anywhere = rng.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low), size=(n, 2))
+    rim = np.where(rng.random((4, 2)) < 0.5, low, high)
+    return np.concatenate([on_edges, beside, np.einsum("nij,ni->nj", corners, weights), anywhere, rim])
+
+
+def assert_exact(mesh, xy):
+    hits = Terrain(mesh).top_hits(xy)
+    exact = exact_tops(mesh, xy)
+    assert hits.face.tolist() == [-1 if top is None else top.face for top in exact]
+    assert (np.isnan(hits.z) == ~hits.hit).all()
+    assert (np.isnan(hits.normal) == ~hits.hit[:, None]).all()
+    ground = np.abs(mesh.vertices[mesh.faces][:, :, 2]).max()
+    for z, normal, top in zip(hits.z, hits.normal, exact, strict=True):
+        if top is not None:
+            assert abs(z - top.z) <= HEIGHT_ULPS * float(np.spacing(ground))
+            assert angle(normal, top.normal) <= NORMAL_ERROR
+
+
+@given(hard_meshes(), st.integers(0, 2**32 - 1))
+def test_certified_is_the_exact_rule_on_every_hard_case(mesh, seed):
+    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
+
+
+@given(st.lists(hard_meshes(), min_size=2, max_size=3), st.integers(0, 2**32 - 1))
+def test_certified_is_the_exact_rule_on_hard_cases_thrown_together(meshes, seed):
+    mesh = together(*meshes)
+    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
