@@ -44,4 +44,6 @@ def _load_blend(path: Path) -> tuple[float, str]:
             remedy=f"save it for an older Blender or install bpy {version}",
         )
     units = bpy.context.scene.unit_settings
-    return (units.scale_length if units.system != "NONE" else 1.0), f"Blender {version}"
+    # The file holds a float32; 0.01 shall be 0.01.
+    unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
+    return unit, f"Blender {version}"
