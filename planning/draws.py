@@ -33,7 +33,7 @@ class Purpose(IntEnum):
     CAMERA = 5
     LIGHT = 6
     SAMPLE_SEED = 7
-    VISIBILITY = 8
+    FRAMING = 8
 
 
 class Draws:

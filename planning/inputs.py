@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
@@ -24,10 +23,6 @@ class AssetFile:
 
     path: str
     sha256: str = ""
-
-
-def _no_files() -> Mapping[str, AssetFile]:
-    return MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -57,9 +52,9 @@ class Assets:
     categories: Mapping[str, str]
     sceneries: Mapping[str, Scenery]
     hdris: tuple[str, ...]
-    vehicle_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
-    scenery_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
-    hdri_files: Mapping[str, AssetFile] = field(default_factory=_no_files)
+    vehicle_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    scenery_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    hdri_files: Mapping[str, AssetFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("vehicles", "sceneries", "hdris"):

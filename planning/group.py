@@ -1,0 +1,211 @@
+"""Positions that share a site and a vehicle, planned together: every step is one batch over those still unsettled.
+
+What comes out for a position depends on the config, the assets and the position's own number alone. A position's tries
+are numbered, each draws its own numbers, and the first that passes everything is taken, whatever else is in the batch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from geometry.errors import ConfigError
+from planning.aiming import Shots, no_shots, try_cameras
+from planning.draws import Draws, Purpose
+from planning.placing import Stands, nowhere, try_places
+from planning.refusal import AIMING, KINDS, PLACING, Refusal, sentence, tally
+from planning.schema import Config
+from planning.stage import Model, Placed, Site, articulations
+
+# Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
+CANDIDATES = 8192
+CAMERAS = 1024
+# Places that no camera can see, at one position, before the config is given up on.
+BLIND_PLACES = 200
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Group:
+    """What n positions with m images in all have in common, and where they differ.
+
+    Parameters
+    ----------
+    site, model
+        Where, and what.
+    position
+        (n,) their numbers.
+    shots
+        (n,) images of each.
+    first_image
+        (n,) index of each one's first image.
+    """
+
+    site: Site
+    model: Model
+    position: Int[np.ndarray, " n"]
+    shots: Int[np.ndarray, " n"]
+    first_image: Int[np.ndarray, " n"]
+
+    @property
+    def owner(self) -> Int[np.ndarray, " m"]:
+        """For each image the row of its position."""
+        return np.repeat(np.arange(len(self.position)), self.shots)
+
+    @property
+    def shot(self) -> Int[np.ndarray, " m"]:
+        """For each image its number at its position."""
+        return np.arange(int(self.shots.sum())) - np.repeat(np.cumsum(self.shots) - self.shots, self.shots)
+
+    @property
+    def image(self) -> Int[np.ndarray, " m"]:
+        """Index of each image."""
+        return self.first_image[self.owner] + self.shot
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Planned:
+    """Poses and cameras of a group.
+
+    Parameters
+    ----------
+    stands
+        Of the n positions.
+    articulation
+        Of the n positions.
+    tries
+        (n,) places tried at each position, the taken one included.
+    shots
+        Of the m images.
+    rejected
+        (m, kinds) how often each refusal was met; a position's own are with its first image.
+    """
+
+    stands: Stands
+    articulation: list[dict[str, float]]
+    tries: Int[np.ndarray, " n"]
+    shots: Shots
+    rejected: Int[np.ndarray, "m kinds"]
+
+
+def plan_group(group: Group, config: Config, draws: Draws) -> Planned:
+    """Poses and cameras for every position of a group.
+
+    Raises
+    ------
+    ConfigError
+        If a position finds no place, or no place with a view, within the config's tries: with the counted reasons.
+    """
+    return _Search(group, config, draws).run()
+
+
+class _Search:
+    def __init__(self, group: Group, config: Config, draws: Draws) -> None:
+        self.group, self.config, self.draws = group, config, draws
+        n = len(group.position)
+        self.stands, self.shots = nowhere(n), no_shots(len(group.image))
+        self.tries = np.zeros(n, dtype=np.int64)  # of each position, so far
+        self.place_refusals = np.zeros((n, KINDS), dtype=np.int64)
+        self.camera_refusals = np.zeros((len(group.image), KINDS), dtype=np.int64)
+        uniform = draws.uniform(Purpose.ARTICULATION, group.position, 0, count=len(group.model.shape.part_names))
+        if not config.placement.articulate:
+            self.articulation: list[dict[str, float]] = [{}] * n
+        else:
+            self.articulation = articulations(group.model.shape, uniform)
+
+    def run(self) -> Planned:
+        pending = np.arange(len(self.group.position))
+        while len(pending):
+            self._find_places(pending)
+            blind = self._aim(pending)
+            self.place_refusals[blind, Refusal.NO_VIEW] += 1
+            self._give_up_if_hopeless(blind)
+            pending = blind
+        rejected = self.camera_refusals
+        first = np.cumsum(self.group.shots) - self.group.shots
+        rejected[first] += self.place_refusals
+        return Planned(self.stands, self.articulation, self.tries, self.shots, rejected)
+
+    def _find_places(self, pending: Int[np.ndarray, " p"]) -> None:
+        """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
+        ahead = 1
+        while len(pending):
+            now = pending[: max(1, CANDIDATES // ahead)]
+            row = np.repeat(now, ahead)
+            attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
+            found = try_places(
+                self.group.site,
+                self.group.model,
+                self.config.placement,
+                draws=self.draws,
+                position=self.group.position[row],
+                attempt=attempt,
+            )
+            refusal = found.refusal.reshape(-1, ahead)
+            good = refusal == Refusal.NONE
+            taken, first = good.any(axis=1), good.argmax(axis=1)
+            used = np.where(taken, first, ahead)
+            before = np.arange(ahead) < used[:, None]
+            at, column = np.nonzero(before)
+            self.place_refusals[now] += tally(refusal[at, column].astype(np.int64), at, len(now))
+            self.stands.put(now[taken], found.take(np.flatnonzero(taken) * ahead + first[taken]))
+            self.tries[now] += used + taken
+            self._give_up_if_placeless(now[~taken])
+            pending = np.concatenate([now[~taken], pending[len(now) :]])
+            ahead = min(2 * ahead, CANDIDATES // 8)
+
+    def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+        """Cameras for all images of these positions; answers with the positions where one found none."""
+        group, limits = self.group, self.config.camera
+        waiting = np.zeros(len(group.position), dtype=bool)
+        waiting[positions] = True
+        owner, image = group.owner, group.image
+        pending = np.flatnonzero(waiting[owner])
+        for attempt in range(limits.max_tries):
+            refused = []
+            for start in range(0, len(pending), CAMERAS):
+                rows = pending[start : start + CAMERAS]
+                target = Placed(
+                    group.model,
+                    self.stands.world_from_vehicle[owner[rows]],
+                    [self.articulation[i] for i in owner[rows].tolist()],
+                )
+                found = try_cameras(
+                    group.site,
+                    target,
+                    limits,
+                    self.config.render,
+                    draws=self.draws,
+                    image=image[rows],
+                    # Numbered through all places of the position, so that a new place gets new cameras.
+                    attempt=self.tries[owner[rows]] * limits.max_tries + attempt,
+                    others=[],
+                )
+                good = found.refusal == Refusal.NONE
+                self.shots.put(rows[good], found, np.flatnonzero(good))
+                np.add.at(self.camera_refusals, (rows[~good], found.refusal[~good]), 1)
+                refused.append(rows[~good])
+            pending = np.concatenate(refused) if refused else pending
+            if not len(pending):
+                break
+        return np.unique(owner[pending])
+
+    def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
+        limit = self.config.placement.max_tries
+        if (self.tries[rows] >= limit).any():
+            counts = self.place_refusals.sum(axis=0)
+            raise self._hopeless(
+                "finds no place to stand", {r: int(counts[r]) for r in PLACING}, "widen the limits in [placement]"
+            )
+
+    def _give_up_if_hopeless(self, rows: Int[np.ndarray, " p"]) -> None:
+        if (self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES).any():
+            counts = self.camera_refusals.sum(axis=0)
+            raise self._hopeless(
+                "cannot be seen as wanted", {r: int(counts[r]) for r in AIMING}, "widen the limits in [camera]"
+            )
+
+    def _hopeless(self, what: str, counts: dict[Refusal, int], remedy: str) -> ConfigError:
+        names = f"vehicle {self.group.model.shape.name!r} on scenery {self.group.site.name!r}"
+        return ConfigError(f"{names} {what}: {sentence(counts)}", path=self.config.path, remedy=remedy)

@@ -1,0 +1,97 @@
+"""A whole dataset as rows: every position planned, in blocks, by one process or several, in order.
+
+Row i depends on the config, the assets and i alone. Blocks, workers and restarts only decide who computes it when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from planning.budget import make_budget
+from planning.draws import Draws, Purpose, choose
+from planning.group import Group, plan_group
+from planning.inputs import Assets
+from planning.light import draw_lights, hdri_weights
+from planning.plan_file import encode
+from planning.rows import rows_of
+from planning.schema import Config
+from planning.stage import make_stage
+
+BLOCK = 2048  # positions planned together: enough of each vehicle and site that batches are worth their overhead
+
+
+class Planner:
+    """Plans any run of positions; built once per process.
+
+    Parameters
+    ----------
+    config
+        What is wanted.
+    assets
+        What there is.
+
+    Raises
+    ------
+    ConfigError
+        If the config asks for classes or HDRIs that are not there.
+    """
+
+    def __init__(self, config: Config, assets: Assets) -> None:
+        self.config, self.assets = config, assets
+        self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
+        self._draws = Draws(config.seed)
+        self._hdri_weights = hdri_weights(config.light, assets.hdris)
+        self._stage = make_stage(config, assets)
+        weights = {entry.name: entry.weight for entry in config.assets.sceneries}
+        self._site_weights = [weights.get(name, 1.0) for name in assets.sceneries]
+
+    def rows(self, start: int, stop: int) -> list[dict[str, Any]]:
+        """All rows of the positions from `start` to before `stop`, in order."""
+        position = np.arange(start, stop)
+        held = self.budget.positions(position)
+        site = choose(self._site_weights, self._draws.uniform(Purpose.SCENERY, position, 0, count=1)[:, 0])
+        rows: list[dict[str, Any]] = []
+        for s, v in sorted(set(zip(site.tolist(), held.vehicle.tolist(), strict=True))):
+            mine = np.flatnonzero((site == s) & (held.vehicle == v))
+            group = Group(
+                site=self._stage.sites[s],
+                model=self._stage.models[self.budget.vehicles[v]],
+                position=position[mine],
+                shots=held.shots[mine],
+                first_image=held.first_image[mine],
+            )
+            planned = plan_group(group, self.config, self._draws)
+            lights = draw_lights(
+                self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
+            )
+            rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
+        rows.sort(key=lambda row: row["index"])
+        return rows
+
+    def lines(self, start: int, stop: int) -> tuple[bytes, int]:
+        """The same as lines of a plan file, and their number."""
+        rows = self.rows(start, stop)
+        return b"".join(map(encode, rows)), len(rows)
+
+
+def plan(config: Config, assets: Assets) -> Iterator[dict[str, Any]]:
+    """Rows of the whole plan, in order, as `plan.jsonl` holds them.
+
+    Parameters
+    ----------
+    config
+        What is wanted.
+    assets
+        What there is.
+
+    Raises
+    ------
+    ConfigError
+        If the config cannot be met: with the counted reasons.
+    """
+    planner = Planner(config, assets)
+    for start in range(0, planner.budget.n_positions, BLOCK):
+        yield from planner.rows(start, min(start + BLOCK, planner.budget.n_positions))

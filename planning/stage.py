@@ -1,0 +1,182 @@
+"""What the planner asks its questions to: terrain, obstacles and boxes of every asset, built once per process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from annotate.boxes import VehicleBoxes
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from camera.target import Standing, VehicleTarget
+from camera.visibility import Occluder, Plane
+from geometry.instances import InstancedScene
+from geometry.rays import RayCaster
+from geometry.transforms import apply
+from placement.terrain import Terrain
+from planning.inputs import Assets
+from planning.schema import Config
+
+_BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Site:
+    """A scenery, ready for questions.
+
+    Parameters
+    ----------
+    name
+        The scenery's.
+    terrain
+        Its ground, or the fallback plane: where tops are.
+    ground
+        The same for rays of any direction; vertical walls, which are no top, are in it.
+    obstacles
+        Everything else in it.
+    bounds
+        (2, 2) lowest and highest (x, y) that vehicles are placed in, before the margin.
+    """
+
+    name: str
+    terrain: Terrain
+    ground: Occluder
+    obstacles: InstancedScene
+    bounds: Float[np.ndarray, "2 2"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Model:
+    """A vehicle, ready for questions.
+
+    Parameters
+    ----------
+    shape
+        The vehicle.
+    category
+        Its class.
+    boxes
+        Answers for its boxes.
+    target
+        Answers for rays at it.
+    centre
+        (3,) centre of its bounding box, vehicle frame.
+    corners
+        (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
+    corner_part
+        (b,) the parts they belong to.
+    """
+
+    shape: VehicleShape
+    category: str
+    boxes: VehicleBoxes
+    target: VehicleTarget
+    centre: Float[np.ndarray, "3"]
+    corners: Float[np.ndarray, "b 8 3"]
+    corner_part: Int[np.ndarray, " b"]
+
+    @property
+    def smallest(self) -> float:
+        """The bounding box's smallest dimension: S of equation 6."""
+        return float(self.shape.size_xyz.min())
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Placed:
+    """One vehicle in n poses, each with its own articulation.
+
+    Parameters
+    ----------
+    model
+        The vehicle.
+    world_from_vehicle
+        (n, 4, 4) rigid poses.
+    articulation
+        n of them: part name -> radians.
+    """
+
+    model: Model
+    world_from_vehicle: Float[np.ndarray, "n 4 4"]
+    articulation: list[dict[str, float]]
+
+    def rows(self, index: Int[np.ndarray, " k"]) -> Placed:
+        """Some of the poses."""
+        articulation = [self.articulation[i] for i in index.tolist()]
+        return Placed(self.model, self.world_from_vehicle[index], articulation)
+
+    @property
+    def standing(self) -> Standing:
+        """The same as something that rays meet."""
+        return Standing(self.model.target, self.world_from_vehicle, self.articulation)
+
+    @property
+    def centres(self) -> Float[np.ndarray, "n 3"]:
+        """Centres of the bounding boxes, in the world."""
+        return self.world_from_vehicle[:, :3, :3] @ self.model.centre + self.world_from_vehicle[:, :3, 3]
+
+    def corners(self) -> Float[np.ndarray, "n k 3"]:
+        """Corners of the boxes of all parts, turned and placed: no vertex of the vehicle is outside their hull."""
+        model = self.model
+        vehicle_from_parts = model.target.vehicle_from_parts(self.articulation)[:, model.corner_part]
+        world_from_parts = self.world_from_vehicle[:, None] @ vehicle_from_parts
+        return apply(world_from_parts, model.corners).reshape(len(world_from_parts), 8 * len(model.corners), 3)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Stage:
+    """All sites and models of a plan, in the order of the config."""
+
+    sites: tuple[Site, ...]
+    models: dict[str, Model]
+
+
+def make_stage(config: Config, assets: Assets) -> Stage:
+    """Build every hierarchy that planning needs."""
+    return Stage(
+        sites=tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values()),
+        models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
+    )
+
+
+def _site(scenery: Scenery, fallback_z: float) -> Site:
+    obstacles = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
+    # The fallback height is given in the file's coordinates, all else is relative to the origin.
+    ground = scenery.ground
+    plane_z = fallback_z - float(scenery.origin[2])
+    terrain = Terrain(ground) if ground is not None else Terrain.flat(plane_z)
+    occluder: Occluder = RayCaster(ground) if ground is not None else Plane(plane_z)
+    bounds = terrain.bounds[:, :2]
+    if not np.isfinite(bounds).all():
+        bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
+        if len(obstacles.bounds):
+            bounds = np.stack([obstacles.bounds[:, 0, :2].min(axis=0), obstacles.bounds[:, 1, :2].max(axis=0)])
+    return Site(scenery.name, terrain, occluder, obstacles, bounds)
+
+
+def _model(shape: VehicleShape, category: str) -> Model:
+    target = VehicleTarget(shape)
+    corners = [_corners(part.hull) for part in target.parts]
+    return Model(
+        shape=shape,
+        category=category,
+        boxes=VehicleBoxes(shape),
+        target=target,
+        centre=shape.mesh.bounds.mean(axis=0),
+        corners=np.array(corners),
+        corner_part=np.array([part.index for part in target.parts]),
+    )
+
+
+def _corners(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "8 3"]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array(list(product(*zip(low, high, strict=True))))
+
+
+def articulations(shape: VehicleShape, uniform: Float[np.ndarray, "n p"]) -> list[dict[str, float]]:
+    """Angles within every part's limits, in proportion to numbers in [0, 1), one column a part."""
+    low, high = shape.part_limits[:, 0], shape.part_limits[:, 1]
+    angles = np.clip(low + uniform * (high - low), low, high)[:, 1:]
+    return [dict(zip(shape.part_names[1:], row, strict=True)) for row in angles.tolist()]

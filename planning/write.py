@@ -1,0 +1,156 @@
+"""A plan from config and assets to the file on disk: by several processes, continued after a kill, the same bytes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import platform
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from planning.inputs import Assets
+from planning.plan_file import FORMAT, Plan, PlanWriter, read_plan
+from planning.planner import BLOCK, Planner
+from planning.schema import Config
+
+Progress = Callable[[int, int], None]
+_AHEAD = 3  # blocks a worker may be ahead of the file: bounds memory when one block is slow
+_SMALLEST_BLOCK = 64
+
+
+def write_plan(
+    config: Config, assets: Assets, path: str | Path, *, workers: int = 1, progress: Progress | None = None
+) -> Plan:
+    """Plan everything and write it; an attempt that was killed is continued.
+
+    Parameters
+    ----------
+    config
+        What is wanted.
+    assets
+        What there is.
+    path
+        The plan file; replaced when, and only when, the new plan is complete.
+    workers
+        Processes that plan. The bytes do not depend on their number.
+    progress
+        Called with the images planned so far and their total.
+
+    Raises
+    ------
+    ConfigError
+        If the config cannot be met, or the file cannot be written.
+    """
+    if workers < 1:
+        raise ValueError(f"workers: expected at least 1, got {workers}")
+    planner = Planner(config, assets)
+    budget = planner.budget
+    with PlanWriter(path, make_header(config, assets, path, images=budget.n_images)) as writer:
+        start = _resume(writer, planner)
+        if progress:
+            progress(writer.rows, budget.n_images)
+        size = min(max((budget.n_positions - start) // (8 * workers), _SMALLEST_BLOCK), BLOCK)
+        blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
+        workers = min(workers, max(len(blocks), 1))
+        for lines, rows in _planned(planner, blocks, workers):
+            writer.write(lines, rows)
+            if progress:
+                progress(writer.rows, budget.n_images)
+        writer.finish()
+    return read_plan(path)
+
+
+def make_header(config: Config, assets: Assets, path: str | Path, *, images: int) -> dict[str, Any]:
+    """The plan's first line."""
+
+    def files(kind: str, name: str) -> dict[str, str]:
+        file = getattr(assets, kind).get(name)
+        return {"path": file.path, "sha256": file.sha256} if file else {"path": "", "sha256": ""}
+
+    return {
+        "hulldown_plan": FORMAT,
+        "images": images,
+        "seed": config.seed,
+        "root": os.path.relpath(config.folder, Path(path).parent),
+        "config": config.model_dump(mode="json"),
+        "vehicles": {
+            name: {**files("vehicle_files", name), "category": assets.categories[name]} for name in assets.vehicles
+        },
+        "sceneries": {
+            name: {**files("scenery_files", name), "origin": scenery.origin.tolist()}
+            for name, scenery in assets.sceneries.items()
+        },
+        "hdris": {name: files("hdri_files", name) for name in assets.hdris},
+        "versions": {
+            "python": platform.python_version(),
+            **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
+        },
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _resume(writer: PlanWriter, planner: Planner) -> int:
+    """The first position that is not wholly in the file; rows of a broken one are dropped."""
+    budget = planner.budget
+    if writer.rows >= budget.n_images:
+        return budget.n_positions
+    position = budget.position_of(writer.rows)
+    writer.keep(int(budget.positions([position]).first_image[0]))
+    return position
+
+
+def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> Iterator[tuple[bytes, int]]:
+    """The blocks' lines, in order."""
+    if workers == 1:
+        for block in blocks:
+            yield planner.lines(*block)
+        return
+    global _planner
+    # Forked workers share the hierarchies that are already built; spawned ones build their own.
+    fork = sys.platform == "linux"
+    _planner = planner if fork else None
+    pool = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("fork" if fork else "spawn"),
+        initializer=_begin,
+        initargs=() if fork else (planner.config, planner.assets),
+    )
+    running: deque[Future[tuple[bytes, int]]] = deque()
+    try:
+        for block in blocks:
+            running.append(pool.submit(_lines, *block))
+            if len(running) >= _AHEAD * workers:
+                yield running.popleft().result()
+        while running:
+            yield running.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+        _planner = None
+
+
+_planner: Planner | None = None  # of a worker process
+
+
+def _begin(*made_from: Any) -> None:
+    global _planner
+    # Ctrl-C is the parent's to handle; the workers end with it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if made_from:
+        _planner = Planner(*made_from)
+
+
+def _lines(start: int, stop: int) -> tuple[bytes, int]:
+    assert _planner is not None
+    return _planner.lines(start, stop)
