@@ -153,7 +153,8 @@ def frame_target(
         cut = np.where(cut_high, size - inside * extent, (inside - 1.0) * extent)
         step = np.where(np.isnan(inside), place * (size - extent), cut) - low
         miss = np.where(known, np.abs(step).max(axis=1), 0.0)
-        better = miss < best_miss
+        # A camera that has its place keeps it, whatever the others still need: answers do not depend on company.
+        better = (miss < best_miss) & (best_miss > PLACED_PX)
         best = np.where(better[:, None, None], pose, best)
         best_pixel = np.where(better[:, None], pixel, best_pixel)
         best_box = np.where(better[:, None, None], box, best_box)
