@@ -6,26 +6,32 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from camera.beams import hidden_in_beams
 from camera.intrinsics import Intrinsics, stacked
 from camera.projection import NEAR
 from camera.target import Articulation, Part, Standing, VehicleTarget
 from geometry.arrays import checked
+from geometry.instances import InstancedScene
 from geometry.transforms import apply, invert_rigid
 
 # What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
 TOUCHING = 1e-3
-# Rays through one pinhole are coherent as they come; batches below this size are not sorted again by RayCaster.
+# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
+# stay in cache.
 BATCH = 4095
+# Rays of all cameras whose array work is done at once.
+BLOCK = 1 << 16
 
 
+@runtime_checkable
 class Occluder(Protocol):
-    """Whatever can hide a target: a `RayCaster`, an `InstancedScene`, a `Plane`."""
+    """What can hide a target as the ground does: a `RayCaster` over its mesh, or a `Plane`."""
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
@@ -115,7 +121,7 @@ def visible_fraction(
     intrinsics: Intrinsics | Sequence[Intrinsics],
     articulation: Articulation | Sequence[Articulation] | None = None,
     ground: Occluder | None = None,
-    obstacles: Occluder | None = None,
+    obstacles: InstancedScene | None = None,
     others: Sequence[Standing] = (),
     rays: int = 256,
     seed: int = 0,
@@ -174,7 +180,7 @@ def visible_fraction(
             standing.rows(index), ground, obstacles, [other.rows(index) for other in others]
         )
 
-    blocks = list(_blocks(n, max(1, BATCH // rays)))
+    blocks = list(_blocks(n, max(1, BLOCK // rays)))
     if threads > 1 and len(blocks) > 1:
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(work, blocks):
@@ -218,7 +224,7 @@ class _Views:
         self.world_from_camera, self.f, self.size, self.pattern = world_from_camera, f, size, pattern
 
     def count(
-        self, standing: Standing, ground: Occluder | None, obstacles: Occluder | None, others: Sequence[Standing]
+        self, standing: Standing, ground: Occluder | None, obstacles: InstancedScene | None, others: Sequence[Standing]
     ) -> tuple[Int[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
         """For each camera: rays on the target, visible, hidden by each of three kinds; and the area they aim at."""
         n, r = len(self.f), len(self.pattern)
@@ -235,26 +241,49 @@ class _Views:
         self.basis[:, [1, 2], [0, 1]] = extent / self.f[:, None]
         self.low, self.extent = low, extent
 
-        distance = np.full((n, r), np.inf)
+        distance = np.full(n * r, np.inf)
         for (part, pose), box in zip(placed, boxes, strict=True):
-            asked = np.flatnonzero(self.inside(box) & in_frame[:, None])
-            met = part.caster.cast(*self.rays(invert_rigid(pose), asked))
-            distance.flat[asked] = np.minimum(distance.flat[asked], met.distance)
+            for asked in _pieces(np.flatnonzero(self.inside(box) & in_frame[:, None])):
+                met = part.caster.cast(*self.rays(invert_rigid(pose), asked))
+                distance[asked] = np.minimum(distance[asked], met.distance)
         counts = np.zeros((n, 5), dtype=np.int64)
         left = np.flatnonzero(np.isfinite(distance))
         counts[:, 0] = np.bincount(left // r, minlength=n)
-        reach = distance.ravel() - TOUCHING
-        for kind, occluder in ((2, ground), (3, obstacles)):
-            if occluder is not None and len(left):
-                hidden = occluder.occluded(*self.rays(self.world_from_camera, left), max_distance=reach[left])
-                counts[:, kind] = np.bincount(left[hidden] // r, minlength=n)
-                left = left[~hidden]
+        reach = distance - TOUCHING
+        if ground is not None:
+            hidden = np.concatenate(
+                [
+                    ground.occluded(*self.rays(self.world_from_camera, some), max_distance=reach[some])
+                    for some in _pieces(left)
+                ]
+            )
+            counts[:, 2] = np.bincount(left[hidden] // r, minlength=n)
+            left = left[~hidden]
+        if obstacles is not None:
+            hidden = self.hidden_by_instances(obstacles, left, reach[left])
+            counts[:, 3] = np.bincount(left[hidden] // r, minlength=n)
+            left = left[~hidden]
         for other in others:
             hidden = self.hidden_by(other, left, reach)
             counts[:, 4] += np.bincount(left[hidden] // r, minlength=n)
             left = left[~hidden]
         counts[:, 1] = np.bincount(left // r, minlength=n)
         return counts, extent.prod(axis=1)
+
+    def hidden_by_instances(
+        self, scene: InstancedScene, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " k"]
+    ) -> Bool[np.ndarray, " k"]:
+        origins, directions = self.rays(self.world_from_camera, left)
+        around = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+        return hidden_in_beams(
+            scene,
+            self.world_from_camera[:, :3, 3],
+            around @ (self.basis @ np.swapaxes(self.world_from_camera[:, :3, :3], -1, -2)),
+            ray_origins=origins,
+            ray_directions=directions,
+            ray_beam=left // len(self.pattern),
+            reach=reach,
+        )
 
     def hidden_by(
         self, other: Standing, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " nr"]
@@ -269,7 +298,7 @@ class _Views:
 
     def box(self, part: Part, camera_from_part: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 2 2"]:
         """Pixel box that holds the part's projection; endless where the part is not wholly beyond the near plane."""
-        points = apply(camera_from_part, part.hull)
+        points = apply(camera_from_part, part.around)
         depth = points[..., 2]
         beyond = (depth > NEAR).all(axis=1)
         pixels = points[..., :2] / np.where(beyond[:, None], depth, 1.0)[..., None]
@@ -288,7 +317,14 @@ class _Views:
     def rays(
         self, frame_from_camera: Float[np.ndarray, "n 4 4"], which: Int[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """Origins on the near plane, and directions, of the rays with these flat indices."""
-        turned = self.basis @ np.swapaxes(frame_from_camera[:, :3, :3], -1, -2)
-        along = (self.pattern @ turned).reshape(-1, 3)[which]
-        return frame_from_camera[which // len(self.pattern), :3, 3] + NEAR * along, along
+        """Origins on the near plane, and directions, of the rays with these ascending flat indices."""
+        rows = which // len(self.pattern)
+        begin, end = (int(rows[0]), int(rows[-1]) + 1) if len(which) else (0, 0)
+        frames = frame_from_camera[begin:end]
+        turned = self.basis[begin:end] @ np.swapaxes(frames[:, :3, :3], -1, -2)
+        along = (self.pattern @ turned).reshape(-1, 3)[which - begin * len(self.pattern)]
+        return frames[rows - begin, :3, 3] + NEAR * along, along
+
+
+def _pieces(which: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " q"]]:
+    return [which[i : i + BATCH] for i in range(0, max(len(which), 1), BATCH)]
