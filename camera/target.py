@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from assets.vehicle import VehicleShape
 from geometry.meshes import Mesh
@@ -15,6 +15,8 @@ from geometry.rays import RayCaster
 from geometry.transforms import apply, invert_rigid, rigid, rotation_about
 
 Articulation = Mapping[str, float]
+
+FEW = 64  # hull vertices below which simplifying the hull does not pay
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -29,11 +31,14 @@ class Part:
         Its triangles, in the vehicle frame at rest.
     hull
         (k, 3) vertices of its convex hull, vehicle frame at rest.
+    around
+        (c, 3) few points whose convex hull holds the part.
     """
 
     index: int
     caster: RayCaster
     hull: Float[np.ndarray, "k 3"]
+    around: Float[np.ndarray, "c 3"]
 
 
 class VehicleTarget:
@@ -129,8 +134,27 @@ def hull_vertices(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "k 3"
         return np.unique(vertices, axis=0)
 
 
+def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
+    """Few points whose convex hull holds the vertices: their own hull, or the corners of a 26-sided one around it."""
+    if len(vertices) <= FEW:
+        return vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    normals = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), -1).reshape(-1, 3) / (high - low)
+    normals = normals[np.any(normals != 0.0, axis=1)]
+    middle = (low + high) / 2.0
+    # Relative to the box's size, and out by a rounding error or two.
+    offset = ((vertices - middle) @ normals.T).max(axis=0) + 1e-9
+    inside = vertices.mean(axis=0) - middle
+    try:
+        corners = HalfspaceIntersection(np.c_[normals, -offset], inside).intersections
+    except QhullError:
+        return vertices
+    return corners + middle
+
+
 def _part(index: int, mesh: Mesh) -> Part:
-    return Part(index, RayCaster(Mesh(*_used(mesh), mesh.name)), hull_vertices(mesh.vertices[np.unique(mesh.faces)]))
+    hull = hull_vertices(mesh.vertices[np.unique(mesh.faces)])
+    return Part(index, RayCaster(Mesh(*_used(mesh), mesh.name)), hull, points_around(hull))
 
 
 def _used(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

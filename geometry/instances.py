@@ -122,6 +122,37 @@ class InstancedScene:
             self._occlude_block(start[part], along[part], reach[part], threads, blocked[part])
         return blocked
 
+    def overlapping(
+        self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """All pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
+        return self._tree.overlapping(low, high)
+
+    def occluded_by(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        ray: Int[np.ndarray, " p"],
+        *,
+        instance: Int[np.ndarray, " p"],
+        max_distance: ArrayLike = np.inf,
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether each ray is blocked by an instance it is paired with, for who knows which ones can be in the way.
+
+        Parameters
+        ----------
+        origins, directions, max_distance
+            As for `RayCaster.cast`.
+        ray, instance
+            (p,) indices: the pairs to try.
+        """
+        start, along, reach = _rays(origins, directions, max_distance)
+        blocked = np.zeros(len(start), dtype=bool)
+        for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+            met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale)
+            blocked[ray[rows[met]]] = True
+        return blocked
+
     def _cast_block(
         self,
         start: Float[np.ndarray, "n 3"],
