@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,34 +15,25 @@ from jaxtyping import Float
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
+from planning.config import hdri_paths, parse_config
+from planning.plan_file import Plan
+from render.cache import Library, load_library
 
-PREPARED = 1  # version of what render.prepare writes
+# Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
+FAR = 5000.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's file, its shape, and its entry in the config."""
+    """A vehicle's shape, and the .blend that `render.tidy` made of its file."""
 
-    path: Path
     shape: VehicleShape
-    entry: Mapping[str, Any]
-
-    def prepared(self, cache: Path, blender: str | None) -> Path:
-        """Where the file that `render.prepare` makes of it is kept; another name when anything has changed."""
-        what = [
-            PREPARED,
-            blender,
-            str(self.path),
-            hashlib.sha256(self.path.read_bytes()).hexdigest(),
-            dict(self.entry),
-            self.shape.vehicle_from_file.tolist(),
-        ]
-        return cache / f"{self.path.stem}-{hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]}.blend"
+    tidy: Path
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
-    """A scenery's file and where its coordinates go."""
+    """A scenery's .blend and where its coordinates go."""
 
     path: Path
     scenery_from_file: Float[np.ndarray, "4 4"]
@@ -58,6 +48,58 @@ class RenderAssets:
     hdris: Mapping[str, Path]
 
 
+def render_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> RenderAssets:
+    """The files that a plan's header names, exported again where the cache does not have them.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    progress
+        Called with the path of each file that has to be exported.
+
+    Raises
+    ------
+    ConfigError
+        If a file is not what it was when the plan was made.
+    AssetError
+        If a file cannot be read.
+    """
+    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
+    # Only the folder of the config counts: what the file said is in the header.
+    config = parse_config(plan.header["config"], path=root / plan.path.name)
+    library = load_library(config, progress=progress)
+    hdris = hdri_paths(config)
+    for kind, now in (
+        ("vehicles", library.assets.vehicle_files),
+        ("sceneries", library.assets.scenery_files),
+        ("hdris", library.assets.hdri_files),
+    ):
+        for name, was in plan.header[kind].items():
+            if name not in now or (was["sha256"] and was["sha256"] != now[name].sha256):
+                raise ConfigError(
+                    f"{kind}: {name!r} ({was['path']}) is not what it was when this was planned",
+                    path=plan.path,
+                    remedy="plan again with `hulldown plan`, or bring the old file back",
+                )
+    return RenderAssets(
+        vehicles={n: VehicleFile(shape, library.vehicles[n].tidy) for n, shape in library.assets.vehicles.items()},
+        sceneries={
+            entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
+            for entry in config.assets.sceneries
+        },
+        hdris=hdris,
+    )
+
+
+def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
+    """The scenery as delivered; its tidy twin, which has lost hair and volumes, where float32 fails the original."""
+    scenery = library.assets.sceneries[name]
+    if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
+        return SceneryFile(library.sceneries[name].tidy, np.eye(4))
+    return SceneryFile(path, scenery.scenery_from_file)
+
+
 def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The vehicles of a row, the one it is about first."""
     return [row, *row["companions"]]
@@ -66,7 +108,6 @@ def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def job(
     row: Mapping[str, Any],
     assets: RenderAssets,
-    prepared: Mapping[str, Path],
     settings: Mapping[str, Any],
     output: Path,
 ) -> dict[str, Any]:
@@ -76,8 +117,8 @@ def job(
     ----------
     row
         A row of the plan.
-    assets, prepared
-        The files, and for each vehicle what was made of its file.
+    assets
+        The plan's files.
     settings
         See `render.cycles.configure`.
     output
@@ -92,8 +133,8 @@ def job(
     weather = row["weather"] or {}
     return {
         "do": "render",
-        "scenery": {"path": str(scenery.path), "scenery_from_file": scenery.scenery_from_file.tolist()},
-        "vehicles": [_vehicle(target, assets, prepared, row) for target in targets(row)],
+        "scenery": {"path": str(scenery.path.resolve()), "scenery_from_file": scenery.scenery_from_file.tolist()},
+        "vehicles": [_vehicle(target, assets, row) for target in targets(row)],
         "camera": {
             "world_from_camera": row["world_from_camera"],
             "fov_x": math.radians(row["fov_x_deg"]),
@@ -102,7 +143,7 @@ def job(
             "near": NEAR,
         },
         "light": {
-            "hdri": str(_named(assets.hdris, row["hdri"], "hdri", row)),
+            "hdri": str(_named(assets.hdris, row["hdri"], "hdri", row).resolve()),
             "yaw": math.radians(row["hdri_yaw_deg"]),
             "strength": row["strength"],
             "visibility": weather.get("visibility_m"),
@@ -113,13 +154,11 @@ def job(
     }
 
 
-def _vehicle(
-    target: Mapping[str, Any], assets: RenderAssets, prepared: Mapping[str, Path], row: Mapping[str, Any]
-) -> dict[str, Any]:
-    shape = _named(assets.vehicles, target["vehicle"], "vehicle", row).shape
+def _vehicle(target: Mapping[str, Any], assets: RenderAssets, row: Mapping[str, Any]) -> dict[str, Any]:
+    vehicle = _named(assets.vehicles, target["vehicle"], "vehicle", row)
     world_from_vehicle = np.array(target["world_from_vehicle"], dtype=np.float64)
-    parts = world_from_vehicle @ shape.vehicle_from_parts(target["articulation"])
-    return {"prepared": str(prepared[target["vehicle"]]), "world_from_parts": parts.tolist()}
+    parts = world_from_vehicle @ vehicle.shape.vehicle_from_parts(target["articulation"])
+    return {"tidy": str(vehicle.tidy.resolve()), "world_from_parts": parts.tolist()}
 
 
 def _named(known: Mapping[str, Any], name: str, kind: str, row: Mapping[str, Any]) -> Any:

@@ -32,19 +32,12 @@ class Renderer:
 
     def do(self, job: Mapping[str, Any]) -> dict[str, Any]:
         """Do one job and say how it went."""
-        return {"start": self._start, "prepare": self._prepare, "render": self._render}[job["do"]](job)
+        return {"start": self._start, "render": self._render}[job["do"]](job)
 
     def _start(self, job: Mapping[str, Any]) -> dict[str, Any]:
         self._device, count = cycles.choose_device(job["device"], job["index"])
         self._threads = job["threads"]
         return {"done": "start", "device": self._device, "devices": count}
-
-    def _prepare(self, job: Mapping[str, Any]) -> dict[str, Any]:
-        from render.prepare import prepare_vehicle  # needs more than an installed Blender has
-
-        self._stage = None
-        prepare_vehicle(job["path"], np.array(job["vehicle_from_file"]), job["options"], job["output"])
-        return {"done": "prepare"}
 
     def _render(self, job: Mapping[str, Any]) -> dict[str, Any]:
         start = time.monotonic()

@@ -20,7 +20,7 @@ import numpy as np
 from render.blender_frames import pose, world_from_blender_camera
 from render.light import Fog, HdriWorld
 
-PART = "hulldown_part"  # custom property of a prepared vehicle's objects: the index of their part
+PART = "hulldown_part"  # custom property of a tidy vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
 MAX_VEHICLES = 4  # vehicle files kept in memory; the rows are sorted, so more would only fill it
 SENSOR_WIDTH = 36.0
@@ -59,12 +59,12 @@ class Stage:
         Parameters
         ----------
         vehicles
-            Each with `prepared` (path of the file that `render.prepare` made) and `world_from_parts` (p, 4, 4).
+            Each with `tidy` (path of the file that `render.tidy` made) and `world_from_parts` (p, 4, 4).
         """
         used: dict[str, int] = {}
         placed = []
         for vehicle in vehicles:
-            path = vehicle["prepared"]
+            path = vehicle["tidy"]
             copy = used.get(path, 0)
             used[path] = copy + 1
             collection = self._vehicle(path, copy)
@@ -89,6 +89,7 @@ class Stage:
             copies.append(target.collections[0])
             for obj in copies[0].objects:
                 obj.parent = self.root
+                obj.matrix_basis.identity()  # `pose` says all
         while len(copies) <= copy:
             twin = bpy.data.collections.new(copies[0].name)
             for obj in copies[0].objects:

@@ -23,9 +23,9 @@ import numpy as np
 import orjson
 
 from annotate.coco import CocoDataset, Run
-from geometry.errors import ConfigError, DatasetError
+from geometry.errors import DatasetError
 from planning.plan_file import Plan, is_inside, read_plan
-from render.jobs import RenderAssets, job, targets
+from render.jobs import RenderAssets, job, render_assets, targets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
 
 FAILURES_NAME = "failures.jsonl"
@@ -84,7 +84,7 @@ def render_plan(
     plan_path: Path | str,
     dataset_folder: Path | str,
     *,
-    assets: RenderAssets,
+    assets: RenderAssets | None = None,
     workers: int | None = None,
     device: str = "auto",
     limit: int | None = None,
@@ -101,7 +101,7 @@ def render_plan(
     dataset_folder
         Where to add images and annotations.
     assets
-        The plan's files.
+        The plan's files; those that its header names if not given.
     workers
         Processes that render; None for one a GPU, or one if there is none.
     device
@@ -123,10 +123,13 @@ def render_plan(
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
+    say = progress or (lambda _: None)
+    if assets is None:
+        assets = render_assets(plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")))
     wanted = len(plan) if limit is None else min(limit, len(plan))
     with CocoDataset.open(folder, categories=_categories(plan)) as dataset, _stop_on_signals() as stopping:
         todo = _Todo(plan, dataset, wanted)
-        session = _Session(plan, dataset, todo, assets, folder, progress or (lambda _: None))
+        session = _Session(plan, dataset, todo, assets, folder, say)
         with Pool(
             folder / LOGS_NAME,
             blender=blender,
@@ -213,7 +216,6 @@ class _Session:
         self.rendered = 0
         self.failed: list[str] = []
         self._progress = progress
-        self._prepared: dict[str, Path] = {}
         self._unfinished = folder / UNFINISHED_NAME
         self._settings = {
             key: plan.header["config"]["render"][key] for key in ("samples", "denoise", "adaptive_threshold", "bounces")
@@ -227,41 +229,9 @@ class _Session:
         self._unfinished.mkdir()
         (self.folder / FAILURES_NAME).unlink(missing_ok=True)
         try:
-            self._prepare(pool)
             pool.run(self.todo.order, self._message, self._done, self._give_up)
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
-
-    def _prepare(self, pool: Pool) -> None:
-        """Have every vehicle file made ready, once for all workers and all runs."""
-        cache = (
-            Path(os.path.normpath(self.plan.path.parent / self.plan.header["root"]))
-            / self.plan.header["config"]["assets"]["cache"]
-        )
-        cache.mkdir(parents=True, exist_ok=True)
-        names = [name for name in self.plan.header["vehicles"] if name in self.assets.vehicles]
-        self._prepared = {name: self.assets.vehicles[name].prepared(cache, pool.blender) for name in names}
-        missing = [i for i, name in enumerate(names) if not self._prepared[name].exists()]
-
-        def message(i: int) -> dict[str, Any]:
-            vehicle = self.assets.vehicles[names[i]]
-            return {
-                "do": "prepare",
-                "path": str(vehicle.path),
-                "vehicle_from_file": vehicle.shape.vehicle_from_file.tolist(),
-                "options": dict(vehicle.entry),
-                "output": str(self._unfinished.resolve() / f"{i}.blend"),
-            }
-
-        def done(i: int, _answer: Mapping[str, Any]) -> None:
-            shutil.move(self._unfinished / f"{i}.blend", self._prepared[names[i]])
-
-        def failed(i: int, reasons: list[str]) -> None:
-            raise ConfigError(
-                f"vehicle {names[i]!r} cannot be loaded: {reasons[-1]}", path=self.assets.vehicles[names[i]].path
-            )
-
-        pool.run(missing, message, done, failed)
 
     def _file_name(self, row: Mapping[str, Any]) -> str:
         return self.todo.run.file_name(row["file_name"])
@@ -271,7 +241,7 @@ class _Session:
 
     def _message(self, index: int) -> dict[str, Any]:
         row = self.plan[index]
-        return job(row, self.assets, self._prepared, self._settings, self._output(index, row))
+        return job(row, self.assets, self._settings, self._output(index, row))
 
     def _done(self, index: int, _answer: Mapping[str, Any]) -> None:
         row = self.plan[index]
