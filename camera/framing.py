@@ -68,14 +68,16 @@ def _panned(
 ) -> Float[np.ndarray, "... 3 3"]:
     """Axes of the level camera in which the old forward direction has camera coordinates `seen`."""
     right, forward = rotation[..., :, 0], rotation[..., :, 2]
-    flat, rise = np.hypot(forward[..., 0], forward[..., 1]), forward[..., 2]
+    # NumPy 1.26's arctan2 of strided arrays rounds differently from run to run, as memory happens to lie.
+    seen_x, seen_y, seen_z = np.ascontiguousarray(np.moveaxis(seen, -1, 0))
+    flat, rise = np.hypot(forward[..., 0], forward[..., 1]), np.ascontiguousarray(forward[..., 2])
     # With the pitch p, seen's height above the horizon is seen_z sin p - seen_y cos p, which must be `rise`. The cosine
     # is taken from the horizontal parts, since sqrt(1 - sin^2) would lose half the digits in a steep view.
-    cosine = np.sqrt(np.where(possible, (flat - np.abs(seen[..., 0])) * (flat + np.abs(seen[..., 0])), 1.0))
-    pitch = np.arctan2(seen[..., 1], seen[..., 2]) + np.arctan2(rise, cosine)
+    cosine = np.sqrt(np.where(possible, (flat - np.abs(seen_x)) * (flat + np.abs(seen_x)), 1.0))
+    pitch = np.arctan2(seen_y, seen_z) + np.arctan2(rise, cosine)
     cp, sp = np.cos(pitch), np.sin(pitch)
     # The old heading lies to the right of the new one by this angle.
-    aside = np.arctan2(seen[..., 0], seen[..., 2] * cp + seen[..., 1] * sp)
+    aside = np.arctan2(seen_x, seen_z * cp + seen_y * sp)
     ca, sa = np.cos(aside), np.sin(aside)
     old_x, old_y = -right[..., 1], right[..., 0]
     x, y, zero = ca * old_x - sa * old_y, sa * old_x + ca * old_y, np.zeros_like(cp)

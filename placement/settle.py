@@ -245,4 +245,5 @@ def _contact(
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
     """Angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
-    return np.arctan2(np.hypot(normal[:, 0], normal[:, 1]), normal[:, 2])
+    # A copy, since NumPy 1.26's arctan2 of strided arrays rounds differently from run to run, as memory happens to lie.
+    return np.arctan2(np.hypot(normal[:, 0], normal[:, 1]), normal[:, 2].copy())
