@@ -22,7 +22,8 @@ from planning.config import Config, hdri_paths
 from planning.inputs import AssetFile, Assets
 from planning.schema import SceneryEntry, VehicleEntry
 from render.build import Options
-from render.export import Exported, check_readable, export
+from render.export import Exported, export
+from render.formats import format_of
 from render.report import FileReport
 
 EXPORTER = 1  # raised whenever the same file would be read as something else
@@ -192,7 +193,7 @@ def cached(
         If the file cannot be read.
     """
     path, cache = Path(path), Path(cache)
-    check_readable(path)
+    format_of(path)  # before it is hashed: a folder or nothing at all has no content
     digest = _sha256(path)
     key = hashlib.sha256(json.dumps([EXPORTER, FORMAT, kind, asdict(options), digest]).encode()).hexdigest()[:24]
     try:

@@ -23,11 +23,12 @@ from render.poses import Poses
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 UNREAD = {
-    "CURVES": "hair curves are rendered but are in nobody's way",
-    "POINTCLOUD": "a point cloud is rendered but is in nobody's way",
-    "VOLUME": "a volume is rendered but is in nobody's way",
+    "CURVES": "hair curves have no faces",
+    "POINTCLOUD": "a point cloud has no faces",
+    "VOLUME": "a volume has no faces",
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
+OUR_CAMERA = "hulldown camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +54,15 @@ class Evaluated:
         Chains of all empties.
     left
         Objects that are no piece, and why.
+    doubts
+        What is rendered otherwise than it is read.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
 
 class _Capture(bpy.types.RenderEngine):
@@ -96,7 +100,7 @@ def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
     for layer in layers:
         layer.use = layer == chosen
     if scene.camera is None:
-        scene.camera = bpy.data.objects.new("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        scene.camera = bpy.data.objects.new(OUR_CAMERA, bpy.data.cameras.new(OUR_CAMERA))
         scene.collection.objects.link(scene.camera)
     _Capture.visit, _Capture.error = visit, None
     try:
@@ -155,6 +159,7 @@ class _Reader:
         self.unseen: dict[tuple[int, int], str | None] = {}
 
     def read(self) -> None:
+        """Go through everything that the depsgraph draws."""
         for instance in self.depsgraph.object_instances:
             kind = instance.object.type
             if kind == "EMPTY":
@@ -170,6 +175,8 @@ class _Reader:
             # Curves, texts and the like come once more as the meshes they make.
 
     def _leave(self, instance: Any, why: str) -> None:
+        if instance.object.name == OUR_CAMERA:
+            return
         self.result.left.append(Left(instance.object.name, instance.object.type, why))
 
     def _read_mesh(self, instance: Any) -> None:
@@ -184,6 +191,7 @@ class _Reader:
             self.index[key] = len(self.result.meshes)
             self.result.meshes.append(mesh)
             self.box.append(np.array(list(product(*mesh.bounds.T))))
+            self._doubt(drawn)
             if self.keep_mesh:
                 self.keep_mesh(self.depsgraph, drawn)
         number = self.index[key]
@@ -207,6 +215,27 @@ class _Reader:
                 unseen=self._why_unseen(drawn),
             )
         )
+
+    def _doubt(self, drawn: Any) -> None:
+        """Speak of what Cycles makes of a mesh only later, where it cannot be read."""
+        name = drawn.original.name
+        for modifier in drawn.modifiers:
+            if (
+                modifier.type == "SUBSURF"
+                and modifier.show_render
+                and getattr(modifier, "use_adaptive_subdivision", False)
+            ):
+                self.result.doubts.append(f"{name!r} is subdivided adaptively, which is left out")
+        for slot in drawn.material_slots:
+            if slot.material and slot.material.displacement_method != "BUMP" and _is_displaced(slot.material):
+                self.result.doubts.append(
+                    f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh"
+                )
+        for system in drawn.particle_systems:
+            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+                self.result.doubts.append(
+                    f"the hair {system.name!r} of {name!r} is left out; convert it to hair curves"
+                )
 
     def _why_unseen(self, drawn: Any) -> str | None:
         key = (drawn.original.as_pointer(), drawn.data.as_pointer())
@@ -273,6 +302,11 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
 def _is_volume(material: Any) -> bool:
     output = material.node_tree and material.node_tree.get_output_node("CYCLES")
     return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
+
+
+def _is_displaced(material: Any) -> bool:
+    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    return bool(output and output.inputs["Displacement"].is_linked)
 
 
 def _list_hidden(scene: Any, result: Evaluated) -> None:

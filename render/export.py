@@ -17,6 +17,7 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from render.build import Options
+from render.formats import format_of
 from render.report import FileReport
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -97,10 +98,11 @@ def export(
         If the file cannot be read, or does not hold what is wanted.
     """
     path, folder = Path(path), Path(folder).resolve()
-    check_readable(path)
+    file_format = format_of(path)
     files = {key: folder / f"{key}{suffix}" for key, suffix in (("bundle", ".npz"), ("tidy", ".blend"))}
     job = {
         "path": str(path.resolve()),
+        "format": file_format,
         "kind": kind,
         "name": name or path.stem,
         "options": asdict(options),
@@ -111,20 +113,6 @@ def export(
         raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
     report = FileReport.from_json({**answer["report"], "path": str(path)})
     return Exported(report, files["bundle"], files["tidy"], tuple(answer["files"]))
-
-
-def check_readable(path: Path) -> None:
-    """Refuse what Blender need not be asked about.
-
-    Raises
-    ------
-    AssetError
-        If `path` is no file, is empty, or its suffix or first bytes are of no format that can be read.
-    """
-    if not path.exists():
-        raise AssetError("does not exist", path=path)
-    if not path.is_file():
-        raise AssetError("is no file", path=path)
 
 
 def _ask_reader(job: Mapping[str, Any], path: Path, folder: Path) -> dict[str, Any]:

@@ -33,6 +33,8 @@ class Parts:
         As in `assets.vehicle.VehicleShape`.
     why
         For each part where its pivot comes from.
+    piece_why
+        For each piece the name by which it belongs to its part; empty for the hull.
     """
 
     names: tuple[str, ...]
@@ -42,6 +44,7 @@ class Parts:
     axis: Float[np.ndarray, "p 3"]
     limits: Float[np.ndarray, "p 2"]
     why: tuple[str, ...]
+    piece_why: tuple[str, ...]
 
 
 def find_parts(
@@ -98,6 +101,7 @@ def find_parts(
         np.array(axes),
         np.array(limits),
         tuple(why),
+        tuple(namer.reason(chain) if part else "" for chain, part in zip(chains, piece_part, strict=True)),
     )
 
 
@@ -135,11 +139,19 @@ class _Namer:
 
     def part_of(self, chain: Sequence[Link]) -> str | None:
         """The part that the first object of `chain` belongs to, None for the hull."""
-        for link in chain:
+        return self._decided(chain)[0]
+
+    def reason(self, chain: Sequence[Link]) -> str:
+        """By what `part_of` decided."""
+        return self._decided(chain)[1]
+
+    def _decided(self, chain: Sequence[Link]) -> tuple[str | None, str]:
+        for i, link in enumerate(chain):
             for name in (link.name, *link.collections):
                 if part := self.part_named(name):
-                    return part
-        return None
+                    what = "collection" if name != link.name else "parent" if i else "name"
+                    return part, f"by its {what} {name!r}"
+        return None, ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

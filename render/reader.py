@@ -19,11 +19,12 @@ from jaxtyping import Float
 
 from assets.bundle import save_scenery, save_vehicle
 from geometry.errors import HulldownError
-from render.build import Options, build_scenery, build_vehicle, metres_from_file
+from render.build import Options, build_scenery, build_vehicle, likely_kind, metres_from_file
 from render.cleanup import Piece
+from render.doubts import scenery_doubts, vehicle_doubts
 from render.evaluate import Evaluated, evaluate
-from render.importers import load
-from render.report import FileReport, Row
+from render.importers import open_file
+from render.report import FileReport, Missing, Row
 from render.textures import missing_files, used_files
 from render.tidy import Keeper, write_scenery, write_vehicle
 
@@ -43,53 +44,67 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     path = Path(job["path"])
     given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in job["options"].items()}
     options = Options(**given)
-    unit, written_by = load(path)
-    unit, up = options.scale or unit, options.up or "z"
+    opened = open_file(path, job["format"])
+    unit, up = options.scale or opened.unit, options.up or opened.up
     metres = metres_from_file(unit, up)
+    files = used_files()
     keeper = Keeper()
     drawn = evaluate(bpy.context.scene, metres_from_file=metres, keep_mesh=keeper.keep_mesh, keep_look=keeper.keep_look)
-    common: dict[str, Any] = {
-        "path": str(path),
-        "unit": unit,
-        "up": up,
-        "written_by": written_by,
-        "missing": missing_files(),
-    }
-    kind = job["kind"] or _kind(drawn)
+    common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
+    kind = job["kind"] or likely_kind(drawn.pieces, options)
+    tidy = Path(job["tidy"])
     if kind == "vehicle":
         vehicle = build_vehicle(job["name"], drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=options)
         save_vehicle(job["bundle"], vehicle.shape)
-        write_vehicle(Path(job["tidy"]), keeper, drawn.pieces, vehicle.piece_part, vehicle.shape.vehicle_from_file)
         names = vehicle.shape.part_names
         uses = [names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
+        size = _three(vehicle.shape.size_xyz)
+        rows, missing = _rows(drawn, uses, [r.why for r in vehicle.roles]), _missing(drawn, uses)
         report = FileReport(
             kind=kind,
-            size=_three(vehicle.shape.size_xyz),
+            size=size,
             triangles=len(vehicle.shape.mesh.faces),
-            rows=_rows(drawn, uses, [r.why for r in vehicle.roles]),
+            rows=rows,
             parts=vehicle.parts,
+            missing=missing,
+            doubts=(
+                *vehicle_doubts(size, vehicle.parts, rows, missing, unit=unit, options=options),
+                *opened.doubts,
+                *drawn.doubts,
+            ),
             **common,
         )
+        write_vehicle(tidy, keeper, drawn.pieces, vehicle.piece_part, vehicle.shape.vehicle_from_file)
     else:
         scenery = build_scenery(job["name"], drawn.meshes, drawn.pieces, metres=metres, options=options)
         save_scenery(job["bundle"], scenery.scenery)
-        write_scenery(Path(job["tidy"]), keeper, drawn.pieces, scenery.scenery.scenery_from_file)
         uses = [r.use for r in scenery.roles]
-        extent = [p.bounds for p, use in zip(drawn.pieces, uses, strict=True) if use == "ground"]
-        extent = extent or [p.bounds for p, use in zip(drawn.pieces, uses, strict=True) if use == "obstacle"]
+        solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "obstacle")]
+        extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
+        size = _three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
+        rows, missing = _rows(drawn, uses, [r.why for r in scenery.roles]), _missing(drawn, uses)
         report = FileReport(
             kind=kind,
-            size=_three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
-            triangles=sum(p.faces for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "obstacle")),
-            rows=_rows(drawn, uses, [r.why for r in scenery.roles]),
+            size=size,
+            triangles=sum(p.faces for p, _ in solid),
+            rows=rows,
             origin=_three(scenery.scenery.origin),
+            missing=missing,
+            doubts=(
+                *scenery_doubts(size, rows, missing, unit=unit, options=options),
+                *opened.doubts,
+                *drawn.doubts,
+            ),
             **common,
         )
-    return {"report": report.to_json(), "files": used_files()}
+        write_scenery(tidy, keeper, drawn.pieces, scenery.scenery.scenery_from_file)
+    return {"report": report.to_json(), "files": files}
 
 
-def _kind(drawn: Evaluated) -> str:
-    return "vehicle"
+def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
+    """What is missing of that which is used."""
+    used = zip(drawn.pieces, uses, strict=True)
+    return missing_files({link.name for piece, use in used if use != "dropped" for link in piece.chain})
 
 
 def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Row, ...]:

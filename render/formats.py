@@ -1,0 +1,69 @@
+"""What format a file is in, judged by its first bytes, and refusals that need no Blender."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from geometry.errors import AssetError
+
+MAGIC = {
+    b"BLENDER": "blend",
+    b"\x28\xb5\x2f\xfd": "blend",  # Zstandard, which Blender compresses with
+    b"\x1f\x8b": "blend",  # gzip, which it did before 3.0
+    b"glTF": "gltf",
+    b"Kaydara FBX Binary": "fbx",
+}
+SUFFIXES = {".blend": "blend", ".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx", ".obj": "obj"}
+
+
+def format_of(path: Path) -> str:
+    """The format of the file `path`: "blend", "gltf", "fbx" or "obj".
+
+    Raises
+    ------
+    AssetError
+        If `path` is no file, is empty, or is of no format that can be read.
+    """
+    if not path.exists():
+        raise AssetError("does not exist", path=path)
+    if not path.is_file():
+        raise AssetError("is no file", path=path)
+    try:
+        with open(path, "rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
+    if not start:
+        raise AssetError("is empty", path=path, remedy="copy it again")
+    suffix = ".blend" if path.suffix.lower().startswith(".blend") else path.suffix.lower()
+    for magic, kind in MAGIC.items():
+        if start.startswith(magic) and SUFFIXES.get(suffix, kind) == kind:
+            return kind
+    expected = SUFFIXES.get(suffix)
+    if expected is None:
+        raise AssetError(
+            f"is of a format that is not read; expected one of {', '.join(SUFFIXES)}",
+            path=path,
+            remedy="save it as .blend in Blender",
+        )
+    if suffix == ".obj" and b"\0" not in start:
+        return "obj"
+    if suffix == ".gltf" and _is_json(path):
+        return "gltf"
+    if suffix == ".fbx" and start.lstrip().startswith(b";"):
+        raise AssetError("is an ASCII FBX file, which Blender does not read", path=path, remedy="save it as binary FBX")
+    if start.startswith(b"version https://git-lfs"):
+        raise AssetError("is only a pointer to a file in Git LFS", path=path, remedy="fetch it with `git lfs pull`")
+    raise AssetError(
+        f"is no {suffix} file: it does not begin like one (damaged, encrypted, or another format)",
+        path=path,
+        remedy="copy it again, or save it as .blend in Blender",
+    )
+
+
+def _is_json(path: Path) -> bool:
+    try:
+        return isinstance(json.loads(path.read_bytes()), dict)
+    except ValueError:
+        return False
