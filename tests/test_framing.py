@@ -1,0 +1,165 @@
+import math
+
+import numpy as np
+import pytest
+
+from camera.framing import frame_target, turned
+from camera.intrinsics import Intrinsics
+from camera.projection import project
+from camera.shell import camera_pose, draw_azimuth, draw_elevation
+
+HD = Intrinsics(1920, 1080, math.radians(50))
+CORNERS = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
+N = 500
+
+
+def poses(
+    n: int = N, distance: tuple[float, float] = (20, 80), elevation: tuple[float, float] = (0.0, 0.6)
+) -> np.ndarray:
+    rng = np.random.default_rng(11)
+    return camera_pose(
+        [0, 0, 0], rng.uniform(*distance, n), draw_azimuth(n, rng=rng), draw_elevation(n, elevation, rng=rng)
+    )
+
+
+def boxes(world_from_camera: np.ndarray, intrinsics: Intrinsics = HD) -> tuple[np.ndarray, np.ndarray]:
+    pixels = project(intrinsics, world_from_camera, CORNERS).pixels
+    return pixels.min(axis=1), pixels.max(axis=1)
+
+
+def test_turning_moves_the_target_to_the_pixel_and_the_camera_nowhere() -> None:
+    before = poses()
+    pixel = np.random.default_rng(0).uniform(-200, 2000, (N, 2))
+    after = turned(before, HD, pixel)
+    np.testing.assert_array_equal(after[:, :3, 3], before[:, :3, 3])
+    np.testing.assert_allclose(project(HD, after, [[0.0, 0, 0]]).pixels[:, 0], pixel, atol=1e-9)
+
+
+def test_turning_keeps_the_horizon_level_as_a_tripod_does() -> None:
+    after = turned(poses(), HD, np.random.default_rng(0).uniform(0, 1080, (N, 2)))
+    assert (after[:, 2, 0] == 0).all()  # right is horizontal
+    assert (after[:, 2, 1] < 0).all()  # down is down
+
+
+@pytest.mark.parametrize("elevation", [math.pi / 2, -math.pi / 2, 1.5, 1.2])
+def test_steep_cameras_turn_too(elevation: float) -> None:
+    before = camera_pose([0, 0, 0], 30.0, np.linspace(0, 6, 50), elevation)
+    pixel = np.random.default_rng(1).uniform(0, 1080, (50, 2))
+    after = turned(before, HD, pixel)
+    np.testing.assert_allclose(project(HD, after, [[0.0, 0, 0]]).pixels[:, 0], pixel, atol=1e-9)
+    np.testing.assert_allclose(
+        after[:, :3, :3] @ np.swapaxes(after[:, :3, :3], 1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14
+    )
+
+
+def test_turning_to_the_middle_changes_nothing() -> None:
+    before = poses()
+    np.testing.assert_allclose(turned(before, HD, HD.centre), before, atol=1e-13)
+
+
+def test_a_target_that_is_wanted_whole_is_whole_and_anywhere() -> None:
+    framed = frame_target(poses(), CORNERS[None], HD, rng=np.random.default_rng(0))
+    low, high = boxes(framed.world_from_camera)
+    assert (low > -1e-2).all()
+    assert (high < np.array([1920, 1080]) + 1e-2).all()
+    assert (framed.truncated < 1e-4).all()
+    # The place between the edges is uniform: mean 1/2, standard deviation 1 / sqrt(12), for 500 draws.
+    place = low / ([1920, 1080] - (high - low))
+    np.testing.assert_allclose(place.mean(axis=0), 0.5, atol=0.06)
+    np.testing.assert_allclose(place.std(axis=0), 12**-0.5, atol=0.03)
+
+
+def test_spread_zero_centres_the_box() -> None:
+    framed = frame_target(poses(), CORNERS[None], HD, rng=np.random.default_rng(0), spread=0.0)
+    low, high = boxes(framed.world_from_camera)
+    np.testing.assert_allclose((low + high) / 2, np.tile(HD.centre, (N, 1)), atol=1e-2)
+
+
+@pytest.mark.parametrize("band", [(0.1, 0.1), (0.2, 0.7), (0.0, 0.5), (0.9, 0.95)])
+@pytest.mark.parametrize("elevation", [(0.0, 0.6), (1.3, math.pi / 2)])
+def test_targets_are_cut_as_much_as_asked(band: tuple[float, float], elevation: tuple[float, float]) -> None:
+    framed = frame_target(poses(elevation=elevation), CORNERS[None], HD, rng=np.random.default_rng(3), truncated=band)
+    low, high = boxes(framed.world_from_camera)
+    kept = np.clip(np.minimum(high, [1920, 1080]) - np.maximum(low, 0), 0, None)
+    truncated = 1 - (kept / (high - low)).prod(axis=1)
+    np.testing.assert_allclose(framed.truncated, truncated, atol=1e-12)
+    assert truncated.min() >= band[0] - 1e-3
+    assert truncated.max() <= band[1] + 1e-3
+    # All of the band is used.
+    assert np.ptp(truncated) >= 0.9 * (band[1] - band[0])
+
+
+def test_cuts_go_through_all_four_sides_and_over_corners() -> None:
+    framed = frame_target(poses(3000), CORNERS[None], HD, rng=np.random.default_rng(3), truncated=(0.6, 0.6))
+    low, high = boxes(framed.world_from_camera)
+    past = np.concatenate([low < -0.1, high > np.array([1920, 1080]) + 0.1], axis=1)
+    assert (past.sum(axis=0) > 300).all()
+    assert set(past.sum(axis=1)) == {1, 2}
+
+
+def test_corner_cuts_are_as_frequent_as_their_area() -> None:
+    # The reference: places uniform in the plane, of which those in a thin band of shares are kept.
+    size, extent = np.array([1000.0, 1000.0]), 300.0
+    rng = np.random.default_rng(0)
+    place = rng.uniform(-extent, 1000.0, (4_000_000, 2))
+    inside = np.clip(np.minimum(place + extent, size) - np.maximum(place, 0), 0, None) / extent
+    band = np.abs(inside.prod(axis=1) - 0.4) < 0.005
+    expected = float((inside[band] < 1).all(axis=1).mean())
+    # A long lens sees a ball's box of eight corners as the same square wherever it is.
+    lens = Intrinsics(1000, 1000, math.radians(0.2))
+    square = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-1.5, 1.5)])
+    pose = np.tile(camera_pose([0, 0, 0], 10 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
+    framed = frame_target(pose, square[None], lens, rng=rng, truncated=(0.6, 0.6))
+    pixels = project(lens, framed.world_from_camera, square).pixels
+    out = (pixels.min(axis=1) < -0.1) | (pixels.max(axis=1) > 1000.1)
+    assert out.all(axis=1).mean() == pytest.approx(expected, abs=0.015)
+
+
+def test_a_target_larger_than_the_frame_fills_it_and_says_what_is_cut() -> None:
+    near = poses(100, distance=(6, 8))
+    framed = frame_target(near, CORNERS[None], HD, rng=np.random.default_rng(0))
+    low, high = boxes(framed.world_from_camera)
+    wide = high - low > [1920, 1080]
+    assert wide.any()
+    assert (low[wide] < 1).all()
+    assert (high[wide] > np.broadcast_to([1919, 1079], high.shape)[wide]).all()
+    assert (framed.truncated[wide.any(axis=1)] > 0).all()
+
+
+def test_a_camera_inside_the_targets_box_stays_as_it_is() -> None:
+    inside = camera_pose([0, 0, 0], 1.0, 0.3, 0.1)[None]
+    framed = frame_target(inside, CORNERS[None], HD, rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(framed.world_from_camera, turned(inside, HD, HD.centre))
+    assert np.isnan(framed.truncated).all()
+    assert framed.pixel.tolist() == [[960, 540]]
+
+
+def test_a_camera_is_framed_alike_whatever_its_company() -> None:
+    before = np.concatenate([poses(20), poses(5, distance=(4, 9), elevation=(0.5, 1.5))])
+    # Row by row, the first ten cameras get the same random numbers.
+    together = frame_target(before, CORNERS[None], HD, rng=np.random.default_rng(0), truncated=(0.1, 0.6))
+    first = frame_target(before[:10], CORNERS[None], HD, rng=np.random.default_rng(0), truncated=(0.1, 0.6))
+    np.testing.assert_array_equal(together.world_from_camera[:10], first.world_from_camera)
+
+
+def test_no_cameras_is_legal() -> None:
+    framed = frame_target(np.zeros((0, 4, 4)), CORNERS[None], HD, rng=np.random.default_rng(0))
+    assert [len(x) for x in framed] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"spread": 1.5}, "spread: expected 0 to 1, got 1.5"),
+        ({"truncated": (0.5, 0.2)}, "truncated: expected 0 <= low <= high <= 1"),
+        ({"truncated": (-0.1, 0.2)}, "truncated"),
+    ],
+)
+def test_wrong_wishes_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        frame_target(poses(2), CORNERS[None], HD, rng=np.random.default_rng(0), **options)
+
+
+def test_points_for_another_number_of_cameras_are_refused() -> None:
+    with pytest.raises(ValueError, match="points_world: expected 1 or 2 sets of points, got 3"):
+        frame_target(poses(2), np.zeros((3, 8, 3)), HD, rng=np.random.default_rng(0))

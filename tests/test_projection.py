@@ -1,0 +1,121 @@
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera, directions, project, project_camera
+from camera.shell import camera_pose
+from geometry.transforms import rigid, rotation_about
+
+VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
+
+
+def test_pixels_by_hand() -> None:
+    projected = Camera(VGA, np.eye(4)).project([[0, 0, 2], [1, 0, 2], [0, 1, 2], [-2, -1.5, 2]])
+    # f is 320 but for the rounding of tan(pi / 4).
+    np.testing.assert_allclose(projected.pixels, [[320, 240], [480, 240], [320, 400], [0, 0]], atol=1e-12)
+    assert projected.depth.tolist() == [2, 2, 2, 2]
+
+
+def test_points_at_or_behind_the_camera_have_no_pixel_but_a_depth() -> None:
+    pixels, depth = Camera(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
+    assert np.isnan(pixels[:3]).all()
+    assert np.isfinite(pixels[3]).all()
+    assert depth.tolist() == [0, -1, 0, 1e-300]
+
+
+def test_a_point_just_before_the_plane_projects_to_infinity_without_a_warning() -> None:
+    assert np.isposinf(project_camera(VGA, [[1e10, 0.0, 1e-300]]).pixels[0, 0])
+
+
+def test_stacks_of_cameras_broadcast() -> None:
+    poses = camera_pose([0, 0, 0], np.full(5, 10.0), np.linspace(0, 6, 5), 0.3)
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    many = project(VGA, poses, points)
+    assert many.pixels.shape == (5, 7, 2)
+    for i in range(5):
+        np.testing.assert_allclose(many.pixels[i], Camera(VGA, poses[i]).project(points).pixels, atol=1e-9)
+    each = project([VGA, Intrinsics(10, 10, 1.0)], poses[:2], points)
+    np.testing.assert_array_equal(each.pixels[0], many.pixels[0])
+    assert np.abs(each.pixels[1] - 5).max() < 5
+    assert project([], np.zeros((0, 4, 4)), np.zeros((1, 3, 3))).pixels.shape == (0, 3, 2)
+
+
+def test_rays_lead_to_the_points_that_they_came_from() -> None:
+    camera = Camera(VGA, camera_pose([3, 4, 5], 20.0, 1.0, 0.4))
+    points = np.array([[3.0, 4, 5], [4, 3, 5], [3, 4, 7]])
+    pixels, _ = camera.project(points)
+    along = camera.ray_directions(pixels)
+    distance = np.linalg.norm(points - camera.position, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(along, axis=1), 1, rtol=1e-15)
+    np.testing.assert_allclose(camera.position + along * distance[:, None], points, atol=1e-12)
+    assert (directions(VGA, pixels)[:, 2] == 1).all()
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        np.diag([2.0, 2, 2, 1]),
+        np.diag([1.0, 1, -1, 1]),
+        np.vstack([np.eye(4)[:3], [0.1, 0, 0, 1]]),
+        np.zeros((4, 4)),
+    ],
+)
+def test_a_pose_that_is_not_rigid_is_refused(pose: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="world_from_camera: expected a rigid 4x4 transform"):
+        Camera(VGA, pose)
+
+
+BLENDER = """
+import json, sys
+import bpy
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Matrix, Vector
+scene = bpy.context.scene
+data = bpy.data.cameras.new("camera")
+camera = bpy.data.objects.new("camera", data)
+scene.collection.objects.link(camera)
+data.sensor_fit = "HORIZONTAL"
+out = []
+for case in json.load(sys.stdin):
+    scene.render.resolution_x, scene.render.resolution_y = case["width"], case["height"]
+    data.angle_x = case["fov_x"]
+    # Blender's cameras look along -z with y up.
+    flip = Matrix(((1, 0, 0, 0), (0, -1, 0, 0), (0, 0, -1, 0), (0, 0, 0, 1)))
+    camera.matrix_world = Matrix(case["world_from_camera"]) @ flip
+    bpy.context.view_layer.update()
+    out.append([list(world_to_camera_view(scene, camera, Vector(p))) for p in case["points"]])
+print("RESULT" + json.dumps(out))
+"""
+
+
+@pytest.mark.blender
+def test_agrees_with_blenders_world_to_camera_view_to_its_float32() -> None:
+    rng = np.random.default_rng(5)
+    cases, expected = [], []
+    for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
+        pose = camera_pose(rng.uniform(-5, 5, 3), 20.0, rng.uniform(0, 6), rng.uniform(-1.5, 1.5))
+        pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
+        camera = Camera(Intrinsics(width, height, math.radians(fov_deg)), pose)
+        points = camera.unproject(rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
+        cases.append(
+            {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
+            | {"world_from_camera": pose.tolist(), "points": points.tolist()}
+        )
+        pixels, depth = camera.project(points)
+        expected.append(np.column_stack([pixels / [width, height] * [1, -1] + [0, 1], depth]))
+    done = subprocess.run(
+        [sys.executable, "-c", BLENDER],
+        input=json.dumps(cases),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    result = json.loads(done.stdout.split("RESULT")[1])
+    # Blender's matrices and vectors are float32: seven digits of coordinates up to 30 m, seen through f up to 3 widths.
+    np.testing.assert_allclose(result, expected, atol=2e-5, rtol=2e-6)
