@@ -1,8 +1,405 @@
-"""The `hulldown` command: arguments, progress, exit codes; no logic."""
+"""The `hulldown` command: arguments, progress, exit codes; no logic.
+
+Messages and progress go to stderr, results to stdout, so that `--json` can be piped. Exit code 0: done; 1: done, but
+something failed or was found; 2: a mistake of the user's, said in one line; 130: stopped by Ctrl-C.
+
+Stages are imported where they are used: `hulldown --help` must not wait for SciPy.
+"""
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
-def main() -> int:
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from geometry.errors import HulldownError
+
+STDERR = Console(stderr=True, highlight=False)
+STDOUT = Console(highlight=False)
+DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    return 0
+    arguments = _parser().parse_args(argv)
+    try:
+        return arguments.run(arguments)
+    except HulldownError as error:
+        STDERR.print(f"hulldown: {escape(str(error))}", soft_wrap=True)
+        return MISTAKE
+    except KeyboardInterrupt:
+        STDERR.print("hulldown: stopped; the same command goes on from here")
+        return STOPPED
+    except BrokenPipeError:
+        # The reader of our stdout has gone, as `head` does; nothing more can be said there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from render.demo.project import create_project
+
+    with _progress("building demo assets") as advance:
+        config = create_project(arguments.folder, seed=arguments.seed, progress=advance)
+    _say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
+    return DONE
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    from render.inspect import inspect_file
+
+    missing = False
+    reports = []
+    for path in arguments.files:
+        with STDERR.status(f"reading {escape(str(path))}"):
+            report = inspect_file(path, kind=arguments.kind, strict=arguments.strict, picture=arguments.output)
+        missing = missing or bool(report.missing)
+        reports.append(report.to_json())
+        if not arguments.json:
+            _print_report(report)
+    if arguments.json:
+        _print_json(reports)
+    return FOUND if missing else DONE
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from planning.config import load_config
+    from planning.write import write_plan
+    from render.cache import load_assets
+
+    if arguments.check:
+        return _check_plan(arguments)
+    if arguments.output is None:
+        raise SystemExit("hulldown plan: -o PLAN is missing: where to write the plan")
+    config = load_config(arguments.config)
+    with STDERR.status("reading assets") as status:
+        assets = load_assets(
+            config, strict=arguments.strict, progress=lambda path: status.update(f"reading {path}"), warn=_warn
+        )
+    with _progress("planning") as advance:
+        plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
+    return _summarise(plan, arguments)
+
+
+def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
+    from planning.summary import summarise
+
+    summary = summarise(plan)
+    picture = Path(arguments.output).with_suffix(".png")
+    summary.draw(picture)
+    if arguments.json:
+        _print_json(summary.to_json())
+    else:
+        for table in summary.tables():
+            STDOUT.print(table)
+    _say(f"wrote {arguments.output} ({len(plan)} images) and {picture}; next: hulldown preview {arguments.output}")
+    return DONE
+
+
+def _check_plan(arguments: argparse.Namespace) -> int:
+    from planning.check import check_plan
+    from planning.plan_file import read_plan
+    from render.cache import load_planned_assets
+
+    plan = read_plan(arguments.config)
+    with STDERR.status("reading assets") as status:
+        assets = load_planned_assets(plan, progress=lambda path: status.update(f"reading {path}"))
+    with _progress("checking") as advance:
+        findings = check_plan(plan, assets, progress=advance)
+    if arguments.json:
+        _print_json(findings)
+    else:
+        for finding in findings:
+            STDOUT.print(escape(finding))
+    _say(f"{len(plan)} images checked, {len(findings)} limits broken")
+    return FOUND if findings else DONE
+
+
+def _preview(arguments: argparse.Namespace) -> int:
+    from planning.plan_file import read_plan
+    from planning.preview import preview_sheet
+    from render.cache import load_planned_assets
+
+    plan = read_plan(arguments.plan)
+    with STDERR.status("reading assets") as status:
+        assets = load_planned_assets(plan, progress=lambda path: status.update(f"reading {path}"))
+    with _progress("shading") as advance:
+        preview_sheet(plan, assets, arguments.output, count=arguments.count, progress=advance)
+    _say(f"wrote {arguments.output}")
+    return DONE
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from render.supervisor import render_plan
+
+    with _progress("rendering") as advance:
+
+        def show(progress: Any) -> None:
+            if progress.line:
+                _say(progress.line)
+            advance(progress.finished, progress.images)
+
+        report = render_plan(
+            arguments.plan,
+            arguments.output,
+            workers=arguments.workers,
+            device=arguments.device,
+            limit=arguments.limit,
+            blender=arguments.blender,
+            progress=show,
+        )
+    if arguments.json:
+        _print_json(dataclasses.asdict(report))
+    _say(
+        f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
+        f"in {report.seconds:.0f} s; next: hulldown verify {arguments.output}"
+    )
+    if report.failed:
+        _warn(f"reasons are in {arguments.output / 'failures.jsonl'}")
+    if report.interrupted:
+        _say("stopped; the same command goes on from here")
+        return STOPPED
+    return DONE if report.complete else FOUND
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from annotate.verify import verify
+
+    with STDERR.status("checking records and images"):
+        findings = list(verify(arguments.dataset, plan=arguments.plan))
+    checked = 0
+    if arguments.masks:
+        from render.masks import verify_masks
+
+        with _progress("rendering masks") as advance:
+            measured = verify_masks(arguments.dataset, arguments.plan, count=arguments.masks, progress=advance)
+        checked = len(measured.rows)
+        findings += measured.findings
+        if not arguments.json:
+            STDOUT.print(measured.table())
+    if arguments.json:
+        _print_json([dataclasses.asdict(finding) for finding in findings])
+    else:
+        for finding in findings:
+            STDOUT.print(escape(str(finding)))
+    errors = sum(finding.severity == "error" for finding in findings)
+    masks = f", {checked} masks rendered" if arguments.masks else ""
+    _say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
+    return FOUND if errors else DONE
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from annotate.split import export_dataset
+
+    counts = export_dataset(arguments.dataset, arguments.output, form=arguments.format, shares=arguments.split)
+    if arguments.json:
+        _print_json(counts)
+    _say(f"wrote {arguments.output}: " + ", ".join(f"{n} {name}" for name, n in counts.items()))
+    return DONE
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from render.doctor import diagnose
+
+    with STDERR.status("asking Blender"):
+        diagnosis = diagnose()
+    if arguments.json:
+        _print_json(dataclasses.asdict(diagnosis))
+        return FOUND if diagnosis.problems else DONE
+    table = Table(show_header=False, box=None)
+    table.add_row("python", diagnosis.python)
+    table.add_row("system", diagnosis.system)
+    for name, version in diagnosis.versions.items():
+        table.add_row(name, version or "not installed")
+    table.add_row("Blender", diagnosis.blender or "does not start")
+    for device in diagnosis.devices:
+        table.add_row(f"device {device['kind']}", device["name"])
+    STDOUT.print(table)
+    for problem in diagnosis.problems:
+        STDOUT.print(f"problem: {escape(problem)}", soft_wrap=True)
+    if not diagnosis.problems:
+        STDOUT.print("all well: this machine can plan and render")
+    return FOUND if diagnosis.problems else DONE
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    """The verbs one after the other, as a user would type them."""
+    folder = arguments.output
+    config, plan, dataset = folder / "hulldown.toml", folder / "plan.jsonl", folder / "dataset"
+    steps = [
+        ["plan", config, "-o", plan],
+        ["preview", plan, "-o", folder / "preview.png"],
+        ["render", plan, "-o", dataset],
+        ["verify", dataset, "--plan", plan],
+    ]
+    if not config.exists():
+        steps.insert(0, ["init", folder])
+    for step in steps:
+        words = [str(word) for word in step]
+        STDERR.rule(f"hulldown {' '.join(words)}", align="left")
+        if code := main(words):
+            return code
+    from annotate.overlay import dataset_sheet
+
+    dataset_sheet(dataset, count=12, columns=3, masks=False).save(folder / "contact_sheet.png")
+    _say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
+    return DONE
+
+
+def _print_report(report: Any) -> None:
+    table = Table(title=f"{report.path}: {report.kind}", title_justify="left")
+    for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
+        table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
+    for row in report.rows:
+        size = " x ".join(f"{x:.2f}" for x in row.size)
+        table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
+    STDOUT.print(table)
+    size = " x ".join(f"{x:.2f}" for x in report.size)
+    STDOUT.print(f"size {size} m, {report.triangles:,} triangles, {report.up} up, 1 unit = {report.unit:g} m")
+    for part in report.parts:
+        low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
+        pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
+        turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
+        STDOUT.print(f"{part.name} on {part.parent}: {turns}; {escape(part.why)}", soft_wrap=True)
+    for missing in report.missing:
+        wanted_by = ", ".join(missing.wanted_by)
+        STDOUT.print(f"missing: {escape(missing.path)}, wanted by {escape(wanted_by)}", soft_wrap=True)
+    for doubt in report.doubts:
+        STDOUT.print(f"doubt: {escape(doubt)}", soft_wrap=True)
+
+
+def _say(line: str) -> None:
+    STDERR.print(escape(line), soft_wrap=True)
+
+
+def _warn(line: str) -> None:
+    STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
+
+
+def _print_json(value: Any) -> None:
+    sys.stdout.write(json.dumps(value, indent=2, default=str) + "\n")
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr; yields what is to be called with the steps done and their total."""
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=STDERR) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _shares(text: str) -> tuple[float, ...]:
+    try:
+        shares = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        shares = ()
+    if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1.0) > 1e-6:
+        raise argparse.ArgumentTypeError(f"expected three shares that add up to 1, such as 0.7,0.2,0.1, got {text!r}")
+    return shares
+
+
+def _at_least_one(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="hulldown", description="Plan, render and annotate synthetic detection datasets of vehicles on terrain."
+    )
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    def verb(name: str, run: Callable[[argparse.Namespace], int], does: str, more: str) -> argparse.ArgumentParser:
+        sub = verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
+        sub.set_defaults(run=run)
+        if name not in ("init", "preview", "demo"):
+            sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
+        return sub
+
+    sub = verb(
+        "init", _init, "start a project", "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs."
+    )
+    sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
+    sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
+
+    sub = verb(
+        "inspect", _inspect, "show what will be used of asset files",
+        "Reads .blend, .glb, .gltf, .fbx or .obj; writes a table, and with -o a picture from four sides.",
+    )  # fmt: skip
+    sub.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    sub.add_argument("--as", dest="kind", choices=("vehicle", "scenery"), help="default: judged by what is in the file")
+    sub.add_argument("-o", "--output", type=Path, metavar="PNG", help="shaded picture, parts in colours")
+    sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
+
+    sub = verb(
+        "plan", _plan, "plan every pose of a dataset",
+        "Reads a config and its assets; writes PLAN, one line an image, and a picture of its statistics beside it.",
+    )  # fmt: skip
+    sub.add_argument("config", type=Path, metavar="CONFIG", help="the config; with --check a plan")
+    sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="the plan to write, such as plan.jsonl")
+    sub.add_argument("--check", action="store_true", help="recompute every limit of an existing plan instead")
+    sub.add_argument(
+        "--workers", type=_at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)"
+    )
+    sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+
+    sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    sub.add_argument("-o", "--output", type=Path, metavar="PNG", default=Path("preview.png"))
+    sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
+
+    sub = verb(
+        "render", _render, "render a plan with Blender Cycles",
+        "Reads a plan and the assets it names; writes images, annotations.json and a journal. Resumes by itself.",
+    )  # fmt: skip
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True)
+    sub.add_argument("--workers", type=_at_least_one, help="processes (default: one a GPU, or one)")
+    sub.add_argument(
+        "--device", default="auto", choices=("auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal")
+    )
+    sub.add_argument("--limit", type=_at_least_one, metavar="N", help="only the first N images of the plan")
+    sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
+
+    sub = verb(
+        "verify", _verify, "check a dataset",
+        "Reads a dataset; prints what is wrong with records, images and boxes. Exit code 1 if something is.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("--plan", type=Path, help="the plan it was rendered from, to compare class counts")
+    sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+
+    sub = verb(
+        "export", _export, "split a dataset for training",
+        "Reads a dataset; writes train, valid and test; shots of one position stay together.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
+    sub.add_argument("--format", choices=("coco", "yolo"), default="coco")
+    sub.add_argument("--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C", help="default: 0.7,0.2,0.1")
+
+    verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
+
+    sub = verb("demo", _demo, "everything, small", "Writes a project, a plan, a dataset of 12 images, a contact sheet.")
+    sub.add_argument("--output", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
