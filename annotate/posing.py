@@ -74,10 +74,10 @@ class PosedParts:
         poses = np.zeros((*angles.shape, 3, 4))
         poses[:, :, :, :3] = np.eye(3)
         for i in np.flatnonzero(angles.any(axis=0)):
-            turn = _turn(self._shape.part_axis[i], angles[:, i])
+            turn = _turn(self._shape.part_axis[i], np.ascontiguousarray(angles[:, i]))
             pivot = self._shape.part_pivot[i]
             poses[:, i, :, :3] = turn
-            poses[:, i, :, 3] = pivot - turn @ pivot
+            poses[:, i, :, 3] = pivot - _product(turn, pivot[:, None])[..., 0]
         for i, parent in enumerate(self._shape.part_parent):
             if parent >= 0:
                 poses[:, i] = _compose(poses[:, parent], poses[:, i])
@@ -92,10 +92,10 @@ class PosedParts:
         """Where poses and angles take each part at rest, in the camera's frame."""
         camera_axes = np.swapaxes(world_from_camera[:, :3, :3], 1, 2)
         camera_from_vehicle = np.empty((len(world_from_vehicle), 3, 4))
-        camera_from_vehicle[:, :, :3] = camera_axes @ world_from_vehicle[:, :3, :3]
+        camera_from_vehicle[:, :, :3] = _product(camera_axes, world_from_vehicle[:, :3, :3])
         # The difference first: far from the origin the digits are in it.
         apart = world_from_vehicle[:, :3, 3] - world_from_camera[:, :3, 3]
-        camera_from_vehicle[:, :, 3] = (camera_axes @ apart[:, :, None])[:, :, 0]
+        camera_from_vehicle[:, :, 3] = _product(camera_axes, apart[:, :, None])[:, :, 0]
         if not angles.any():
             return np.broadcast_to(camera_from_vehicle[:, None], (*angles.shape, 3, 4))
         return _compose(camera_from_vehicle[:, None], self.vehicle_from_parts(angles))
@@ -137,9 +137,14 @@ def _extreme(points: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
 def _compose(
     c_from_b: Float[np.ndarray, "*#n 3 4"], b_from_a: Float[np.ndarray, "*#n 3 4"]
 ) -> Float[np.ndarray, "*n 3 4"]:
-    composed = c_from_b[..., :3] @ b_from_a
+    composed = _product(c_from_b[..., :3], b_from_a)
     composed[..., 3] += c_from_b[..., 3]
     return composed
+
+
+def _product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
+    """Matrix products by sums that are written out: a row's bits do not depend on how many rows there are."""
+    return a[..., :, 0:1] * b[..., 0:1, :] + a[..., :, 1:2] * b[..., 1:2, :] + a[..., :, 2:3] * b[..., 2:3, :]
 
 
 def _turn(axis: Float[np.ndarray, "3"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:

@@ -1,0 +1,302 @@
+"""Boxes against exact arithmetic, against every vertex, and against pixels."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from annotate.boxes import VehicleBoxes, surface_box
+from annotate.clipping import Frustum, extremes_of_clipped, extremes_of_mesh
+from annotate.masks import mask_box, vehicle_mask
+from annotate.posing import PosedParts, move
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import NEAR, Camera
+from camera.target import Standing, VehicleTarget
+from geometry.meshes import Mesh
+from geometry.transforms import apply, rigid, rotation_about
+
+PIXEL_ERROR = 1e-6  # what the boxes promise; relative for boxes larger than a pixel's worth of digits
+FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
+
+
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    axis = rng.normal(size=3)
+    return rotation_about(axis / np.linalg.norm(axis), rng.uniform(-math.pi, math.pi))
+
+
+def random_vehicle(rng: np.random.Generator) -> VehicleShape:
+    """Up to three parts, each a soup, a subdivided box, a ball, a flat plate or a single triangle."""
+    vertices, faces, part = [], [], []
+    count = 0
+    parts = int(rng.integers(1, 4))
+    for i in range(parts):
+        v, f = PART_KINDS[rng.integers(len(PART_KINDS))](rng)
+        v = (v * rng.uniform(0.2, 4.0, 3)) @ random_rotation(rng).T + rng.normal(size=3)
+        vertices.append(v)
+        faces.append(f + count)
+        part += [i] * len(v)
+        count += len(v)
+    axes = rng.normal(size=(parts, 3))
+    return VehicleShape(
+        "random",
+        Mesh(np.concatenate(vertices), np.concatenate(faces)),
+        np.array(part),
+        ("hull", "turret", "gun")[:parts],
+        np.arange(parts) - 1,
+        rng.normal(size=(parts, 3)) * (np.arange(parts) > 0)[:, None],
+        axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        np.tile([-math.pi, math.pi], (parts, 1)),
+        np.eye(4),
+    )
+
+
+def soup(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    n = int(rng.integers(4, 12))
+    return rng.normal(size=(n, 3)), rng.integers(0, n, size=(int(rng.integers(1, 300)), 3))
+
+
+def subdivided_box(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    n = int(rng.integers(1, 6))
+    line = np.linspace(-0.5, 0.5, n + 1)
+    a, b = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
+    corner = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], -1).reshape(-1, 4)
+    flat = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    vertices, faces = [], []
+    for axis, side in itertools.product(range(3), (-0.5, 0.5)):
+        face = np.empty((len(a), 3))
+        face[:, axis], face[:, (axis + 1) % 3], face[:, (axis + 2) % 3] = side, a, b
+        faces.append(flat + len(vertices) * len(a))
+        vertices.append(face)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def ball(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    vertices, faces = subdivided_box(rng)
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+
+
+def plate(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    vertices, faces = soup(rng)
+    return vertices * [1.0, 1.0, 0.0], faces
+
+
+def triangle(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    return rng.normal(size=(3, 3)), np.array([[0, 1, 2]])
+
+
+PART_KINDS = [soup, subdivided_box, ball, plate, triangle]
+
+
+def random_camera(rng: np.random.Generator, target: np.ndarray) -> Camera:
+    """Looks roughly at the target, from within it to afar; any field of view, any image down to one pixel."""
+    distance = 10.0 ** rng.uniform(-2.0, 2.5)
+    rotation = random_rotation(rng)
+    aside = rng.normal(size=3) * distance * rng.choice([0.0, 0.05, 0.5])
+    width, height = (int(n) for n in rng.choice([1, 16, 640, 1920], size=2))
+    position = target - distance * rotation[:, 2] + aside
+    return Camera(Intrinsics(width, height, float(rng.choice(FIELDS_OF_VIEW))), rigid(rotation, position))
+
+
+def random_view(seed: int) -> tuple[VehicleShape, np.ndarray, Camera, dict[str, float]]:
+    rng = np.random.default_rng(seed)
+    shape = random_vehicle(rng)
+    origin = rng.normal(size=3) * rng.choice([0.0, 1.0, 1e4])
+    pose = rigid(random_rotation(rng), origin)
+    articulation = {name: float(rng.uniform(-3.0, 3.0)) for name in shape.part_names[1:] if rng.random() < 0.8}
+    return shape, pose, random_camera(rng, origin), articulation
+
+
+def exact_box(
+    vertices: np.ndarray, faces: np.ndarray, camera: Camera, *, frame: bool, slack: float
+) -> tuple[Fraction, ...] | None:
+    """Clips every triangle in rational arithmetic, its planes moved outwards by `slack`; (u0, v0, u1, v1) or None."""
+    axes = [[Fraction(float(n)) for n in column] for column in camera.world_from_camera[:3, :3].T]
+    position = [Fraction(float(n)) for n in camera.position]
+    points = []
+    for vertex in vertices:
+        apart = [Fraction(float(n)) - p for n, p in zip(vertex, position, strict=True)]
+        points.append([sum(a * b for a, b in zip(axis, apart, strict=True)) for axis in axes])
+    f = Fraction(camera.intrinsics.f_px)
+    cx, cy = Fraction(camera.intrinsics.width, 2), Fraction(camera.intrinsics.height, 2)
+    planes = [(0, 0, 1, Fraction(slack) - Fraction(NEAR))]
+    if frame:
+        for normal in ((f, 0, cx), (-f, 0, cx), (0, f, cy), (0, -f, cy)):
+            planes.append((*normal, Fraction(slack) * max(abs(n) for n in normal)))
+    us, vs = [], []
+    for face in faces:
+        polygon = [points[i] for i in face]
+        for a, b, c, d in planes:
+            at = [a * x + b * y + c * z + d for x, y, z in polygon]
+            clipped = []
+            for i, (point, here) in enumerate(zip(polygon, at, strict=True)):
+                following, there = polygon[(i + 1) % len(polygon)], at[(i + 1) % len(polygon)]
+                if here >= 0:
+                    clipped.append(point)
+                if (here >= 0) != (there >= 0):
+                    t = here / (here - there)
+                    clipped.append([p + t * (q - p) for p, q in zip(point, following, strict=True)])
+            polygon = clipped
+        us += [x / z * f + cx for x, _, z in polygon]
+        vs += [y / z * f + cy for _, y, z in polygon]
+    return (min(us), min(vs), max(us), max(vs)) if us else None
+
+
+def assert_between(found: np.ndarray | None, least: tuple | None, most: tuple | None) -> None:
+    """The box lies between those of the frustum drawn in and let out by what float64 cannot tell."""
+    if found is None:
+        assert least is None
+        return
+    assert most is not None
+    low, high = found[:2], found[:2] + found[2:]
+    error = PIXEL_ERROR * max(1.0, *(abs(float(n)) for n in most)) ** 0.5
+    assert (low >= np.array(most[:2], dtype=float) - error).all()
+    assert (high <= np.array(most[2:], dtype=float) + error).all()
+    if least is not None:
+        assert (low <= np.array(least[:2], dtype=float) + error).all()
+        assert (high >= np.array(least[2:], dtype=float) - error).all()
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_the_rule_is_exact_clipping(seed: int, frame: bool) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 7))
+    vertices = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-2.0, 2.0)
+    faces = rng.integers(0, n, size=(int(rng.integers(1, 5)), 3))
+    camera = random_camera(rng, vertices[0])
+    # What rounding of coordinates of this size can move a plane by.
+    slack = 1e-13 * (np.abs(vertices - camera.position).max() + 1.0)
+    found = surface_box(vertices, faces, camera, frame=frame)
+    assert_between(
+        found,
+        exact_box(vertices, faces, camera, frame=frame, slack=-slack),
+        exact_box(vertices, faces, camera, frame=frame, slack=slack),
+    )
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_the_fast_answer_is_the_rule(seed: int, frame: bool) -> None:
+    shape, pose, camera, articulation = random_view(seed)
+    vertices_world = apply(pose, shape.vertices_at(articulation))
+    expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
+    found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
+    # Coordinates of 1e4 m carry 1e-12 m of rounding, which a long lens close by turns into pixels.
+    far = 1e-15 * np.abs(vertices_world).max() * camera.intrinsics.f_px / NEAR
+    if expected is None or found is None:
+        assert expected is None
+        assert found is None
+    else:
+        tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
+        assert np.abs(found - expected).max() <= tolerance
+
+
+@given(st.integers(0, 2**32))
+def test_hull_vertices_answer_as_all_vertices_do_bit_for_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = random_vehicle(rng)
+    camera = Camera(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0]))
+    pose = rigid(random_rotation(rng), rng.normal(size=3))
+    parts = PosedParts(shape)
+    angles = rng.uniform(-3.0, 3.0, (1, len(shape.part_names))) * (np.arange(len(shape.part_names)) > 0)
+    articulation = dict(zip(shape.part_names[1:], angles[0, 1:].tolist(), strict=True))
+    camera_from_parts = parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
+    x, y, z = move(parts.vertices, parts.vertex_slices, camera_from_parts)[:, 0]
+    u, v = x / z * camera.intrinsics.f_px + 960.0, y / z * camera.intrinsics.f_px + 540.0
+    assume(min(u.min(), v.min()) >= 0.0)
+    assume(u.max() <= 1920.0)
+    assume(v.max() <= 1080.0)
+    expected = np.array([u.min(), v.min(), u.max() - u.min(), v.max() - v.min()])
+    assert np.array_equal(VehicleBoxes(shape).box(pose, camera, articulation), expected)
+
+
+@given(st.lists(st.integers(0, 2**32), max_size=5), st.integers(0, 2**32))
+def test_a_batch_is_its_rows_bit_for_bit(seeds: list[int], vehicle: int) -> None:
+    shape = random_vehicle(np.random.default_rng(vehicle))
+    boxes = VehicleBoxes(shape)
+    views = [random_view(seed) for seed in seeds]
+    poses = np.array([view[1] for view in views]).reshape(-1, 4, 4)
+    cameras = [view[2] for view in views]
+    angles = [{name: 0.3 * len(view[3]) for name in shape.part_names[1:]} for view in views]
+    found = boxes.boxes(
+        poses,
+        np.array([camera.world_from_camera for camera in cameras]).reshape(-1, 4, 4),
+        [camera.intrinsics for camera in cameras],
+        angles,
+    )
+    for i, camera in enumerate(cameras):
+        for frame, rows in ((True, found.xywh), (False, found.amodal)):
+            alone = boxes.box(poses[i], camera, angles[i], frame=frame)
+            assert np.array_equal(rows[i], np.full(4, np.nan) if alone is None else alone, equal_nan=True)
+
+
+@given(st.integers(0, 2**32))
+def test_truncation_is_between_nothing_and_all(seed: int) -> None:
+    shape, pose, camera, articulation = random_view(seed)
+    found = VehicleBoxes(shape).boxes(pose[None], camera.world_from_camera[None], camera.intrinsics, [articulation])
+    (box,), (amodal,), (share,) = found.xywh, found.amodal, found.truncated_fraction
+    assert 0.0 <= share <= 1.0
+    if np.isnan(box).any():
+        assert share == 1.0
+        return
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    assert (box[:2] >= 0.0).all()
+    # A difference and a sum of two numbers may each be off by half an ulp.
+    assert (box[:2] + box[2:] <= size * (1.0 + 4e-16)).all()
+    slack = 1e-9 * np.abs(amodal).max()
+    assert (box[:2] >= amodal[:2] - slack).all()
+    assert (box[:2] + box[2:] <= amodal[:2] + amodal[2:] + slack).all()
+
+
+@given(st.integers(0, 2**32))
+def test_triangles_in_any_order_and_winding_give_the_same_box(seed: int) -> None:
+    shape, pose, camera, articulation = random_view(seed)
+    rng = np.random.default_rng(seed)
+    vertices = apply(pose, shape.vertices_at(articulation))
+    faces = shape.mesh.faces
+    turned = rng.permuted(rng.permutation(faces), axis=1)
+    for frame in (True, False):
+        one, other = (surface_box(vertices, f, camera, frame=frame) for f in (faces, turned))
+        assert (one is None) == (other is None)
+        if one is not None and other is not None:
+            assert np.abs(one - other).max() <= 1e-9 * max(1.0, np.abs(one).max())
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bool) -> None:
+    shape, pose, camera, _ = random_view(seed)
+    frustum = Frustum.of(camera.intrinsics, frame=frame)
+    points = np.ascontiguousarray(apply(camera.camera_from_world @ pose, shape.mesh.vertices).T)
+    each = extremes_of_clipped(points[:, shape.mesh.faces], frustum)
+    assert np.array_equal(extremes_of_mesh(points, shape.mesh.faces, frustum), each)
+
+
+@pytest.mark.parametrize("kind", [subdivided_box, ball])
+@given(st.integers(0, 2**32))
+def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    vertices, faces = kind(rng)
+    shape = VehicleShape(
+        "solid", Mesh(vertices * rng.uniform(1.0, 4.0, 3), faces), np.zeros(len(vertices), dtype=int), ("hull",),
+        np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4),
+    )  # fmt: skip
+    pose = rigid(random_rotation(rng), rng.uniform(-3.0, 3.0, 3))
+    view = rigid(np.eye(3), [0.0, 0.0, -8.0])
+    box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))
+    if box is None or box[2:].min() < 1.0:
+        return
+    # Eight rays a pixel and axis: between pixel centres the pointed end of a surface could slip through.
+    fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
+    around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
+    inner = mask_box(vehicle_mask(Standing(VehicleTarget(shape), pose[None], {}), fine, xywh=around))
+    assert inner is not None
+    inner /= 8.0
+    low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]
+    assert min(low.min(), high.min()) >= -0.5 / 8.0 - 1e-3
+    assert max(low.max(), high.max()) <= 1.0
