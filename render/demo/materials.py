@@ -1,0 +1,172 @@
+"""Procedural materials: paint in camouflage, steel, rubber, glass, canvas, earth, grass, rock, bark and leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from PIL import Image
+
+Colour = str  # "#rrggbb" as a colour picker shows it
+
+
+def linear(colour: Colour) -> tuple[float, float, float, float]:
+    """The colour in the linear light that Cycles computes with."""
+    srgb = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    r, g, b = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return float(r), float(g), float(b), 1.0
+
+
+class Graph:
+    """The node tree of one new material, built from the surface backwards."""
+
+    def __init__(self, name: str) -> None:
+        self.material = bpy.data.materials.new(name)
+        self.tree = self.material.node_tree
+        if self.tree is None:  # Blender before 5.0 starts without nodes
+            self.material.use_nodes = True
+            self.tree = self.material.node_tree
+        self.tree.nodes.clear()
+
+    def add(self, kind: str, inputs: Mapping[str | int, Any] | None = None, /, **settings: Any) -> Any:
+        """A node with inputs set to values or linked to sockets."""
+        node = self.tree.nodes.new(f"ShaderNode{kind}")
+        for key, value in settings.items():
+            setattr(node, key, value)
+        for key, value in (inputs or {}).items():
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, node.inputs[key])
+            else:
+                node.inputs[key].default_value = value
+        return node
+
+    def noise(self, where: Any, scale: float, *, detail: float = 2.0, rough: float = 0.5, warp: float = 0.0) -> Any:
+        """Fractal noise, mostly within 0.25 to 0.75."""
+        inputs = {"Vector": where, "Scale": scale, "Detail": detail, "Roughness": rough, "Distortion": warp}
+        return self.add("TexNoise", inputs).outputs[0]
+
+    def ramp(self, value: Any, low: float, high: float) -> Any:
+        """0 below `low` to 1 above `high`, smoothly; falling where low > high."""
+        inputs: dict[str | int, Any] = {0: value, 1: low, 2: high}
+        return self.add("MapRange", inputs, interpolation_type="SMOOTHSTEP").outputs[0]
+
+    def maths(self, operation: str, a: Any, b: Any = 0.0) -> Any:
+        """One arithmetic operation on numbers."""
+        return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
+
+    def mix(self, factor: Any, a: Any, b: Any, *, blend: str = "MIX") -> Any:
+        """Colour a turning into b as the factor goes from 0 to 1."""
+        a, b = (linear(c) if isinstance(c, str) else c for c in (a, b))
+        node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA", blend_type=blend)
+        return node.outputs[2]
+
+    def shade(self, colour: Any, value: Any, amount: float) -> Any:
+        """The colour made darker and brighter by up to `amount` as a noise value goes about 0.5."""
+        factor = self.add("MapRange", {0: value, 1: 0.25, 2: 0.75, 3: 1 - amount, 4: 1 + amount}).outputs[0]
+        vector = colour[:3] if isinstance(colour, tuple) else colour
+        scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
+        return scale.outputs[0]
+
+    def bump(self, height: Any, distance: float, strength: float = 1.0) -> Any:
+        """A normal that leans as a height field of `distance` metres would."""
+        return self.add("Bump", {"Height": height, "Distance": distance, "Strength": strength}).outputs[0]
+
+    def surface(self, inputs: Mapping[str | int, Any]) -> bpy.types.Material:
+        """Close the tree with a principled surface."""
+        shader = self.add("BsdfPrincipled", inputs)
+        self.out(shader.outputs[0])
+        return self.material
+
+    def out(self, shader: Any) -> None:
+        """Close the tree with any surface shader."""
+        self.add("OutputMaterial", {"Surface": shader})
+
+
+def plain(name: str, colour: Colour, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
+    """One colour with slight fine variation: rubber, steel, canvas, wood, lamps."""
+    g = Graph(name)
+    where = g.add("TexCoord").outputs["Object"]
+    value = g.noise(where, 6.0, detail=4.0)
+    return g.surface(
+        {
+            "Base Color": g.shade(linear(colour), value, mottle),
+            "Roughness": g.maths("ADD", rough - 0.08, g.maths("MULTIPLY", value, 0.16)),
+            "Metallic": metal,
+        }
+    )
+
+
+def glass(name: str = "Glass") -> Any:
+    """Dark window glass that mirrors the sky; opaque, as windows look from outside."""
+    g = Graph(name)
+    return g.surface({"Base Color": linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
+
+
+def camouflage(name: str, colours: Sequence[Colour], *, dust: Colour, unit: float = 1.0, size: float = 1.0) -> Any:
+    """Paint in two or three colours in soft-edged patches metres wide, with wear, and dust on the lower hull.
+
+    `unit` is how many file units make a metre; patches are placed in the object's own coordinates.
+    """
+    g = Graph(name)
+    where = _metres(g, unit)
+    first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)
+    colour: Any = linear(colours[0])
+    edges = [(0.53, 0.555), (0.585, 0.61)]
+    for k, paint in enumerate(colours[1:]):
+        offset = g.add("VectorMath", {0: where, 1: (37.0 * k, 11.0 * k, 5.0)}).outputs[0]
+        patch = g.ramp(first if k == 0 else g.noise(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
+        colour = g.mix(patch, colour, paint)
+    return _painted(g, colour, where, dust)
+
+
+def image_paint(name: str, image: bpy.types.Image, *, dust: Colour, by_uv: bool, tile: float = 3.0) -> Any:
+    """Paint from an image texture, by UV map or by box projection, with the same wear and dust as `camouflage`."""
+    g = Graph(name)
+    where = _metres(g, 1.0)
+    if by_uv:
+        texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
+    else:
+        scaled = g.add("VectorMath", {0: where, "Scale": 1 / tile}, operation="SCALE").outputs[0]
+        texture = g.add("TexImage", {"Vector": scaled}, image=image, projection="BOX", projection_blend=0.1)
+    return _painted(g, texture.outputs["Color"], where, dust)
+
+
+def _metres(g: Graph, unit: float) -> Any:
+    where = g.add("TexCoord").outputs["Object"]
+    return where if unit == 1.0 else g.add("VectorMath", {0: where, "Scale": 1 / unit}, operation="SCALE").outputs[0]
+
+
+def _painted(g: Graph, colour: Any, where: Any, dust: Colour) -> bpy.types.Material:
+    """Wear in two scales over a coat of paint; dust thins out upwards from the ground to about 1.5 m."""
+    worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
+    fine = g.noise(where, 18.0, detail=3.0)
+    colour = g.shade(g.shade(colour, worn, 0.22), fine, 0.10)
+    height = g.add("SeparateXYZ", {0: where}).outputs[2]
+    low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
+    up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
+    settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
+    film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
+    rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
+    return g.surface(
+        {
+            "Base Color": g.mix(film, colour, dust),
+            "Roughness": g.maths("ADD", rough, g.maths("MULTIPLY", film, 0.2)),
+            "Specular IOR Level": 0.35,
+            "Normal": g.bump(fine, 0.002),
+        }
+    )
+
+
+def block_pattern(path: Path, colours: Sequence[Colour], *, rng: np.random.Generator, cells: int = 96) -> None:
+    """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses."""
+    height = np.zeros((cells, cells))
+    for octave, weight in ((6, 1.0), (12, 0.6), (32, 0.35)):
+        coarse = rng.random((octave, octave))
+        height += weight * np.kron(coarse, np.ones((cells // octave, cells // octave)))
+    level = np.searchsorted(np.quantile(height, np.linspace(0, 1, len(colours) + 1)[1:-1]), height)
+    palette = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours], np.uint8)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.kron(palette[level], np.ones((8, 8, 1), np.uint8))).save(path)

@@ -1,0 +1,184 @@
+"""Solid shapes as vertices and polygons: the bricks that the demo vehicles are built of. No Blender here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
+
+from geometry.transforms import rotation_about
+
+Point = Sequence[float]  # (x, y, z)
+Outline = Sequence[tuple[float, float]]  # corners of a plane polygon, in order
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shape:
+    """Polygons over shared vertices, faces counter-clockwise seen from outside."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: tuple[tuple[int, ...], ...]
+
+    def __add__(self, other: Shape) -> Shape:
+        return joined([self, other])
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Shape:
+        """The shape shifted."""
+        return Shape(self.vertices + np.array([x, y, z], float), self.faces)
+
+    def turned(self, axis: str, degrees: float, about: Point = (0.0, 0.0, 0.0)) -> Shape:
+        """The shape turned about an axis ("x", "y" or "z") through a point."""
+        rotation = rotation_about(np.eye(3)["xyz".index(axis)], np.radians(degrees))
+        centre = np.asarray(about, float)
+        return Shape((self.vertices - centre) @ rotation.T + centre, self.faces)
+
+    def scaled(self, x: float, y: float, z: float) -> Shape:
+        """The shape stretched about the origin; a mirror image keeps its faces outward."""
+        faces = self.faces if x * y * z > 0 else tuple(face[::-1] for face in self.faces)
+        return Shape(self.vertices * np.array([x, y, z], float), faces)
+
+    def pair(self) -> Shape:
+        """The shape and its mirror image on the other side of the vehicle."""
+        return self + self.scaled(1.0, -1.0, 1.0)
+
+
+def joined(shapes: Iterable[Shape]) -> Shape:
+    """All shapes in one."""
+    parts = list(shapes)
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [tuple(i + int(k) for i in face) for k, part in zip(starts, parts, strict=False) for face in part.faces]
+    return Shape(np.concatenate([part.vertices for part in parts]), tuple(faces))
+
+
+def loft(rings: Sequence[Sequence[Point]]) -> Shape:
+    """Rings of equally many corners joined by quads, closed by the first and the last ring."""
+    corners = np.array(rings, float)
+    n, m = corners.shape[:2]
+    faces: list[tuple[int, ...]] = [tuple(range(m))[::-1], tuple(range((n - 1) * m, n * m))]
+    for k in range(n - 1):
+        for i in range(m):
+            j = (i + 1) % m
+            faces.append((k * m + i, k * m + j, (k + 1) * m + j, (k + 1) * m + i))
+    return _outward(Shape(corners.reshape(-1, 3), tuple(faces)))
+
+
+def block(low: Point, high: Point) -> Shape:
+    """A box between two corners."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    return stack([(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])])
+
+
+def box(size: Point, at: Point) -> Shape:
+    """A box of a size standing on the point `at`, the middle of its underside."""
+    (sx, sy, sz), (x, y, z) = size, at
+    return block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
+
+
+def stack(levels: Sequence[tuple[float, Outline]]) -> Shape:
+    """A solid whose horizontal outline (x, y) at each height z is given."""
+    return loft([[(x, y, z) for x, y in outline] for z, outline in levels])
+
+
+def prism(outline: Outline, y0: float, y1: float) -> Shape:
+    """A side profile (x, z) drawn out from y0 to y1."""
+    return loft([[(x, y, z) for x, z in outline] for y in (y0, y1)])
+
+
+def slab(outline: Outline, half_width: float) -> Shape:
+    """A side profile (x, z) drawn out to both sides of the middle."""
+    return prism(outline, -half_width, half_width)
+
+
+def lathe(profile: Outline, *, sides: int = 20) -> Shape:
+    """A profile (radius, y) turned about the y axis, closed at both ends."""
+    angles = np.arange(sides) * 2 * np.pi / sides
+    return loft([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile])
+
+
+def tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
+    """A cylinder, or a cone where the end radius differs, between two points."""
+    a, b = np.asarray(start, float), np.asarray(end, float)
+    along = (b - a) / np.linalg.norm(b - a)
+    u = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    angles = (np.arange(sides)[:, None] + 0.5) * 2 * np.pi / sides
+    circle = np.cos(angles) * u + np.sin(angles) * np.cross(along, u)
+    return loft([a + radius * circle, b + (radius if end_radius is None else end_radius) * circle])
+
+
+def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, y: float = 0.0, z: float = 0.0) -> Shape:
+    """A round body along +x through stations (x, radius): a barrel, a missile."""
+    return lathe([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(y=y, z=z)
+
+
+def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:
+    """A bent bar through points: a rail, a hoop, a handle."""
+    return joined(tube(a, b, radius, sides=sides) for a, b in pairwise(points))
+
+
+def hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
+    """A tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
+    bow = [(half, z0), (half, z1 - 0.42), (half * 0.93, z1 - 0.2), (half * 0.72, z1 - 0.06), (half * 0.35, z1)]
+    return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]
+
+
+def shell(rows: Sequence[Sequence[Point]], *, thickness: float) -> Shape:
+    """A sheet through rows of points, as a thin solid: each strip of it is drawn inward (down) by the thickness."""
+    outer = np.array(rows, float)
+    centre = outer.mean(axis=(0, 1))
+    lift = (outer - centre) * [0.0, 1.0, 1.0]
+    inner = outer - thickness * lift / np.linalg.norm(lift, axis=-1, keepdims=True)
+    n, m = outer.shape[:2]
+    points = np.concatenate([outer.reshape(-1, 3), inner.reshape(-1, 3)])
+    faces = []
+    for k in range(n - 1):
+        for i in range(m - 1):
+            a, b, c, d = k * m + i, k * m + i + 1, (k + 1) * m + i + 1, (k + 1) * m + i
+            faces += [(a, b, c, d), (d + n * m, c + n * m, b + n * m, a + n * m)]
+    return _outward(Shape(points, tuple(faces)))
+
+
+def ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor: float = -1.0) -> Shape:
+    """An ellipsoid of half axes `size`, cut off below `floor` (-1 keeps all of it)."""
+    heights = np.sin(np.linspace(np.arcsin(max(floor, -0.995)), np.arcsin(0.995), rings))
+    angles = np.arange(sides) * 2 * np.pi / sides
+    unit = [[(np.sqrt(1 - h * h) * np.cos(a), np.sqrt(1 - h * h) * np.sin(a), h) for a in angles] for h in heights]
+    return loft(unit).scaled(*size).moved(*at)
+
+
+def track(circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float) -> Shape:
+    """A track of single links laid round circles (x, z, radius) of wheels, hanging by `sag` between the upper ones."""
+    angles = np.linspace(0, 2 * np.pi, 73)[:-1]
+    rim = np.concatenate([np.stack([x + r * np.cos(angles), z + r * np.sin(angles)], -1) for x, z, r in circles])
+    loop = rim[ConvexHull(rim).vertices]  # counter-clockwise: forward along the ground, back along the top
+    loop = np.concatenate([loop, loop[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(loop, axis=0), axis=1))])
+    links = round(length[-1] / pitch)
+    at = np.linspace(0, length[-1], links + 1)[:-1]
+    x, z = np.interp(at, length, loop[:, 0]), np.interp(at, length, loop[:, 1])
+    ends = np.array([(cx, cz + cr) for cx, cz, cr in circles])
+    ends = ends[np.argsort(ends[:, 0])][[0, -1]]
+    t = np.clip((x - ends[0, 0]) / (ends[1, 0] - ends[0, 0]), 0, 1)
+    z = z - np.where(z > loop[:, 1].mean(), sag * np.sin(np.pi * t) * np.abs(np.sin(3 * np.pi * t)), 0.0)
+    thick, half = 0.075, pitch * 0.46
+    shapes = []
+    for i in range(links):
+        j = (i + 1) % links
+        lean = np.degrees(np.arctan2(z[j] - z[i], x[j] - x[i]))
+        link = prism([(-half, 0), (half, 0), (half * 0.8, -thick), (-half * 0.8, -thick)], -width / 2, width / 2)
+        shapes.append(link.turned("y", -lean).moved((x[i] + x[j]) / 2, y, (z[i] + z[j]) / 2))
+    return joined(shapes)
+
+
+def _outward(shape: Shape) -> Shape:
+    """The shape with its faces turned outward, judged by its signed volume."""
+    points = shape.vertices - shape.vertices.mean(axis=0)
+    volume = 0.0
+    for face in shape.faces:
+        for j in range(1, len(face) - 1):
+            volume += np.linalg.det(points[[face[0], face[j], face[j + 1]]])
+    return shape if volume >= 0 else Shape(shape.vertices, tuple(face[::-1] for face in shape.faces))
