@@ -83,17 +83,19 @@ class InstancedScene:
         self.world_from_instance = poses
         self.bounds = _bounds(self.meshes, which, poses)
 
-        used = set(which.tolist())
-        self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.meshes)]
-        self._caster_of = which.copy()
-        self._instance_from_world = np.tile(np.eye(4), (len(poses), 1, 1))
+        # What is traced: the meshes, and after them those that had to be moved into the world after all.
+        self.traced_meshes = list(self.meshes)
+        self.traced = which.copy()
+        self.world_from_traced = poses.copy()
         stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
-        flat = stretch[:, 2] <= FLATTEST * stretch[:, 0]
-        self._instance_from_world[~flat] = np.linalg.inv(poses[~flat])
-        for i in np.flatnonzero(flat):
+        for i in np.flatnonzero(stretch[:, 2] <= FLATTEST * stretch[:, 0]):
             mesh = self.meshes[which[i]]
-            self._caster_of[i] = len(self._casters)
-            self._casters.append(RayCaster(Mesh(apply(poses[i], mesh.vertices), mesh.faces, mesh.name)))
+            self.traced[i] = len(self.traced_meshes)
+            self.traced_meshes.append(Mesh(apply(poses[i], mesh.vertices), mesh.faces, mesh.name))
+            self.world_from_traced[i] = np.eye(4)
+        self.traced_from_world = np.linalg.inv(self.world_from_traced)
+        used = set(self.traced.tolist())
+        self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
         self._tree = BoxTree(_padded(self.bounds))
 
     def cast(
@@ -201,14 +203,14 @@ class InstancedScene:
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
-        caster_of = self._caster_of[instance]
-        order = np.argsort(caster_of, kind="stable")
-        for rows in np.split(order, np.flatnonzero(np.diff(caster_of[order])) + 1):
+        traced = self.traced[instance]
+        order = np.argsort(traced, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(traced[order])) + 1):
             if not len(rows):
                 continue
-            caster = self._casters[caster_of[rows[0]]]
+            caster = self._casters[traced[rows[0]]]
             assert caster is not None
-            moves = self._instance_from_world[instance[rows]]
+            moves = self.traced_from_world[instance[rows]]
             inside = np.einsum("kij,kj->ki", moves[:, :3, :3], start[ray[rows]]) + moves[:, :3, 3]
             inward = np.einsum("kij,kj->ki", moves[:, :3, :3], along[ray[rows]])
             yield caster, rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
