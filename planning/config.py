@@ -53,6 +53,20 @@ def parse_config(data: Mapping[str, Any], *, path: Path | None = None) -> Config
     return config.read_from(path)
 
 
+# What pydantic says in words of Python, in words of TOML.
+_ALLOWED = {
+    "too_short": "expected at least one",
+    "tuple_type": "expected a list",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "string_type": "expected a string",
+    "bool_type": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+}
+
+
 def _explained(error: Mapping[str, Any]) -> str:
     """One line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
@@ -64,7 +78,8 @@ def _explained(error: Mapping[str, Any]) -> str:
         return f"unknown key {key}; {hint}"
     if error["type"] == "missing":
         return f"{key} is missing" if key else "is empty"
-    allowed = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
+    allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
     value = "" if isinstance(error["input"], dict) else f" = {error['input']!r:.60}"
     return f"{key}{value}: {allowed}"
 

@@ -200,6 +200,8 @@ class HdriChoice(Section):
 
 
 def _choice(value: Any) -> Any:
+    if not isinstance(value, (str, dict, HdriChoice)):
+        raise ValueError("expected a name or { name = ..., weight = ... }")
     return {"name": value} if isinstance(value, str) else value
 
 

@@ -1,0 +1,128 @@
+"""The commented config that `hulldown init` writes: every key, its default, what it does and what it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import orjson
+
+
+def config_text(
+    *,
+    vehicles: Sequence[Mapping[str, Any]],
+    sceneries: Sequence[Mapping[str, Any]],
+    hdris: Sequence[str],
+    images_per_class: int = 140,
+) -> str:
+    """A complete config for these assets, with a comment on every key.
+
+    Parameters
+    ----------
+    vehicles, sceneries
+        Keys and values of each `[[assets.vehicles]]` and `[[assets.sceneries]]`.
+    hdris
+        Patterns of HDRI files.
+    images_per_class
+        The budget.
+    """
+    entries = [_table("assets.vehicles", v) for v in vehicles] + [_table("assets.sceneries", s) for s in sceneries]
+    return _TEXT.format(entries="\n".join(entries), hdris=_value(list(hdris)), images_per_class=images_per_class)
+
+
+def _table(name: str, entry: Mapping[str, Any]) -> str:
+    return "\n".join([f"[[{name}]]", *(f"{key} = {_value(value)}" for key, value in entry.items()), ""])
+
+
+def _value(value: Any) -> str:
+    # What JSON and TOML write alike: strings, numbers, true and false, lists of them.
+    return orjson.dumps(value).decode().replace('","', '", "')
+
+
+_TEXT = """\
+# hulldown config. Every key is shown with its default; delete what you do not want to change.
+# Paths are relative to this file's folder. A range is [low, high]; a single number is a range of one value.
+
+seed = 0  # the same seed, config and assets give the same plan, byte for byte
+
+[assets]
+cache = ".hulldown-cache"  # folder for geometry read from the files below
+hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
+
+# A vehicle: path (.blend, .glb, .gltf, .fbx, .obj) and category (its class) are needed. Optional:
+#   name = "..."                what the plan calls it; default: the file's name
+#   forward = "+x"              where its nose points in the file: "+x", "-x", "+y", "-y"
+#   up = "z"                    "z" or "y"; default: from the file
+#   scale = 1.0                 metres per unit of the file; default: from the file
+#   keep = [...], drop = [...]  patterns of object names that are, or are not, the vehicle
+#   turret = "...", gun = "..." pattern of the objects that turn and rise; "" for none; default: by name
+# A scenery: path is needed. Optional: name, up, scale, and
+#   weight = 1.0                how often it is drawn beside the others
+
+{entries}
+[ground]
+include = []      # patterns of object names that are ground, asked before the rules of docs/assets.md
+exclude = []      # patterns of object names that are not
+fallback_z = 0.0  # height of the plane that is the ground if no object is, in the file's coordinates, metres
+
+[placement]
+margin = 0.8               # share of the scenery's extent that vehicles are placed in, about its centre
+max_slope_deg = 30.0       # steeper ground is refused, at the spot and under the whole vehicle
+rule = "support"           # how the resting plane is found: "support", "least_squares", "averaged" (the paper's)
+footprint = 5              # n x n rays under the vehicle
+min_valid_share = 0.8      # least share of them that must meet ground
+max_gap = 0.5              # metres of air under the vehicle's underside, at most
+max_penetration = 0.3      # metres of ground above it, at most
+obstacle_clearance = 0.5   # metres between vehicles and obstacles, at least
+vehicle_clearance = 2.0    # metres between vehicles, at least
+vehicles_per_image = [1, 1]       # 1 is the target alone; more adds companions, drawn from all vehicles
+companion_distance = [8.0, 40.0]  # metres from the target
+articulate = true          # turn turrets and raise guns, within the limits of each vehicle
+max_tries = 10000          # places tried before giving up, with the counted reasons
+
+[camera]
+fov_x_deg = [40.0, 60.0]       # horizontal field of view
+target_fraction = [0.1, 0.3]   # share of the image height that the vehicle's smallest dimension fills: T_f of eq 5
+distance_factor = [0.8, 1.5]   # distances are D of eq 6 times this
+distance_m = [2.0, 5000.0]     # and within these metres
+elevation_deg = [3.0, 35.0]    # of the camera above the vehicle's horizon
+elevation_sampling = "angle"   # "angle": uniform in degrees; "sphere": uniform on the shell's area
+framing = 0.8                  # 0 centres the target, 1 lets it be anywhere in the frame
+ground_clearance = 0.5         # metres of the camera above the ground, at least
+obstacle_clearance = 1.0       # metres between camera and obstacles, at least
+visible_fraction = [0.3, 1.0]  # share of the target's outline that nothing hides; [0.3, 0.8] asks for half-hidden ones
+visibility_rays = 256          # rays per image that measure it
+truncated_fraction = [0.0, 0.0]  # share of the target's box that the frame cuts off
+min_box_px = 8.0               # least width and height of the target's box
+max_tries = 50                 # cameras tried for an image before the vehicle is moved elsewhere
+
+[budget]
+images_per_class = {images_per_class}  # its models take turns; or a table by class: {{ tank = 200, truck = 100 }}
+# positions_per_vehicle = 28  # instead: images = vehicles x positions x images_per_position (eq 1)
+images_per_position = 5       # images of one vehicle at one place
+
+[light]
+hdris = []             # names or patterns of HDRIs, or {{ name = "noon*", weight = 2.0 }}; empty: all alike
+yaw_deg = [0.0, 360.0] # turn of the HDRI about the vertical
+strength = [0.7, 1.3]  # factor on its brightness
+
+[weather]
+probability = 0.0               # share of images with fog
+visibility_m = [300.0, 3000.0]  # how far one sees in it
+
+[render]
+profile = "paper"  # "paper": 128 samples, denoised; "fast": for a look. Sets the commented keys below.
+width = 1920
+height = 1080
+# samples = 128             # rays per pixel
+# denoise = true            # OpenImageDenoise
+# adaptive_threshold = 0.0  # noise at which a pixel gets no more samples; 0: all get all
+# bounces = 12              # of light
+device = "auto"    # "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"
+"""
+
+CONFIG_TEMPLATE = config_text(
+    vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
+    sceneries=[{"path": "sceneries/hills.blend"}],
+    hdris=["hdris/*.exr"],
+)

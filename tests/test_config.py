@@ -1,0 +1,217 @@
+"""The config: defaults from the paper, every mistake named with its key, its value and what is allowed."""
+
+import pickle
+import re
+import tomllib
+
+import pytest
+
+from geometry.errors import ConfigError
+from planning.config import hdri_paths, load_config, parse_config
+from planning.schema import Config, Section
+from planning.template import CONFIG_TEMPLATE, config_text
+
+MINIMAL = """
+[[assets.vehicles]]
+path = "vehicles/t72.blend"
+category = "tank"
+[[assets.sceneries]]
+path = "hills.blend"
+[budget]
+images_per_class = 140
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def from_text(text):
+        path = tmp_path / "config.toml"
+        path.write_text(text)
+        return load_config(path)
+
+    return from_text
+
+
+def test_defaults_are_the_papers(read):
+    config = read(MINIMAL)
+    assert (config.render.width, config.render.height) == (1920, 1080)
+    assert config.render.samples == 128
+    assert config.render.denoise
+    assert config.placement.margin == 0.8
+    assert config.placement.max_slope_deg == 30.0
+    assert config.placement.footprint == 5
+    assert config.ground.fallback_z == 0.0
+    assert config.placement.vehicles_per_image == (1, 1)
+
+
+def test_the_template_says_the_defaults_and_nothing_else(read):
+    said = tomllib.loads(CONFIG_TEMPLATE)
+    said["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
+    assert parse_config(said).model_dump() == read(MINIMAL).model_dump()
+
+
+def test_the_template_mentions_every_key():
+    def keys(model, section=""):
+        for name, field in model.model_fields.items():
+            inner = field.annotation
+            if isinstance(inner, type) and issubclass(inner, Section):
+                yield from keys(inner, name)
+            else:
+                yield section, name
+
+    for section, name in keys(Config):
+        part = CONFIG_TEMPLATE.split(f"[{section}]\n")[-1] if section else CONFIG_TEMPLATE
+        assert re.search(rf"(?m)^(# |\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
+
+
+def test_the_template_for_given_assets(read):
+    text = config_text(
+        vehicles=[{"path": 'v/"a".blend', "category": "tank", "forward": "-y", "drop": ["floor", "lamp*"]}],
+        sceneries=[{"path": "s.blend", "weight": 2.5}],
+        hdris=["a.exr", "b/*.hdr"],
+        images_per_class=3,
+    )
+    config = read(text)
+    assert config.assets.vehicles[0].path == 'v/"a".blend'
+    assert config.assets.vehicles[0].drop == ("floor", "lamp*")
+    assert config.assets.sceneries[0].weight == 2.5
+    assert config.assets.hdris == ("a.exr", "b/*.hdr")
+    assert config.budget.images_per_class == 3
+
+
+def test_a_profile_sets_what_is_not_given(read):
+    fast = read(MINIMAL + '[render]\nprofile = "fast"\nbounces = 7\n').render
+    assert fast.samples < 128
+    assert fast.bounces == 7
+
+
+def test_a_resolved_config_reads_back_as_itself(read):
+    config = read(MINIMAL + "[light]\nhdris = ['noon', { name = 'dusk*', weight = 2 }]\n[camera]\nfov_x_deg = 50\n")
+    assert config.camera.fov_x_deg == (50.0, 50.0)
+    assert parse_config(config.model_dump(mode="json")).model_dump() == config.model_dump()
+    assert pickle.loads(pickle.dumps(config)) == config
+    assert pickle.loads(pickle.dumps(config)).path == config.path
+
+
+def test_names_come_from_files(read):
+    config = read(MINIMAL)
+    assert config.assets.vehicles[0].name == "t72"
+    assert config.assets.sceneries[0].name == "hills"
+
+
+RANGE = "expected a number or [low, high] with"
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ("[placement]\nmax_slope = 20", "unknown key placement.max_slope; did you mean placement.max_slope_deg?"),
+        ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg; did you mean camera.fov_x_deg?"),
+        ("[placment]\nmargin = 1", "unknown key placment; did you mean placement?"),
+        ("[weather]\nqwerty = 1", "unknown key weather.qwerty; known here: probability, visibility_m"),
+        ("[camera]\nfov_x_deg = [50, 40]", f"camera.fov_x_deg = [50, 40]: {RANGE} 0.1 <= low <= high <= 179"),
+        ("[camera]\nfov_x_deg = 'wide'", f"camera.fov_x_deg = 'wide': {RANGE} 0.1 <= low <= high <= 179"),
+        ("[camera]\nfov_x_deg = nan", f"camera.fov_x_deg = nan: {RANGE} 0.1 <= low <= high <= 179"),
+        ("[camera]\nfov_x_deg = [1, 2, 3]", f"camera.fov_x_deg = [1, 2, 3]: {RANGE} 0.1 <= low <= high <= 179"),
+        ("[camera]\nvisible_fraction = [0, 1.5]", f"camera.visible_fraction = [0, 1.5]: {RANGE} 0 <= low <= high <= 1"),
+        ("[light]\nstrength = [0, inf]", f"light.strength = [0, inf]: {RANGE} 0 <= low <= high"),
+        (
+            "[placement]\nvehicles_per_image = [1, 2.5]",
+            "placement.vehicles_per_image = [1, 2.5]: "
+            "expected a whole number or [low, high] with 1 <= low <= high <= 64",
+        ),
+        ("[render]\nsamples = 1.5", "render.samples = 1.5: expected a whole number"),
+        ("[render]\nsamples = '9'", "render.samples = '9': expected a whole number"),
+        ("[render]\nsamples = 0", "render.samples = 0: expected greater than or equal to 1"),
+        ("[render]\nprofile = 'best'", "render.profile = 'best': expected 'paper' or 'fast'"),
+        ("[render]\ndenoise = 1", "render.denoise = 1: expected true or false"),
+        ("[placement]\nmargin = inf", "placement.margin = inf: expected a finite number"),
+        ("[placement]\nmax_slope_deg = 90", "placement.max_slope_deg = 90: expected less than 90"),
+        ("[light]\nhdris = [3]", "light.hdris[0] = 3: expected a name or { name = ..., weight = ... }"),
+        ("[light]\nhdris = 'noon'", "light.hdris = 'noon': expected a list"),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, message):
+    with pytest.raises(ConfigError) as caught:
+        read(MINIMAL + extra)
+    assert str(caught.value) == f"{tmp_path / 'config.toml'}: {message}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("images_per_class = 140", "", "budget: expected exactly one of images_per_class and positions_per_vehicle"),
+        ("= 140", "= 1\npositions_per_vehicle = 1", "budget: expected exactly one of"),
+        ("= 140", "= -1", "budget.images_per_class = -1: expected a whole number >= 0, or a table of them by class"),
+        ("= 140", "= { tank = 1.5 }", "expected a whole number >= 0, or a table of them by class"),
+        ("[budget]\nimages_per_class = 140", "", "budget is missing"),
+        ('category = "tank"', "", "assets.vehicles[0].category is missing"),
+        ('category = "tank"', 'category = ""', "assets.vehicles[0].category = '': expected at least 1 character"),
+        (
+            'category = "tank"',
+            'category = "tank"\nforwrd = "-x"',
+            "unknown key assets.vehicles[0].forwrd; did you mean",
+        ),
+        (
+            'category = "tank"',
+            'category = "tank"\nforward = "x"',
+            "assets.vehicles[0].forward = 'x': expected '+x', '-x'",
+        ),
+        ('path = "hills.blend"', "path = 3", "assets.sceneries[0].path = 3: expected a string"),
+        ('path = "hills.blend"', 'path = "hills.blend"\nweight = 0', "assets: all sceneries have weight 0"),
+        (
+            '[[assets.sceneries]]\npath = "hills.blend"',
+            "[assets]\nsceneries = []",
+            "assets.sceneries = []: expected at least one",
+        ),
+        (
+            'category = "tank"',
+            'category = "tank"\n[[assets.vehicles]]\npath = "other/t72.blend"\ncategory = "tank"',
+            "assets: 2 vehicles are called 't72'; give each its own `name`",
+        ),
+    ],
+)
+def test_a_wrong_section_is_named(read, old, new, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        read(MINIMAL.replace(old, new))
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(ConfigError, match=r"missing.toml: no such file; `hulldown init`"):
+        load_config(tmp_path / "missing.toml")
+
+
+def test_a_folder_is_no_config(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path)
+
+
+def test_broken_toml_is_named_by_line(read):
+    with pytest.raises(ConfigError, match=r"is no TOML: .*line 2"):
+        read("seed = 0\nx = = 2\n")
+
+
+def test_not_text(tmp_path):
+    (tmp_path / "c.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path / "c.toml")
+
+
+def test_hdris_are_found_by_pattern(read, tmp_path):
+    for name in ("b.exr", "a.exr", "night.hdr", "a.txt"):
+        (tmp_path / name).touch()
+    config = read(f"[assets]\nhdris = ['night.hdr', '*.exr', '{tmp_path}/a.exr']\n" + MINIMAL)
+    assert hdri_paths(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
+
+
+def test_hdris_that_are_not_there(read):
+    with pytest.raises(ConfigError, match=r"assets.hdris: 'sky/\*.exr' matches no file"):
+        hdri_paths(read("[assets]\nhdris = ['sky/*.exr']\n" + MINIMAL))
+
+
+def test_two_hdris_of_one_name(read, tmp_path):
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.exr").touch()
+    with pytest.raises(ConfigError, match="have one name; rename one of them"):
+        hdri_paths(read("[assets]\nhdris = ['*/a.exr']\n" + MINIMAL))
