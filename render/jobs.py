@@ -129,19 +129,10 @@ def job(
     ConfigError
         If the row names an asset that the plan's header does not.
     """
-    scenery = _named(assets.sceneries, row["scenery"], "scenery", row)
     weather = row["weather"] or {}
     return {
+        **_posed(row, assets),
         "do": "render",
-        "scenery": {"path": str(scenery.path.resolve()), "scenery_from_file": scenery.scenery_from_file.tolist()},
-        "vehicles": [_vehicle(target, assets, row) for target in targets(row)],
-        "camera": {
-            "world_from_camera": row["world_from_camera"],
-            "fov_x": math.radians(row["fov_x_deg"]),
-            "width": row["width"],
-            "height": row["height"],
-            "near": NEAR,
-        },
         "light": {
             "hdri": str(_named(assets.hdris, row["hdri"], "hdri", row).resolve()),
             "yaw": math.radians(row["hdri_yaw_deg"]),
@@ -151,6 +142,26 @@ def job(
         "seed": int(row["sample_seed"]) % 2**31,
         "settings": dict(settings),
         "output": str(output),
+    }
+
+
+def mask_job(row: Mapping[str, Any], assets: RenderAssets, output: Path) -> dict[str, Any]:
+    """What to tell a worker that shall render a row's masks; see `render.object_index`."""
+    return {**_posed(row, assets), "do": "mask", "output": str(output)}
+
+
+def _posed(row: Mapping[str, Any], assets: RenderAssets) -> dict[str, Any]:
+    scenery = _named(assets.sceneries, row["scenery"], "scenery", row)
+    return {
+        "scenery": {"path": str(scenery.path.resolve()), "scenery_from_file": scenery.scenery_from_file.tolist()},
+        "vehicles": [_vehicle(target, assets, row) for target in targets(row)],
+        "camera": {
+            "world_from_camera": row["world_from_camera"],
+            "fov_x": math.radians(row["fov_x_deg"]),
+            "width": row["width"],
+            "height": row["height"],
+            "near": NEAR,
+        },
     }
 
 

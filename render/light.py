@@ -15,8 +15,14 @@ from typing import Any
 import bpy
 import numpy as np
 
+from render.blender_frames import pose
+
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
+FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
+FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
+FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
+FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
 
 
 def extinction(visibility: float) -> float:
@@ -78,19 +84,75 @@ class HdriWorld:
 
 
 class Fog:
-    """A box of even air around the camera that dims what is behind it and glows with the sky's light."""
+    """Even air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
+
+    Koschmieder's law, for every ray that Cycles traces: what is seen through `d` metres of air is
+    ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
+    form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
+    in a world volume hides the sky, which is infinitely far away. Light that the fog takes from the sun comes back as
+    airlight, so that shadows fade as they do in fog.
+    """
 
     def __init__(self, obj: Any) -> None:
         self._object = obj
+        obj.data.from_pydata(*_unit_box())
+        obj.visible_shadow = True
+        material = bpy.data.materials.new("hulldown fog")
+        obj.data.materials.append(material)
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        nodes.clear()
+        self._absorption = nodes.new("ShaderNodeVolumeAbsorption")
+        self._absorption.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+        self._emission = nodes.new("ShaderNodeEmission")
+        both = nodes.new("ShaderNodeAddShader")
+        output = nodes.new("ShaderNodeOutputMaterial")
+        links.new(self._absorption.outputs["Volume"], both.inputs[0])
+        links.new(self._emission.outputs["Emission"], both.inputs[1])
+        links.new(both.outputs["Shader"], output.inputs["Volume"])
         self.clear()
 
     def clear(self) -> None:
         """No fog."""
         self._object.hide_render = True
 
-    def fill(self, visibility: float, airlight: np.ndarray, file_from_scenery: np.ndarray, camera: Any) -> None:
-        """Fog of the visibility in metres, seen from the camera's pose."""
-        raise NotImplementedError
+    def fill(
+        self,
+        visibility: float,
+        airlight: np.ndarray,
+        camera: np.ndarray,
+        file_from_scenery: np.ndarray,
+        units_per_metre: float,
+    ) -> None:
+        """Fog.
+
+        Parameters
+        ----------
+        visibility
+            In metres.
+        airlight
+            (3,) radiance of endless fog.
+        camera
+            (3,) where the camera is in the scenery, in metres.
+        file_from_scenery, units_per_metre
+            The frame that everything is posed in.
+        """
+        per_unit = extinction(visibility) / units_per_metre
+        self._absorption.inputs["Density"].default_value = per_unit
+        peak = float(airlight.max())
+        self._emission.inputs["Color"].default_value = (*(airlight / max(peak, 1e-12)), 1.0)
+        self._emission.inputs["Strength"].default_value = per_unit * peak
+        reach = min(FOG_REACH * visibility, FOG_SIDE)
+        above = min(FOG_ABOVE * visibility, FOG_TOP)
+        box = np.diag([reach, reach, (reach + above) / 2, 1.0])
+        box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
+        pose(self._object, file_from_scenery @ box)
+        self._object.hide_render = False
+
+
+def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, [], faces
 
 
 def euler_xyz(rotation: np.ndarray) -> tuple[float, float, float]:

@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from render import cycles
+from render.object_index import IndexPictures
 from render.scene import Stage
 
 
@@ -23,31 +24,39 @@ class Renderer:
 
     def __init__(self) -> None:
         self._stage: Stage | None = None
+        self._index: IndexPictures | None = None
+        self._loaded: Any = None  # what the stage was set up from
         self._device = "CPU"
         self._threads = 0
 
     def reset(self) -> None:
         """Trust nothing that is in memory: the next job loads everything afresh."""
-        self._stage = None
+        self._stage = self._index = self._loaded = None
 
     def do(self, job: Mapping[str, Any]) -> dict[str, Any]:
         """Do one job and say how it went."""
-        return {"start": self._start, "render": self._render}[job["do"]](job)
+        return {"start": self._start, "render": self._render, "mask": self._mask}[job["do"]](job)
 
     def _start(self, job: Mapping[str, Any]) -> dict[str, Any]:
         self._device, count = cycles.choose_device(job["device"], job["index"])
         self._threads = job["threads"]
         return {"done": "start", "device": self._device, "devices": count}
 
+    def _ready(self, job: Mapping[str, Any], wanted: Any) -> Stage:
+        """The stage that a job is for, loaded again if it is another than the last one's."""
+        if self._stage is None or self._loaded != wanted:
+            self.reset()
+            self._stage = Stage(job["scenery"]["path"], np.array(job["scenery"]["scenery_from_file"]))
+            if job["do"] == "mask":
+                self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
+            else:
+                cycles.configure(self._stage.scene, job["settings"], device=self._device, threads=self._threads)
+            self._loaded = wanted
+        return self._stage
+
     def _render(self, job: Mapping[str, Any]) -> dict[str, Any]:
         start = time.monotonic()
-        scenery = job["scenery"]
-        if self._stage is None or self._stage.path != scenery["path"]:
-            self._stage = None
-            stage = Stage(scenery["path"], np.array(scenery["scenery_from_file"]))
-            cycles.configure(stage.scene, job["settings"], device=self._device, threads=self._threads)
-            self._stage = stage
-        stage = self._stage
+        stage = self._ready(job, ["render", job["scenery"], job["settings"]])
         stage.place_vehicles(job["vehicles"])
         stage.set_camera(job["camera"])
         stage.set_light(job["light"])
@@ -60,7 +69,13 @@ class Renderer:
         end = time.monotonic()
         if not output.is_file():
             raise RuntimeError("Blender has written no picture")
-        return {
-            "done": "render",
-            "seconds": {"load": posed - start, "render": end - posed},
-        }
+        return {"done": "render", "seconds": {"load": posed - start, "render": end - posed}}
+
+    def _mask(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        stage = self._ready(job, ["mask", job["scenery"]])
+        assert self._index is not None
+        vehicles = stage.place_vehicles(job["vehicles"])
+        stage.set_camera(job["camera"])
+        output = Path(job["output"])
+        np.save(output, self._index.maps(vehicles, output.parent))
+        return {"done": "mask"}

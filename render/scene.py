@@ -136,8 +136,9 @@ class Stage:
         self.world.set(light["hdri"], light["yaw"], light["strength"], self.file_from_scenery)
         self.fog.clear()
         if light["visibility"]:
+            eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
             self.fog.fill(
-                light["visibility"], self.world.airlight(), self.file_from_scenery, self.camera.matrix_parent_inverse
+                light["visibility"], self.world.airlight(), eye[:3], self.file_from_scenery, self.units_per_metre
             )
 
 
