@@ -66,9 +66,7 @@ def surface_box(
     vertices = checked(vertices_world, "vertices_world", ("v", 3))
     triangles = checked(faces, "faces", ("f", 3), dtype=np.int64)
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-        raise ValueError(
-            f"faces: expected indices from 0 to {len(vertices) - 1}, got {triangles.min()} to {triangles.max()}"
-        )
+        raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
     return _xywh(extremes_of_mesh(points, triangles, Frustum.of(camera.intrinsics, frame=frame)))
@@ -196,7 +194,7 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     with np.errstate(invalid="ignore", divide="ignore"):
         sides = np.where(outer[..., 2:] > 0.0, inner[..., 2:] / outer[..., 2:], 1.0)
     share = np.where(np.isnan(inner[..., 0]), 0.0, sides[..., 0] * sides[..., 1])
-    return np.clip(1.0 - share, 0.0, 1.0)
+    return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
 def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:

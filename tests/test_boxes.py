@@ -1,0 +1,196 @@
+import math
+
+import numpy as np
+import pytest
+
+from annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import NEAR, Camera
+from camera.shell import camera_pose
+from geometry.meshes import Mesh
+from geometry.transforms import apply, rigid, rotation_z
+
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+CUBE_FACES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
+ROUNDING = 1e-11  # pixels
+# fov_x of 90 degrees: f_px is half the width.
+INTRINSICS = Intrinsics(200, 100, math.pi / 2)
+
+
+def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS) -> Camera:
+    """Looks along +z of the world, x right and y down."""
+    return Camera(intrinsics, rigid(np.eye(3), [x, y, z]))
+
+
+def assert_box(box: np.ndarray | None, expected: list[float]) -> None:
+    assert box is not None
+    np.testing.assert_allclose(box, expected, rtol=0, atol=ROUNDING)
+
+
+def vehicle() -> VehicleShape:
+    """A cube with a smaller cube on it that turns about z."""
+    turret = 0.5 * CUBE + [1.0, 0.0, 1.5]
+    return VehicleShape(
+        "cubes",
+        Mesh(np.concatenate([CUBE, turret]), np.concatenate([CUBE_FACES, CUBE_FACES + 8])),
+        np.repeat([0, 1], 8),
+        ("hull", "turret"),
+        np.array([-1, 0]),
+        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+        np.array([[0.0, 0.0], [-math.pi, math.pi]]),
+        np.eye(4),
+    )
+
+
+def test_box_of_a_framed_cube_in_closed_form():
+    # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a metre about the centre.
+    box = surface_box(CUBE, CUBE_FACES, camera_at(0.0, 0.0, -5.0))
+    assert_box(box, [75.0, 25.0, 50.0, 50.0])
+
+
+def test_box_in_the_frame_ends_at_the_frame():
+    camera = camera_at(4.0, 0.0, -5.0)
+    assert_box(surface_box(CUBE, CUBE_FACES, camera), [0.0, 25.0, 50.0, 50.0])
+    # The side that turns to the camera, 6 m away at its far end, is amodal all the same.
+    assert_box(surface_box(CUBE, CUBE_FACES, camera, frame=False), [-25.0, 25.0, 75.0, 50.0])
+
+
+def test_camera_inside_sees_the_whole_frame_covered():
+    assert_box(surface_box(CUBE, CUBE_FACES, camera_at(0.0, 0.0, 0.0)), [0.0, 0.0, 200.0, 100.0])
+
+
+def test_surface_across_the_near_plane_is_cut_there():
+    triangle = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, -1.0], [1.0, 1.0, -1.0]])
+    box = surface_box(triangle, [[0, 1, 2]], camera_at(0.0, 0.0, 0.0), frame=False)
+    # The edges reach depth NEAR at 0.45 of their length.
+    share = (1.0 - NEAR) / 2.0
+    np.testing.assert_allclose(box, [100.0, 50.0, 100.0 * share / NEAR, 100.0 * share / NEAR], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("camera", "why"),
+    [
+        (camera_at(0.0, 0.0, 5.0), "behind"),
+        (camera_at(20.0, 0.0, -5.0), "beside"),
+        (camera_at(0.0, 20.0, -5.0), "above"),
+        (camera_at(0.0, 0.0, 1.0 - NEAR * 0.9, Intrinsics(200, 100, 0.01)), "between camera and near plane"),
+    ],
+)
+def test_nothing_in_the_frame_is_none(camera, why):
+    assert surface_box(CUBE, CUBE_FACES, camera) is None, why
+    assert VehicleBoxes(vehicle()).box(rigid(np.eye(3), [0.0, 0.0, -1e-3]), camera) is None, why
+
+
+def test_frame_holds_a_corner_that_no_vertex_and_no_edge_of_the_mesh_reaches():
+    # One huge triangle: its edges pass far outside, the image is all surface.
+    triangle = np.array([[-1e5, -1e5, 10.0], [3e5, -1e5, 10.0], [-1e5, 3e5, 10.0]])
+    assert_box(surface_box(triangle, [[0, 1, 2]], camera_at(0.0, 0.0, 0.0)), [0.0, 0.0, 200.0, 100.0])
+
+
+def test_vertices_that_no_face_uses_do_not_count():
+    vertices = np.concatenate([CUBE, [[0.0, 30.0, 3.0]]])
+    camera = camera_at(0.0, 0.0, -5.0)
+    assert_box(surface_box(vertices, CUBE_FACES, camera), [75.0, 25.0, 50.0, 50.0])
+    shape = vehicle()
+    stray = VehicleShape(
+        "stray", Mesh(np.concatenate([shape.mesh.vertices, [[0.0, 30.0, 3.0]]]), shape.mesh.faces),
+        np.append(shape.vertex_part, 1), *(getattr(shape, name) for name in VehicleShape.__slots__[3:]),
+    )  # fmt: skip
+    pose = np.eye(4)
+    assert np.array_equal(VehicleBoxes(stray).box(pose, camera), VehicleBoxes(shape).box(pose, camera))
+
+
+def test_turret_moves_the_box():
+    boxes, camera = VehicleBoxes(vehicle()), Camera(INTRINSICS, camera_pose([0, 0, 1], 8.0, 0.4, 0.2))
+    pose = rigid(rotation_z(0.7), [0.3, -0.2, 0.1])
+    for angle in (0.0, 1.0, math.pi):
+        vertices = apply(pose, vehicle().vertices_at({"turret": angle}))
+        expected = surface_box(vertices, vehicle().mesh.faces, camera)
+        np.testing.assert_allclose(boxes.box(pose, camera, {"turret": angle}), expected, rtol=0, atol=ROUNDING)
+    assert not np.allclose(boxes.box(pose, camera, {"turret": 1.0}), boxes.box(pose, camera), atol=1.0)
+
+
+def test_unknown_part_is_named():
+    with pytest.raises(ValueError, match=r"'cubes' has no part 'gun'; it has \['turret'\]"):
+        VehicleBoxes(vehicle()).box(np.eye(4), camera_at(0, 0, -5), {"gun": 1.0})
+
+
+def test_far_from_the_origin_the_digits_are_kept():
+    far = np.array([5e5, 5.4e6, 300.0])
+    near_pose, far_pose = rigid(np.eye(3), np.zeros(3)), rigid(np.eye(3), far)
+    near_camera = Camera(INTRINSICS, camera_pose(np.zeros(3), 8.0, 0.4, 0.2))
+    shifted = near_camera.world_from_camera.copy()
+    shifted[:3, 3] += far
+    boxes = VehicleBoxes(vehicle())
+    # At 5e6 m a position has 1e-9 m, here some 1e-8 px.
+    expected = boxes.box(near_pose, near_camera)
+    np.testing.assert_allclose(boxes.box(far_pose, Camera(INTRINSICS, shifted)), expected, rtol=0, atol=1e-7)
+
+
+def test_batch_has_a_row_for_each_pose_and_nan_for_what_is_not_there():
+    boxes = VehicleBoxes(vehicle())
+    cameras = [camera_at(0, 0, -8), camera_at(4, 0, -5), camera_at(0, 0, 5), camera_at(30, 0, -5)]
+    found = boxes.boxes(np.tile(np.eye(4), (4, 1, 1)), [c.world_from_camera for c in cameras], INTRINSICS)
+    assert found.truncated_fraction[0] == 0.0
+    assert 0.0 < found.truncated_fraction[1] < 1.0
+    assert found.truncated_fraction[2:].tolist() == [1.0, 1.0]
+    assert np.isnan(found.xywh).all(axis=1).tolist() == [False, False, True, True]
+    assert np.isnan(found.amodal).all(axis=1).tolist() == [False, False, True, False]
+
+
+def test_no_poses_give_no_boxes():
+    found = VehicleBoxes(vehicle()).boxes(np.empty((0, 4, 4)), np.empty((0, 4, 4)), INTRINSICS)
+    assert found.xywh.shape == found.amodal.shape == (0, 4)
+    assert found.truncated_fraction.shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.eye(4), np.eye(4)[None], INTRINSICS), "world_from_vehicle: expected shape"),
+        ((np.eye(4)[None], np.tile(np.eye(4), (2, 1, 1)), INTRINSICS), "world_from_camera: expected 1, one for each"),
+        ((np.eye(4)[None], np.eye(4)[None], [INTRINSICS] * 3), "intrinsics: expected 1, one for each"),
+        ((np.eye(4)[None], np.eye(4)[None], INTRINSICS, [{}, {}]), "articulations: expected 1, one for each"),
+        ((np.full((1, 4, 4), np.nan), np.eye(4)[None], INTRINSICS), "world_from_vehicle: expected finite numbers"),
+    ],
+)
+def test_wrong_calls_name_the_argument(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        VehicleBoxes(vehicle()).boxes(*arguments)
+
+
+def test_face_indices_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="faces: expected indices below 8"):
+        surface_box(CUBE, [[0, 1, 8]], camera_at(0, 0, -5))
+
+
+def test_no_faces_have_no_box():
+    assert surface_box(CUBE, np.empty((0, 3), dtype=int), camera_at(0, 0, -5)) is None
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "share"),
+    [
+        ([0, 0, 4, 2], [0, 0, 4, 2], 0.0),
+        ([0, 0, 4, 2], [-4, 0, 8, 2], 0.5),
+        ([0, 0, 4, 2], [-4, -2, 8, 4], 0.75),
+        ([np.nan] * 4, [0, 0, 4, 2], 1.0),
+        ([np.nan] * 4, [np.nan] * 4, 1.0),
+        ([0, 0, 4, 0], [0, 0, 4, 0], 0.0),
+        ([0, 0, 4, 0], [-4, 0, 8, 0], 0.5),
+        ([0, 0, 0, 0], [0, 0, 0, 0], 0.0),
+    ],
+)
+def test_truncated_fraction(inner, outer, share):
+    assert truncated_fraction(inner, outer) == share
+
+
+def test_flat_and_single_parts_have_boxes_too():
+    flat = Mesh(np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]]), np.array([[0, 1, 2]]))
+    shape = VehicleShape("sheet", flat, np.zeros(3, dtype=int), ("hull",), np.array([-1]), np.zeros((1, 3)),
+                         np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
+    edge_on = camera_at(0.0, 0.0, -5.0)
+    np.testing.assert_allclose(VehicleBoxes(shape).box(np.eye(4), edge_on), [100.0, 25.0, 0.0, 50.0], atol=1e-12)
