@@ -105,13 +105,13 @@ def integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, 
 
 
 def heights(
-    corners: Float[np.ndarray, "n 3 3"], xy: Float[np.ndarray, "n 2"]
+    corners: Float[np.ndarray, "n 3 3"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Shaped[np.ndarray, " n"], Shaped[np.ndarray, " n"]]:
     """The exact height of each triangle's plane at each point, as integers: numerators and positive denominators.
 
     The triangles must have an XY area. Dividing the integers rounds once, to the nearest float64.
     """
-    (ax, ay, bx, by, cx, cy, px, py), _ = integers(*corners[:, :, :2].reshape(-1, 6).T, *xy.T)
+    (ax, ay, bx, by, cx, cy, px, py), _ = integers(*corners[:, :, :2].reshape(-1, 6).T, x, y)
     (az, bz, cz), exponent = integers(*corners[:, :, 2].T)
     a = (bx - px) * (cy - py) - (by - py) * (cx - px)
     b = (cx - px) * (ay - py) - (cy - py) * (ax - px)

@@ -130,15 +130,15 @@ class RayCaster:
         in_coherent_blocks(trace, rays.passing, threads=threads)
         return blocked
 
-    def down(self, xy: Float[np.ndarray, "k 2"]) -> Int[np.ndarray, " k"]:
+    def down(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """The topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
-        return self._scene.run(self._above(xy), _DOWN)
+        return self._scene.run(self._above(x, y), _DOWN)
 
     def down_in_full(
-        self, xy: Float[np.ndarray, "k 2"]
+        self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
         """As `down`, with Embree's own float32 height and normal (of any length and winding), nan on a miss."""
-        origins = self._above(xy)
+        origins = self._above(x, y)
         met = self._scene.run(origins, _DOWN, output=True)
         missed = met["primID"] < 0
         z = (origins[:, 2] - met["tfar"]).astype(np.float64) + self._centre[2]
@@ -147,11 +147,12 @@ class RayCaster:
         normal[missed] = np.nan
         return met["primID"], z, normal
 
-    def _above(self, xy: Float[np.ndarray, "k 2"]) -> Float32[np.ndarray, "k 3"]:
+    def _above(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
         # Just above the highest vertex: the start height costs digits of the distance.
-        origins = np.empty((len(xy), 3), dtype=np.float32)
+        origins = np.empty((len(x), 3), dtype=np.float32)
         with np.errstate(over="ignore"):
-            np.subtract(xy, self._centre[:2], out=origins[:, :2], casting="same_kind")
+            np.subtract(x, self._centre[0], out=origins[:, 0], casting="same_kind")
+            np.subtract(y, self._centre[1], out=origins[:, 1], casting="same_kind")
         origins[:, 2] = self._top + 2 * np.spacing(self._top) + np.float32(1e-3) * np.float32(self._radius)
         return origins
 

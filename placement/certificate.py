@@ -20,7 +20,9 @@ _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
 
 # For each point, how many faces contain it, and whether it lies strictly inside every one of them.
-Count = Callable[[Float[np.ndarray, "n 2"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]]
+Count = Callable[
+    [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]
+]
 
 
 class SheetMap:
@@ -30,8 +32,8 @@ class SheetMap:
     ----------
     xy
         (v, 2) the vertices seen from above.
-    faces
-        (f, 3) faces, all counter-clockwise, none without area.
+    corners
+        (3, f) corners of the faces, all counter-clockwise, none without area.
     bounds
         (2, 2) lowest and highest corner of these faces.
     count
@@ -41,26 +43,26 @@ class SheetMap:
     def __init__(
         self,
         xy: Float[np.ndarray, "v 2"],
-        faces: Int[np.ndarray, "f 3"],
+        corners: Int[np.ndarray, "3 f"],
         bounds: Float[np.ndarray, "2 2"],
         count: Count,
     ) -> None:
         self._low, self._high = bounds
         extent = self._high - self._low
         # About two cells a face, as square as they come, and always far wider than a rounding error.
-        side = np.sqrt(extent.prod() / min(4 * len(faces) + 64, _MOST_CELLS))
+        side = np.sqrt(extent.prod() / min(4 * corners.shape[1] + 64, _MOST_CELLS))
         finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_metre = np.minimum(shape / extent, 1e300)
-        self._states = self._sheets(xy[unbalanced(faces, xy)], count).ravel()
+        self._states = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
 
     def state(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """EMPTY, SINGLE or UNKNOWN at each point; EMPTY outside the bounds."""
         column, row = self._cells(x, 0), self._cells(y, 1)
         row *= self._columns
         row += column
-        state = self._states.take(row)
+        state = self._states[row]
         inside = (x >= self._low[0]) & (x <= self._high[0]) & (y >= self._low[1]) & (y <= self._high[1])
         return state * inside  # EMPTY is 0
 
@@ -87,7 +89,7 @@ class SheetMap:
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
                 at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_metre
                 same = (self._cells(at[:, 0].copy(), 0) == column) & (self._cells(at[:, 1].copy(), 1) == row)
-                sheets, strictly = count(at)
+                sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
                 known = same & strictly & (sheets <= SINGLE)
                 states[open_[known]] = sheets[known]
         return states[regions]
@@ -118,14 +120,14 @@ class SheetMap:
         return change[:-1, :-1] > 0
 
 
-def unbalanced(faces: Int[np.ndarray, "f 3"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
+def unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
     """The edges, as vertex pairs, that have faces on their left not exactly as often as on their right.
 
     Vertices at the same XY are the same; most edges are settled by their vertex numbers, without a look at coordinates.
     """
-    keys = np.empty((3, len(faces)), dtype=np.int64)
+    keys = np.empty(corners.shape, dtype=np.int64)
     for key, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
-        _key(faces[:, i], faces[:, j], len(xy), out=key)
+        _key(corners[i], corners[j], len(xy), out=key)
     keys = keys.ravel()
     keys.sort()
     edges, balance = _left_over(keys, None, len(xy))

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, Int8, Shaped
 from geometry.predicates import heights as exact_heights
 from geometry.predicates import normals as exact_normals
 from geometry.predicates import orient
-from placement.ground import Ground, normals_from_slopes
+from placement.ground import Ground, upward
 from placement.lookup import FaceIndex
 
 
@@ -38,26 +38,29 @@ class _Over:
 class ExactGround:
     """Answers from exact arithmetic wherever float64 cannot decide; slower than Embree, and right on every input."""
 
-    def __init__(self, ground: Ground, low: Float[np.ndarray, "f 2"], high: Float[np.ndarray, "f 2"]) -> None:
+    def __init__(self, ground: Ground, low: Float[np.ndarray, "2 f"], high: Float[np.ndarray, "2 f"]) -> None:
         self._ground = ground
         self._index = FaceIndex(low, high)
 
-    def count(self, xy: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def count(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """How many faces contain each point, and whether it is strictly inside all of them."""
-        faces, on_edge = np.zeros(len(xy), dtype=np.intp), np.zeros(len(xy), dtype=bool)
-        for batch, point, face in self._index.candidates(xy):
-            over = self._containing(xy[batch], point, face)
+        faces, on_edge = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=bool)
+        for batch, point, face in self._index.candidates(x, y):
+            over = self._containing(x[batch], y[batch], point, face)
             n = batch.stop - batch.start
             faces[batch] = np.bincount(over.point, minlength=n)
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
-    def tops(self, xy: Float[np.ndarray, "n 2"]) -> Tops:
+    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Tops:
         """The highest face at each point that lies within the bounds of the ground; ties go to the lowest face."""
-        tops = Tops(np.full(len(xy), -1, np.int32), np.full(len(xy), np.nan), np.full((len(xy), 3), np.nan))
-        for batch, point, face in self._index.candidates(xy):
-            here = xy[batch]
-            over = self._highest(here, self._containing(here, point, face))
+        n = len(x)
+        tops = Tops(np.full(n, -1, np.int32), np.full(n, np.nan), np.full((n, 3), np.nan))
+        for batch, point, face in self._index.candidates(x, y):
+            here = x[batch], y[batch]
+            over = self._highest(here, self._containing(*here, point, face))
             row = over.point + batch.start
             tops.face[row] = over.face
             tops.z[row] = self._heights(here, over)
@@ -65,38 +68,46 @@ class ExactGround:
         return tops
 
     def _containing(
-        self, xy: Float[np.ndarray, "n 2"], point: Int[np.ndarray, " k"], face: Int[np.ndarray, " k"]
+        self,
+        x: Float[np.ndarray, " n"],
+        y: Float[np.ndarray, " n"],
+        point: Int[np.ndarray, " k"],
+        face: Int[np.ndarray, " k"],
     ) -> _Over:
         g = self._ground
+        for vertices, points in ((g.x, x), (g.y, y)):
+            a, b, c = (vertices[corner[face]] for corner in g.corners)
+            p = points[point]
+            near = np.flatnonzero((np.minimum(np.minimum(a, b), c) <= p) & (np.maximum(np.maximum(a, b), c) >= p))
+            point, face = point[near], face[near]
         over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
         for i in range(3):
-            a, b = g.faces[over.face, (i + 1) % 3], g.faces[over.face, (i + 2) % 3]
-            px, py = xy[over.point].T
-            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], px, py)
+            a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
+            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], x[over.point], y[over.point])
             over = over[np.flatnonzero(over.sides[:, i] >= 0)]
         return over[np.lexsort((over.face, over.point))]
 
-    def _highest(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
+    def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
         """One pair a point."""
         alone = _alone(over.point)
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):
             return over
         # Faces that meet in the very edge or vertex under the point are equally high: their lowest stands for all.
-        rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.faces[rest.face], -1))
-        rest = self._not_certainly_lower(xy, rest)
+        rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.corners[:, rest.face].T, -1))
+        rest = self._not_certainly_lower(at, rest)
         done = [over[np.flatnonzero(alone)]]
         alone = _alone(rest.point)
         done.append(rest[np.flatnonzero(alone)])
         rest = rest[np.flatnonzero(~alone)]
         if len(rest.point):
-            done.append(self._highest_by_integers(xy, rest))
+            done.append(self._highest_by_integers(at, rest))
         return _Over(*(np.concatenate([getattr(d, f) for d in done]) for f in ("point", "face", "sides")))
 
-    def _not_certainly_lower(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
+    def _not_certainly_lower(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
         g = self._ground
-        x, y = xy[over.point].T
-        z = g.heights(x, y, over.face, g.faces[over.face, 0])
+        x, y = at[0][over.point], at[1][over.point]
+        z = g.heights(over.face, x, y)
         tame = g.tame[over.face]
         low = np.where(tame, z - 2 * g.height_error, -np.inf)
         high = np.where(tame, z + 2 * g.height_error, np.inf)
@@ -104,8 +115,8 @@ class ExactGround:
         bar = np.repeat(np.maximum.reduceat(low, starts), np.diff(np.append(starts, len(low))))
         return over[np.flatnonzero(high >= bar)]
 
-    def _highest_by_integers(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> _Over:
-        numerator, denominator = exact_heights(self._corners(over.face), xy[over.point])
+    def _highest_by_integers(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
+        numerator, denominator = exact_heights(self._corners(over.face), at[0][over.point], at[1][over.point])
         best: dict[int, int] = {}
         # Faces come in rising order, and only a higher one replaces: ties stay with the lowest face.
         for i, p in enumerate(over.point.tolist()):
@@ -114,25 +125,27 @@ class ExactGround:
                 best[p] = i
         return over[np.fromiter(best.values(), dtype=np.intp, count=len(best))]
 
-    def _heights(self, xy: Float[np.ndarray, "n 2"], over: _Over) -> Float[np.ndarray, " k"]:
+    def _heights(
+        self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over
+    ) -> Float[np.ndarray, " k"]:
         g = self._ground
-        x, y = xy[over.point].T
-        z = g.heights(x, y, over.face, g.faces[over.face, 0])
+        x, y = at[0][over.point], at[1][over.point]
+        z = g.heights(over.face, x, y)
         wild = np.flatnonzero(~g.tame[over.face])
         if len(wild):
-            numerator, denominator = exact_heights(self._corners(over.face[wild]), xy[over.point[wild]])
+            numerator, denominator = exact_heights(self._corners(over.face[wild]), x[wild], y[wild])
             z[wild] = (numerator / denominator).astype(np.float64)
         return z
 
     def _normals(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
-        normal = normals_from_slopes(self._ground.slope[face])
+        normal = upward(self._ground.slope[face])
         wild = np.flatnonzero(~self._ground.tame[face])
         if len(wild):
             normal[wild] = exact_normals(self._corners(face[wild]))
         return normal
 
     def _corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
-        vertex = self._ground.faces[face]
+        vertex = self._ground.corners[:, face].T
         return np.stack([self._ground.x[vertex], self._ground.y[vertex], self._ground.z[vertex]], axis=2)
 
 

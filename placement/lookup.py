@@ -1,7 +1,7 @@
 """Which triangles may lie under a point: a hierarchy of XY grids that no mixture of sizes defeats.
 
-Every face is filed once, in the grid whose cells are just larger than its bounding box, under the cell of its lowest
-corner. Only faces of that cell and its three neighbours below and to the left can then lie over a point, on each level.
+Every face is filed once, in the grid whose cells are just larger than half its bounding box, under the cell of its
+lowest corner: on each level, only faces of a point's cell and of the two rows and columns before it can lie over the point.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from jaxtyping import Float, Int
 
 _FINEST = 30  # the finest grid has at most 2**30 cells a side, so that a cell's row and column fit one int64
 _STRIDE = np.int64(1) << 31
-_PAIRS = 1 << 18  # candidates looked at together
+_PAIRS = 1 << 15  # candidates looked at together, so that intermediate arrays stay in cache
+_REACH = 2  # how many cells further than its first a face may extend
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,24 +31,29 @@ class FaceIndex:
     Parameters
     ----------
     low, high
-        (f, 2) corners of the faces' XY bounding boxes.
+        (2, f) lowest and highest x and y of the faces.
     """
 
-    def __init__(self, low: Float[np.ndarray, "f 2"], high: Float[np.ndarray, "f 2"]) -> None:
-        self._origin = low.min(axis=0)
-        extent = (high - low).max(axis=1)
-        whole = np.frexp((high.max(axis=0) - self._origin).max())[1]
-        level = np.maximum(np.frexp(extent)[1], whole - _FINEST)
-        rows = np.arange(len(low))
+    def __init__(self, low: Float[np.ndarray, "2 f"], high: Float[np.ndarray, "2 f"]) -> None:
+        self._origin = low.min(axis=1)
+        whole = np.frexp((high.max(axis=1) - self._origin).max())[1]
+        share, level = np.frexp((high - low).max(axis=0))
+        level -= 1 + (share == 0.5)  # half the extent rounded up to a power of two
+        level = np.maximum(level, whole - _FINEST)
+        rows = np.arange(level.size)
         self._levels: list[_Level] = []
         while len(rows):
             # A cell index is a monotone function of the coordinate, whatever is rounded on the way.
             current = int(level.min())
             mine = level == current
-            first, last = self._cells(low[rows[mine]], current), self._cells(high[rows[mine]], current)
-            wide = (last - first > 1).any(axis=1)
-            filed = rows[mine][~wide]
-            keys = first[~wide] @ np.array([1, _STRIDE])
+            filed = rows[mine]
+            keys, wide = np.zeros(len(filed), dtype=np.int64), np.zeros(len(filed), dtype=bool)
+            for axis, stride in ((0, 1), (1, _STRIDE)):
+                first = self._cells(low[axis, filed], axis, current)
+                wide |= self._cells(high[axis, filed], axis, current) - first > _REACH
+                first *= stride
+                keys += first
+            filed, keys = filed[~wide], keys[~wide]
             order = np.argsort(keys, kind="stable")
             if len(filed):
                 self._levels.append(_Level(current, keys[order], filed[order].astype(np.int32)))
@@ -57,7 +63,7 @@ class FaceIndex:
             rows = rows[stay]
 
     def candidates(
-        self, xy: Float[np.ndarray, "n 2"]
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[slice, Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:
         """Batches of (which points, the point within the batch, a face), each batch of a bounded size.
 
@@ -65,14 +71,14 @@ class FaceIndex:
         """
         starts, counts = [], []
         for level in self._levels:
-            column, row = self._cells(xy, level.exponent).T
-            for key in (row * _STRIDE + column, (row - 1) * _STRIDE + column):
-                start = np.searchsorted(level.keys, key - 1, side="left")
+            column, row = self._cells(x, 0, level.exponent), self._cells(y, 1, level.exponent)
+            for key in ((row - r) * _STRIDE + column for r in range(_REACH + 1)):
+                start = np.searchsorted(level.keys, key - _REACH, side="left")
                 starts.append(start)
                 counts.append(np.searchsorted(level.keys, key, side="right") - start)
         total = np.cumsum(np.sum(counts, axis=0))
         begin = 0
-        while begin < len(xy):
+        while begin < len(x):
             before = total[begin - 1] if begin else 0
             end = max(begin + 1, int(np.searchsorted(total, before + _PAIRS, side="right")))
             batch = slice(begin, end)
@@ -82,9 +88,9 @@ class FaceIndex:
                 point = np.repeat(np.arange(end - begin), n)
                 offset = np.arange(len(point)) - np.repeat(np.cumsum(n) - n, n)
                 points.append(point)
-                faces.append(self._levels[i // 2].faces[np.repeat(start[batch], n) + offset])
+                faces.append(self._levels[i // (_REACH + 1)].faces[np.repeat(start[batch], n) + offset])
             yield batch, np.concatenate(points), np.concatenate(faces)
             begin = end
 
-    def _cells(self, xy: Float[np.ndarray, "n 2"], exponent: int) -> Int[np.ndarray, "n 2"]:
-        return np.floor(np.ldexp(xy - self._origin, -exponent)).astype(np.int64)
+    def _cells(self, values: Float[np.ndarray, " n"], axis: int, exponent: int) -> Int[np.ndarray, " n"]:
+        return np.ldexp(values - self._origin[axis], -exponent).astype(np.int64)

@@ -15,7 +15,7 @@ from geometry.predicates import ORIENT_BOUND, TINY
 from geometry.rays import RayCaster, in_coherent_blocks
 from placement.certificate import EMPTY, SINGLE, SheetMap
 from placement.exact import ExactGround
-from placement.ground import Ground, normals_from_slopes
+from placement.ground import Ground, plane_heights, upward
 
 Method = Literal["certified", "refined", "float32"]
 
@@ -59,14 +59,17 @@ class Terrain:
         self._bounds = mesh.bounds
         self._plane = False
         self._ground = ground = Ground.of(mesh)
-        self._missing = not len(ground.faces)
+        self._missing = not len(ground.mesh_face)
         if self._missing:
             return
-        low, high = _boxes(ground)
+        low, high = ground.boxes()
         self._exact = ExactGround(ground, low, high)
-        bounds = np.stack([low.min(axis=0), high.max(axis=0)])
-        self._sheets = SheetMap(mesh.vertices[:, :2], ground.faces, bounds, self._exact.count)
-        self._caster = RayCaster(Mesh(mesh.vertices, ground.faces, mesh.name))
+        bounds = np.stack([low.min(axis=1), high.max(axis=1)])
+        del low, high
+        self._sheets = SheetMap(mesh.vertices[:, :2], ground.corners, bounds, self._exact.count)
+        # Faces without XY area would slow Embree down, and could only mislead it.
+        every = len(ground.mesh_face) == len(mesh.faces)
+        self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[ground.mesh_face], mesh.name))
 
     @classmethod
     def flat(cls, z: float) -> Terrain:
@@ -122,52 +125,72 @@ class Terrain:
         return hits
 
     def _float32(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        face, hits.z[i], normal = self._caster.down_in_full(points.take(i, axis=0))
-        length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+        face, z, normal = self._caster.down_in_full(*_columns(points, i))
         with np.errstate(invalid="ignore"):
-            hits.normal[i] = normal * (np.where(normal[:, 2] < 0, -1.0, 1.0) / length)[:, None]
-        hits.face[i] = np.where(face < 0, -1, self._ground.mesh_face.take(face))
+            normal *= np.where(normal[:, 2] < 0, -1.0, 1.0)[:, None]
+            normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
+        self._write(hits, i, face, z, normal)
 
     def _refined(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        xy = points.take(i, axis=0)
-        face = self._caster.down(xy)
-        met = np.flatnonzero(face >= 0)
-        i, face = i.take(met), face.take(met)
-        x, y = xy.take(met, axis=0).T.copy()
-        hits.z[i] = self._ground.heights(x, y, face, self._ground.faces.take(face, axis=0)[:, 0])
-        hits.normal[i] = normals_from_slopes(self._ground.slope.take(face, axis=0))
-        hits.face[i] = self._ground.mesh_face.take(face)
+        x, y = _columns(points, i)
+        face = self._caster.down(x, y).astype(np.intp)
+        z, normal = self._ground.heights(face, x, y), upward(self._ground.slope[face])
+        missed = face < 0
+        z[missed], normal[missed] = np.nan, np.nan
+        self._write(hits, i, face, z, normal)
 
     def _certified(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
         """Embree proposes; where a single sheet is certain and the point certainly inside, that is the answer."""
-        ground = self._ground
-        xy = points.take(i, axis=0)
-        face = self._caster.down(xy)
-        x, y = xy.T.copy()
+        g = self._ground
+        x, y = _columns(points, i)
+        face = self._caster.down(x, y).astype(np.intp)  # -1 reads the last face, and is accepted nowhere
+        corners = [corner[face].astype(np.intp) for corner in g.corners]
+        dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
+        accepted = _strictly_inside(dx, dy)
         state = self._sheets.state(x, y)
-        corners = ground.faces.take(face, axis=0, mode="clip").T.astype(np.intp)
-        accepted = _strictly_inside(ground, corners, x, y)
-        accepted &= (face >= 0) & (state == SINGLE)
-        accepted &= ground.tame.take(face, mode="clip")
-        z = ground.heights(x, y, face.clip(0), corners[0])
-        normal = normals_from_slopes(ground.slope.take(face, axis=0, mode="clip"))
-        if not accepted.all():
-            z[~accepted], normal[~accepted], face[~accepted] = np.nan, np.nan, -1
-            open_ = np.flatnonzero(~accepted & (state != EMPTY))
-            tops = self._exact.tops(xy.take(open_, axis=0))
-            z[open_], normal[open_], face[open_] = tops.z, tops.normal, tops.face
+        accepted &= state == SINGLE
+        accepted &= face >= 0
+        accepted &= g.tame[face]
+        slope = g.slope[face]
+        z, normal = plane_heights(slope, -dx[0], -dy[0], g.z[corners[0]]), upward(slope)
+        rest = np.flatnonzero(~accepted)
+        if len(rest):
+            face[rest], z[rest], normal[rest] = -1, np.nan, np.nan
+            rest = rest[state[rest] != EMPTY]
+            tops = self._exact.tops(x[rest], y[rest])
+            face[rest], z[rest], normal[rest] = tops.face, tops.z, tops.normal
+        self._write(hits, i, face, z, normal)
+
+    def _write(
+        self,
+        hits: Hits,
+        i: Int[np.ndarray, " k"],
+        face: Int[np.ndarray, " k"],
+        z: Float[np.ndarray, " k"],
+        normal: Float[np.ndarray, "k 3"],
+    ) -> None:
         hits.z[i] = z
-        hits.normal[i] = normal
-        hits.face[i] = np.where(face < 0, -1, ground.mesh_face.take(face, mode="clip"))
+        # As one 24-byte item a row: several times as fast as rows of three.
+        hits.normal.view(_ROW)[:, 0][i] = normal.view(_ROW)[:, 0]
+        mesh_face = self._ground.mesh_face[face]
+        mesh_face[face < 0] = -1
+        hits.face[i] = mesh_face
 
 
-def _strictly_inside(
-    ground: Ground, corners: Int[np.ndarray, "3 k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
-) -> Bool[np.ndarray, " k"]:
-    """Whether each point is certainly inside its counter-clockwise triangle and on none of its edges."""
-    dx = [ground.x.take(c) - x for c in corners]
-    dy = [ground.y.take(c) - y for c in corners]
-    inside = np.ones(len(x), dtype=bool)
+_ROW = np.dtype("V24")
+
+
+def _columns(
+    points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    # As complex numbers, which NumPy gathers twice as fast as rows of two.
+    xy = points.view(np.complex128)[:, 0][i]
+    return np.ascontiguousarray(xy.real), np.ascontiguousarray(xy.imag)
+
+
+def _strictly_inside(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarray, " k"]]) -> Bool[np.ndarray, " k"]:
+    """Whether each point is certainly inside its counter-clockwise triangle, given the corners relative to it."""
+    inside = np.ones(len(dx[0]), dtype=bool)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         left, right = dx[a] * dy[b], dy[a] * dx[b]
         area = left - right
@@ -178,12 +201,3 @@ def _strictly_inside(
         left += TINY
         inside &= area > left
     return inside
-
-
-def _boxes(ground: Ground) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
-    low, high = np.empty((len(ground.faces), 2)), np.empty((len(ground.faces), 2))
-    for axis, values in enumerate((ground.x, ground.y)):
-        a, b, c = (values.take(corner) for corner in ground.faces.T)
-        low[:, axis] = np.minimum(np.minimum(a, b), c)
-        high[:, axis] = np.maximum(np.maximum(a, b), c)
-    return low, high
