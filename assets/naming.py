@@ -28,7 +28,7 @@ NOT_GROUND = (
     *("rock", "stone", "boulder", "tree", "bush", "bushes", "shrub", "grass", "grasses", "plant", "fern", "flower"),
     *("leaf", "leaves", "branch", "branches", "log", "trunk", "stump", "fence", "wall", "sign", "lamp", "pole", "post"),
     *("house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome", "cloud"),
-    "fog",
+    *("fog", "asset", "prop", "vegetation", "foliage", "forest", "obstacle", "prototype"),
 )
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 

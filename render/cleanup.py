@@ -99,12 +99,16 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
         The user's patterns over object, mesh and collection names; they beat all rules, and `keep` beats `drop`.
     """
     roles: list[Role | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
-    # From the largest down, so that a floor is judged against the vehicle and not against the grid above it.
-    order = sorted(range(len(pieces)), key=lambda i: -_footprint(pieces[i].bounds))
-    for i in order:
+    open_ = [i for i, role in enumerate(roles) if role is None]
+    doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
+    # What is beyond doubt says how large the vehicle is; judged from the smallest up, what is kept is added to it.
+    doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
+    core = [p.bounds for i, p in enumerate(pieces) if (i in open_ and i not in doubtful) or _kept(roles[i])]
+    for i in doubtful:
+        # Where all is doubtful the smallest thing is a vehicle if anything is.
+        roles[i] = _vehicle_by_place(pieces[i], core) if core else None
         if roles[i] is None:
-            rest = [p.bounds for j, p in enumerate(pieces) if j != i and (roles[j] is None or _kept(roles[j]))]
-            roles[i] = _vehicle_by_place(pieces[i], rest)
+            core.append(pieces[i].bounds)
     return [role or Role("vehicle", "by default") for role in roles]
 
 
@@ -133,22 +137,30 @@ def _names(piece: Piece) -> list[str]:
     )
 
 
+def _stage_name(piece: Piece) -> tuple[str, str] | None:
+    for name in (piece.name, piece.data, *piece.chain[0].collections):
+        if pattern := says(name, STAGES):
+            return name, pattern
+    return None
+
+
+def _is_sheet(piece: Piece) -> bool:
+    extent = piece.bounds[1] - piece.bounds[0]
+    return bool(extent[2] <= FLAT * max(extent[:2]))
+
+
 def _vehicle_by_place(piece: Piece, rest: list[Float[np.ndarray, "2 3"]]) -> Role | None:
-    if not rest:
-        return None
     low, high = np.min([b[0] for b in rest], axis=0), np.max([b[1] for b in rest], axis=0)
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
-    for name in (piece.name, piece.data, *piece.chain[0].collections):
-        if pattern := says(name, STAGES):
-            out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
-            if out > REACH * size:
-                return Role("dropped", f"{name!r} says {pattern!r} and reaches {out:.1f} m beyond the rest")
-            if under:
-                return Role("dropped", f"{name!r} says {pattern!r} and lies at the underside of the rest")
-    extent = piece.bounds[1] - piece.bounds[0]
+    if named := _stage_name(piece):
+        out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
+        if out > REACH * size:
+            return Role("dropped", f"{named[0]!r} says {named[1]!r} and reaches {out:.1f} m beyond the rest")
+        if under:
+            return Role("dropped", f"{named[0]!r} says {named[1]!r} and lies at the underside of the rest")
     larger = _footprint(piece.bounds) / max(float(np.prod(high[:2] - low[:2])), 1e-12)
-    if under and larger > MUCH_LARGER and extent[2] <= FLAT * max(extent[:2]):
+    if under and larger > MUCH_LARGER and _is_sheet(piece):
         return Role("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
     return None
 

@@ -171,7 +171,7 @@ class _Reader:
             elif kind in UNREAD:
                 self._leave(instance, UNREAD[kind])
             elif kind not in SURFACES:
-                self._leave(instance, f"a {kind.lower().replace('_', ' ')}")
+                self._leave(instance, "type " + kind.lower().replace("_", " "))
             # Curves, texts and the like come once more as the meshes they make.
 
     def _leave(self, instance: Any, why: str) -> None:

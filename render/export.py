@@ -21,7 +21,7 @@ from render.formats import format_of
 from render.report import FileReport
 
 ROOT = Path(__file__).resolve().parent.parent
-LAST_WORDS = 500  # characters of what Blender said before it crashed
+LAST_WORDS = 2000  # characters of what Blender said before it crashed
 DEFAULTS = Options()
 
 
@@ -97,48 +97,72 @@ def export(
     AssetError
         If the file cannot be read, or does not hold what is wanted.
     """
-    path, folder = Path(path), Path(folder).resolve()
-    file_format = format_of(path)
-    files = {key: folder / f"{key}{suffix}" for key, suffix in (("bundle", ".npz"), ("tidy", ".blend"))}
-    job = {
+    job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
+    return exported_by(job, _ask_reader(job))
+
+
+def job_for(
+    path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS
+) -> dict[str, Any]:
+    """What to tell the reader; arguments as of `export`.
+
+    Raises
+    ------
+    AssetError
+        If the file is of no format that can be read.
+    """
+    return {
+        "given": str(path),
         "path": str(path.resolve()),
-        "format": file_format,
+        "format": format_of(path),
         "kind": kind,
         "name": name or path.stem,
         "options": asdict(options),
-        **{key: str(file) for key, file in files.items()},
+        "bundle": str(folder.resolve() / "bundle.npz"),
+        "tidy": str(folder.resolve() / "tidy.blend"),
+        "answer": str(folder.resolve() / "answer.json"),
     }
-    answer = _ask_reader(job, path, folder)
+
+
+def exported_by(job: Mapping[str, Any], answer: Mapping[str, Any]) -> Exported:
+    """What the reader has made of a job.
+
+    Raises
+    ------
+    AssetError
+        If it could make nothing of it.
+    """
     if "error" in answer:
-        raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
-    report = FileReport.from_json({**answer["report"], "path": str(path)})
-    return Exported(report, files["bundle"], files["tidy"], tuple(answer["files"]))
+        raise AssetError(answer["error"]["problem"], path=job["given"], remedy=answer["error"]["remedy"])
+    report = FileReport.from_json({**answer["report"], "path": job["given"]})
+    return Exported(report, Path(job["bundle"]), Path(job["tidy"]), tuple(answer["files"]))
 
 
-def _ask_reader(job: Mapping[str, Any], path: Path, folder: Path) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory(prefix=".read-", dir=folder) as own:
-        job_file, answer_file = Path(own) / "job.json", Path(own) / "answer.json"
-        job_file.write_text(json.dumps({**job, "answer": str(answer_file)}), encoding="utf-8")
-        # -P: a folder `render` where the user happens to be must not come first.
-        ran = subprocess.run(
-            [sys.executable, "-P", "-m", "render.reader", str(job_file)],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            check=False,
+def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
+    path, answer_file = job["given"], Path(job["answer"])
+    answer_file.unlink(missing_ok=True)
+    job_file = answer_file.with_name("job.json")
+    job_file.write_text(json.dumps(job), encoding="utf-8")
+    # -P: a folder `render` where the user happens to be must not come first.
+    ran = subprocess.run(
+        [sys.executable, "-P", "-m", "render.reader", str(job_file)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if answer_file.is_file():
+        answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
+        return answer
+    if "No module named 'bpy'" in ran.stdout:
+        raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
+    if ran.returncode < 0:
+        raise AssetError(
+            f"Blender crashed reading it (signal {-ran.returncode})",
+            path=path,
+            remedy="open it in Blender, save it again, or leave it out",
         )
-        if answer_file.is_file():
-            answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
-            return answer
-        if "ModuleNotFoundError: No module named 'bpy'" in ran.stdout:
-            raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
-        if ran.returncode < 0:
-            raise AssetError(
-                f"Blender crashed reading it (signal {-ran.returncode})",
-                path=path,
-                remedy="open it in Blender, save it again, or leave it out",
-            )
-        raise RuntimeError(f"{path}: reading it failed:\n{ran.stdout[-4 * LAST_WORDS :]}")
+    raise RuntimeError(f"{path}: reading it failed:\n{ran.stdout[-LAST_WORDS:]}")

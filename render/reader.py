@@ -1,6 +1,6 @@
 """The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
 
-Run as ``python -m render.reader JOB.json``. Blender may crash on a damaged file, keeps what it once loaded, and talks
+Run as ``python -m render.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded, and talks
 on stdout; so every file gets a process of its own and answers come in files.
 """
 
@@ -36,7 +36,9 @@ def main(job_path: str) -> None:
         answer = read(job)
     except HulldownError as error:
         answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
-    Path(job["answer"]).write_text(json.dumps(answer), encoding="utf-8")
+    unfinished = Path(job["answer"] + ".part")
+    unfinished.write_text(json.dumps(answer), encoding="utf-8")
+    unfinished.replace(job["answer"])
 
 
 def read(job: Mapping[str, Any]) -> dict[str, Any]:
@@ -133,4 +135,5 @@ def _three(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    for each in sys.argv[1:]:
+        main(each)
