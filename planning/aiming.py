@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from camera.clearance import Spot
 from camera.framing import frame_target
 from camera.intrinsics import Intrinsics
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
@@ -95,7 +96,8 @@ def try_cameras(
 
     rows = np.flatnonzero(shots.refusal == Refusal.NONE)
     poses = camera_pose(target.rows(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
-    shots.refusal[rows] = spot_refusal(site, poses[:, :3, 3], limits)
+    vehicles = [vehicle.rows(rows) for vehicle in (target, *others)]
+    shots.refusal[rows] = spot_refusal(site, poses[:, :3, 3], vehicles, limits)
 
     on = shots.refusal[rows] == Refusal.NONE
     rows, poses = rows[on], poses[on]
@@ -151,13 +153,28 @@ def baseline_distance(
     return size * f_px / (render.height * fraction)
 
 
-def spot_refusal(site: Site, position: Float[np.ndarray, "n 3"], limits: CameraSection) -> UInt8[np.ndarray, " n"]:
-    """Whether a camera may be at these places: above ground, clear of it and of obstacles."""
-    refusal = np.zeros(len(position), dtype=np.uint8)
-    ground = site.terrain.top_hits(position[:, :2])
-    refusal[~ground.hit] = Refusal.CAMERA_OFF_GROUND
-    refusal[position[:, 2] - ground.z < limits.ground_clearance] = Refusal.CAMERA_LOW
-    return refusal
+def spot_refusal(
+    site: Site, position: Float[np.ndarray, "n 3"], vehicles: list[Placed], limits: CameraSection
+) -> UInt8[np.ndarray, " n"]:
+    """Whether a camera may be at these places: above ground, clear of it, of obstacles and of vehicles."""
+    spots = site.camera_room.judge(
+        position,
+        ground_clearance=limits.ground_clearance,
+        obstacle_clearance=limits.obstacle_clearance,
+        vehicles=[vehicle.standing for vehicle in vehicles],
+        vehicle_clearance=limits.obstacle_clearance,
+    )
+    return _OF_SPOT[spots]
+
+
+_OF_SPOT = np.zeros(len(Spot), dtype=np.uint8)
+for _spot, _refusal in {
+    Spot.OFF_GROUND: Refusal.CAMERA_OFF_GROUND,
+    Spot.LOW: Refusal.CAMERA_LOW,
+    Spot.OBSTACLE: Refusal.CAMERA_OBSTACLE,
+    Spot.VEHICLE: Refusal.CAMERA_VEHICLE,
+}.items():
+    _OF_SPOT[_spot] = _refusal
 
 
 def box_refusal(

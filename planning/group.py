@@ -141,6 +141,7 @@ class _Search:
                 draws=self.draws,
                 position=self.group.position[row],
                 attempt=attempt,
+                articulation=[self.articulation[i] for i in row.tolist()],
             )
             refusal = found.refusal.reshape(-1, ahead)
             good = refusal == Refusal.NONE

@@ -6,13 +6,15 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from placement.candidates import candidates
+from placement.limits import clear_of_vehicles
 from placement.settle import settle
 from planning.draws import Draws, Purpose, StackedGenerator
+from planning.refusal import Refusal
 from planning.schema import PlacementSection
-from planning.stage import Model, Site
+from planning.stage import Model, Placed, Site
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,15 +63,21 @@ def try_places(
     draws: Draws,
     position: Int[np.ndarray, " n"],
     attempt: Int[np.ndarray, " n"],
+    articulation: list[dict[str, float]],
 ) -> Stands:
     """Try `attempt` of each position: drawn, settled, and kept clear of obstacles."""
     rng = StackedGenerator(draws, Purpose.PLACE, position, attempt)
     xy, yaw = candidates(site.bounds, len(position), rng=rng, margin=limits.margin)
-    return stand(site, model, limits, xy, yaw)
+    return stand(site, model, limits, xy, yaw, articulation)
 
 
 def stand(
-    site: Site, model: Model, limits: PlacementSection, xy: Float[np.ndarray, "n 2"], yaw: Float[np.ndarray, " n"]
+    site: Site,
+    model: Model,
+    limits: PlacementSection,
+    xy: Float[np.ndarray, "n 2"],
+    yaw: Float[np.ndarray, " n"],
+    articulation: list[dict[str, float]],
 ) -> Stands:
     """Vehicles at these places with these headings, or the reasons why not."""
     settled = settle(
@@ -85,4 +93,27 @@ def stand(
         max_penetration=limits.max_penetration,
     )
     refusal = settled.verdict.copy()
+    rows = np.flatnonzero(refusal == Refusal.NONE)
+    placed = Placed(model, settled.world_from_vehicle[rows], [articulation[i] for i in rows.tolist()])
+    refusal[rows[~clear_of_obstacles(site, placed, limits.obstacle_clearance)]] = Refusal.OBSTACLE
     return Stands(settled.world_from_vehicle, np.degrees(settled.tilt), settled.gap, settled.penetration, refusal)
+
+
+def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.ndarray, " n"]:
+    """Whether no part of each vehicle comes near an obstacle."""
+    poses = placed.world_from_parts()
+    clear = np.ones(len(poses), dtype=bool)
+    for part, extent in enumerate(placed.model.extents):
+        rows = np.flatnonzero(clear)
+        clear[rows] = site.standing_room.clear(extent, poses[rows, part], clearance)
+    return clear
+
+
+def clear_of_vehicle(placed: Placed, other: Placed, clearance: float) -> Bool[np.ndarray, " n"]:
+    """Whether no part of each vehicle comes near a part of the other one of its row."""
+    mine, theirs = placed.world_from_parts(), other.world_from_parts()
+    clear = np.ones(len(mine), dtype=bool)
+    for a, extent in enumerate(placed.model.extents):
+        for b, their_extent in enumerate(other.model.extents):
+            clear &= clear_of_vehicles(extent, mine[:, a], their_extent, theirs[:, b, None], clearance)
+    return clear

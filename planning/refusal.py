@@ -29,10 +29,11 @@ class Refusal(IntEnum):
     CAMERA_OFF_GROUND = 12
     CAMERA_LOW = 13
     CAMERA_OBSTACLE = 14
-    TRUNCATION = 15
-    SMALL = 16
-    HIDDEN = 17
-    EXPOSED = 18
+    CAMERA_VEHICLE = 15
+    TRUNCATION = 16
+    SMALL = 17
+    HIDDEN = 18
+    EXPOSED = 19
 
     @property
     def key(self) -> str:
@@ -52,6 +53,7 @@ _PHRASES = {
     Refusal.CAMERA_OFF_GROUND: "had the camera beyond the ground",
     Refusal.CAMERA_LOW: "had the camera in or too near the ground",
     Refusal.CAMERA_OBSTACLE: "had the camera in or too near an obstacle",
+    Refusal.CAMERA_VEHICLE: "had the camera in or too near a vehicle",
     Refusal.TRUNCATION: "were cut off more or less than camera.truncated_fraction",
     Refusal.SMALL: "were smaller than camera.min_box_px",
     Refusal.HIDDEN: "were hidden more than camera.visible_fraction",

@@ -11,11 +11,13 @@ from jaxtyping import Float, Int
 from annotate.boxes import VehicleBoxes
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
+from camera.clearance import CameraSpots
 from camera.target import Standing, VehicleTarget
 from camera.visibility import Occluder, Plane
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
-from geometry.transforms import apply
+from geometry.transforms import apply, rigid
+from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
 from planning.inputs import Assets
 from planning.schema import Config
@@ -37,6 +39,10 @@ class Site:
         The same for rays of any direction; vertical walls, which are no top, are in it.
     obstacles
         Everything else in it.
+    standing_room
+        Answers whether vehicles are clear of the obstacles.
+    camera_room
+        Answers whether cameras are clear of ground and obstacles.
     bounds
         (2, 2) lowest and highest (x, y) that vehicles are placed in, before the margin.
     """
@@ -45,6 +51,8 @@ class Site:
     terrain: Terrain
     ground: Occluder
     obstacles: InstancedScene
+    standing_room: Obstacles
+    camera_room: CameraSpots
     bounds: Float[np.ndarray, "2 2"]
 
 
@@ -66,6 +74,8 @@ class Model:
         (3,) centre of its bounding box, vehicle frame.
     corners
         (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
+    extents
+        (b,) those boxes, as clearances are asked of them.
     corner_part
         (b,) the parts they belong to.
     """
@@ -76,6 +86,7 @@ class Model:
     target: VehicleTarget
     centre: Float[np.ndarray, "3"]
     corners: Float[np.ndarray, "b 8 3"]
+    extents: tuple[Extent, ...]
     corner_part: Int[np.ndarray, " b"]
 
     @property
@@ -119,10 +130,13 @@ class Placed:
 
     def corners(self) -> Float[np.ndarray, "n k 3"]:
         """Corners of the boxes of all parts, turned and placed: no vertex of the vehicle is outside their hull."""
-        model = self.model
-        vehicle_from_parts = model.target.vehicle_from_parts(self.articulation)[:, model.corner_part]
-        world_from_parts = self.world_from_vehicle[:, None] @ vehicle_from_parts
-        return apply(world_from_parts, model.corners).reshape(len(world_from_parts), 8 * len(model.corners), 3)
+        corners = apply(self.world_from_parts(), self.model.corners)
+        return corners.reshape(len(corners), 8 * len(self.model.corners), 3)
+
+    def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
+        """Where each part at rest goes."""
+        vehicle_from_parts = self.model.target.vehicle_from_parts(self.articulation)[:, self.model.corner_part]
+        return self.world_from_vehicle[:, None] @ vehicle_from_parts
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -153,26 +167,30 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
         if len(obstacles.bounds):
             bounds = np.stack([obstacles.bounds[:, 0, :2].min(axis=0), obstacles.bounds[:, 1, :2].max(axis=0)])
-    return Site(scenery.name, terrain, occluder, obstacles, bounds)
+    return Site(
+        name=scenery.name,
+        terrain=terrain,
+        ground=occluder,
+        obstacles=obstacles,
+        standing_room=Obstacles(obstacles),
+        camera_room=CameraSpots(terrain, obstacles),
+        bounds=bounds,
+    )
 
 
 def _model(shape: VehicleShape, category: str) -> Model:
     target = VehicleTarget(shape)
-    corners = [_corners(part.hull) for part in target.parts]
+    bounds = [np.stack([part.hull.min(axis=0), part.hull.max(axis=0)]) for part in target.parts]
     return Model(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),
         target=target,
         centre=shape.mesh.bounds.mean(axis=0),
-        corners=np.array(corners),
+        corners=np.array([list(product(*corners.T)) for corners in bounds]),
+        extents=tuple(Extent((high - low)[None] / 2, rigid(np.eye(3), (low + high)[None] / 2)) for low, high in bounds),
         corner_part=np.array([part.index for part in target.parts]),
     )
-
-
-def _corners(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "8 3"]:
-    low, high = points.min(axis=0), points.max(axis=0)
-    return np.array(list(product(*zip(low, high, strict=True))))
 
 
 def articulations(shape: VehicleShape, uniform: Float[np.ndarray, "n p"]) -> list[dict[str, float]]:
