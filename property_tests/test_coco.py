@@ -1,0 +1,192 @@
+"""A dataset under appending, cutting and killing: nothing lost, nothing doubled."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import annotate.coco
+from annotate.coco import CocoDataset
+from annotate.document import read_coco
+
+texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
+numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
+values = st.recursive(
+    st.none() | st.booleans() | numbers | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+extra = st.dictionaries(texts.map("x_{}".format), values, max_size=3)
+boxes = st.lists(st.floats(0, 1e4), min_size=4, max_size=4)
+annotations = st.lists(
+    st.builds(
+        lambda more, box, category: {**more, "bbox": box, "category": category},
+        extra,
+        boxes,
+        st.sampled_from(["tank", "truck", "Lkw"]),
+    ),
+    max_size=3,
+)
+batches = st.lists(st.tuples(extra, annotations), max_size=5)
+
+
+def append_all(folder: Path, batch: list, first: int) -> None:
+    with CocoDataset.open(folder) as dataset:
+        for i, (more, boxed) in enumerate(batch, start=first):
+            dataset.append({**more, "file_name": f"images/{i}.png", "width": 8, "height": 6}, boxed)
+
+
+def by_category_name(coco: dict, image_offset: int = 0, annotation_offset: int = 0) -> tuple[list, list]:
+    """Records with ids counted from the offsets and categories by name."""
+    names = {c["id"]: c["name"] for c in coco["categories"]}
+    images = [{**i, "id": i["id"] - image_offset} for i in coco["images"]]
+    boxed = [
+        {
+            **a,
+            "id": a["id"] - annotation_offset,
+            "image_id": a["image_id"] - image_offset,
+            "category_id": names[a["category_id"]],
+        }
+        for a in coco["annotations"]
+    ]
+    return images, boxed
+
+
+@given(batches, batches)
+def test_appending_a_then_b_is_the_records_of_b_after_those_of_a(first: list, second: list) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        a, b, both = (Path(name) / part for part in ("a", "b", "both"))
+        append_all(a, first, 0)
+        append_all(b, second, len(first))
+        append_all(both, first, 0)
+        append_all(both, second, len(first))
+        images, boxed = by_category_name(read_coco(both))
+        n, m = len(first), sum(len(boxed) for _, boxed in first)
+        assert (images[:n], boxed[:m]) == by_category_name(read_coco(a))
+        after = read_coco(both)
+        tail = {
+            "categories": after["categories"],
+            "images": after["images"][n:],
+            "annotations": after["annotations"][m:],
+        }
+        assert by_category_name(tail, n, m) == by_category_name(read_coco(b))
+
+
+@given(batches)
+def test_what_goes_in_comes_out(batch: list) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        append_all(folder, batch, 0)
+        coco = json.loads((folder / "annotations.json").read_text())
+        assert coco == read_coco(folder)
+        at = 0
+        for record, (more, boxed) in zip(coco["images"], batch, strict=True):
+            assert {key: record[key] for key in more} == more
+            for annotation in boxed:
+                found = coco["annotations"][at]
+                expected = {key: value for key, value in annotation.items() if key != "category"}
+                assert {key: found[key] for key in expected} == expected
+                assert found["image_id"] == record["id"]
+                at += 1
+        assert at == len(coco["annotations"])
+
+
+@given(batches.filter(bool), st.data())
+def test_cutting_the_journal_at_any_byte_loses_what_lay_behind_it_only(batch: list, data: st.DataObject) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        append_all(folder, batch, 0)
+        (folder / "annotations.json").unlink()
+        journal = folder / "journal.jsonl"
+        content = journal.read_bytes().removesuffix(b'{"merged":true}\n')
+        cut = data.draw(st.integers(0, len(content)))
+        journal.write_bytes(content[:cut])
+        whole = content[:cut].count(b"\n")
+        assert [i["file_name"] for i in read_coco(folder)["images"]] == [f"images/{i}.png" for i in range(whole)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            dataset = CocoDataset.open(folder)
+        with dataset:
+            for i in range(len(batch)):
+                if not dataset.finished(f"images/{i}.png"):
+                    more, boxed = batch[i]
+                    dataset.append({**more, "file_name": f"images/{i}.png", "width": 8, "height": 6}, boxed)
+        fresh = folder / "fresh"
+        append_all(fresh, batch, 0)
+        assert (folder / "annotations.json").read_bytes() == (fresh / "annotations.json").read_bytes()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
+@given(st.integers(0, 2**32))
+@settings(max_examples=1)
+def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
+    rng = random.Random(seed)
+    total = 400
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "killed"
+        acknowledged: set[int] = set()
+        for _ in range(50):
+            acknowledged |= run_and_kill(folder, total, rng.uniform(0.0, 0.03))
+            if not folder.exists():
+                continue
+            found = [int(i["file_name"][7:-4]) for i in read_or_nothing(folder)["images"]]
+            assert len(found) == len(set(found))
+            assert acknowledged <= set(found)
+        append_planned(folder, total, None)
+        append_planned(Path(name) / "quiet", total, None)
+        assert (folder / "annotations.json").read_bytes() == (Path(name) / "quiet" / "annotations.json").read_bytes()
+        # The kills fell on different places, or this showed nothing.
+        assert len(acknowledged) > 0
+
+
+def read_or_nothing(folder: Path) -> dict:
+    if not (folder / "journal.jsonl").exists():
+        return {"images": []}
+    return read_coco(folder)
+
+
+def append_planned(folder: Path, total: int, tell: int | None) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        dataset = CocoDataset.open(folder, categories=["tank"])
+    with dataset:
+        run = dataset.run("p" * 64, images=total, annotations=2 * total)
+        for i in range(total):
+            name = run.file_name(f"images/{i}.png")
+            if dataset.finished(name):
+                continue
+            boxed = [
+                {"category": "tank", "bbox": [0, 0, 4, 3], "id": run.annotation_offset + 2 * i + k} for k in (1, 2)
+            ]
+            dataset.append({"id": run.image_offset + i + 1, "file_name": name, "width": 8, "height": 6}, boxed)
+            if tell is not None:
+                os.write(tell, b"%d\n" % i)
+
+
+def run_and_kill(folder: Path, total: int, after_s: float) -> set[int]:
+    """What a real process had acknowledged when it was killed without warning."""
+    hear, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            # Merging all the time, so that kills fall into it too.
+            annotate.coco.MERGE_EVERY_S, annotate.coco.MERGE_SHARE = 0.0, 0.5
+            append_planned(folder, total, tell)
+        finally:
+            os._exit(0)
+    os.close(tell)
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    with os.fdopen(hear, "rb") as pipe:
+        return {int(line) for line in pipe.read().split()}

@@ -1,0 +1,270 @@
+import contextlib
+import io
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from pycocotools.coco import COCO
+
+from annotate.coco import CocoDataset
+from annotate.document import read_coco
+from geometry.errors import DatasetError
+
+FOREIGN = {
+    "info": {"description": "by hand", "year": 2024},
+    "licenses": [{"id": 7, "name": "CC-BY"}],
+    "weather_station": {"name": "north", "id": 18446744073709551615},
+    "categories": [{"id": 3, "name": "truck", "keypoints": ["nose"]}, {"id": 9, "name": "tank"}],
+    "images": [
+        {"id": 40, "file_name": "real/b.jpg", "width": 640, "height": 480, "license": 7, "lens": {"mm": 35.5}},
+        {"id": 12, "file_name": "real/a.jpg", "width": 640, "height": 480, "date_captured": "2024-05-06"},
+    ],
+    "annotations": [
+        {"id": 0, "image_id": 12, "category_id": 3, "bbox": [1, 2, 3, 4], "area": 12, "iscrowd": 1, "score": 0.25},
+        {"id": 99, "image_id": 40, "category_id": 9, "bbox": [1.5, 2, 3, 4], "segmentation": [[1, 2, 3, 4, 5, 6.5]]},
+    ],
+}  # fmt: skip
+
+
+def image(i: int) -> dict:
+    return {"file_name": f"images/{i:08d}.png", "width": 64, "height": 48, "shot": i}
+
+
+def annotation(category: str = "tank", **more: object) -> dict:
+    return {"category": category, "bbox": [1.0, 2.0, 3.5, 4.0], "visible_fraction": 0.5, **more}
+
+
+def load(folder) -> dict:
+    return json.loads((folder / "annotations.json").read_text())
+
+
+def test_a_new_dataset(tmp_path):
+    with CocoDataset.open(tmp_path / "made" / "here") as dataset:
+        assert dataset.append(image(1), [annotation(), annotation("truck", pose=np.eye(2))]) == 1
+        assert dataset.append(image(2), []) == 2
+        assert len(dataset) == 2
+    coco = load(tmp_path / "made" / "here")
+    assert [c["name"] for c in coco["categories"]] == ["tank", "truck"]
+    assert coco["images"] == [{"id": 1, **image(1)}, {"id": 2, **image(2)}]
+    first, second = coco["annotations"]
+    assert (first["id"], first["image_id"], first["category_id"]) == (1, 1, 1)
+    assert (first["area"], first["iscrowd"], first["segmentation"], first["visible_fraction"]) == (14.0, 0, [], 0.5)
+    assert (second["id"], second["category_id"], second["pose"]) == (2, 2, [[1.0, 0.0], [0.0, 1.0]])
+
+
+def test_an_empty_dataset_is_a_valid_file(tmp_path):
+    CocoDataset.open(tmp_path, categories=["tank"]).close()
+    assert load(tmp_path) == {
+        "categories": [{"id": 1, "name": "tank", "supercategory": "vehicle"}],
+        "images": [],
+        "annotations": [],
+    }
+
+
+def test_a_foreign_dataset_keeps_everything_it_had(tmp_path):
+    (tmp_path / "annotations.json").write_text(json.dumps(FOREIGN))
+    with CocoDataset.open(tmp_path, categories=["truck", "launcher"]) as dataset:
+        assert dataset.finished("real/a.jpg")
+        assert dataset.append(image(1), [annotation("tank"), annotation("launcher")]) == 41
+    coco = load(tmp_path)
+    for key, value in FOREIGN.items():
+        assert coco[key][: len(value)] == value if isinstance(value, list) else coco[key] == value
+    assert coco["categories"][2:] == [{"id": 10, "name": "launcher", "supercategory": "vehicle"}]
+    assert [(a["id"], a["category_id"]) for a in coco["annotations"][2:]] == [(100, 9), (101, 10)]
+
+
+def test_pycocotools_reads_it(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [annotation(), annotation("truck")])
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco = COCO(str(tmp_path / "annotations.json"))
+    assert coco.getAnnIds(imgIds=[1], catIds=coco.getCatIds(catNms=["truck"])) == [2]
+
+
+def test_a_second_run_goes_on_where_the_first_ended(tmp_path):
+    for run in range(3):
+        with CocoDataset.open(tmp_path) as dataset:
+            for i in range(2 * run + 2):
+                if not dataset.finished(image(i)["file_name"]):
+                    dataset.append(image(i), [annotation()])
+    coco = load(tmp_path)
+    assert [i["id"] for i in coco["images"]] == [a["id"] for a in coco["annotations"]] == [1, 2, 3, 4, 5, 6]
+
+
+def test_an_image_twice_is_refused(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [])
+        with pytest.raises(ValueError, match=r"'images/00000001.png' is in the dataset already"):
+            dataset.append(image(1), [])
+    assert len(load(tmp_path)["images"]) == 1
+
+
+def test_runs_number_their_images_whatever_the_order(tmp_path):
+    for folder, order in ((tmp_path / "a", [0, 1, 2, 3]), (tmp_path / "b", [2, 0, 3, 1])):
+        for half in (order[:2], order[2:]):
+            with CocoDataset.open(folder, categories=["tank"]) as dataset:
+                run = dataset.run("plan", images=4, annotations=4)
+                for i in half:
+                    dataset.append(
+                        {**image(i), "id": run.image_offset + i + 1}, [annotation(id=run.annotation_offset + i + 1)]
+                    )
+    assert (tmp_path / "a" / "annotations.json").read_bytes() == (tmp_path / "b" / "annotations.json").read_bytes()
+
+
+def test_two_plans_do_not_fight_for_ids_or_names(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        first = dataset.run("f" * 64, images=10, annotations=20)
+        dataset.append({**image(1), "id": 1}, [annotation(id=1)])
+        second = dataset.run("e" * 64, images=5, annotations=5)
+    assert first.file_name("images/1.png") == "images/1.png"
+    assert second.file_name("images/1.png") == "images/2-eeeeeeee-1.png"
+    assert (second.image_offset, second.annotation_offset) == (10, 20)
+    with CocoDataset.open(tmp_path) as dataset:
+        assert dataset.run("e" * 64, images=5, annotations=5) == second
+        assert dataset.append(image(7), [annotation()]) == 16
+    (tmp_path / "journal.jsonl").unlink()
+    with CocoDataset.open(tmp_path) as dataset:
+        assert dataset.run("f" * 64, images=10, annotations=20) == first
+
+
+def test_pictures_of_other_origin_are_never_overwritten(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "00000001.png").write_bytes(b"mine")
+    with CocoDataset.open(tmp_path) as dataset:
+        assert dataset.run("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
+
+
+def test_what_was_deleted_by_hand_stays_deleted(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        for i in range(3):
+            dataset.append(image(i), [annotation()])
+    coco = load(tmp_path)
+    del coco["images"][1], coco["annotations"][1]
+    (tmp_path / "annotations.json").write_text(json.dumps(coco))
+    with CocoDataset.open(tmp_path) as dataset:
+        assert not dataset.finished(image(1)["file_name"])
+        dataset.append(image(3), [annotation()])
+    assert [i["shot"] for i in load(tmp_path)["images"]] == [0, 2, 3]
+
+
+def test_a_lost_annotations_file_is_made_again_from_the_journal(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [annotation()])
+    before = (tmp_path / "annotations.json").read_bytes()
+    (tmp_path / "annotations.json").unlink()
+    with pytest.warns(UserWarning, match="is missing; it is made anew"):
+        CocoDataset.open(tmp_path).close()
+    assert (tmp_path / "annotations.json").read_bytes() == before
+
+
+def test_a_crash_between_the_two_files_doubles_nothing(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [annotation()])
+    journal = (tmp_path / "journal.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "journal.jsonl").write_text("".join(journal[:-1]))  # without its {"merged": true}
+    CocoDataset.open(tmp_path).close()
+    assert len(load(tmp_path)["images"]) == len(load(tmp_path)["annotations"]) == 1
+
+
+def test_read_coco_sees_what_is_not_merged_yet_and_changes_nothing(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [annotation()])
+        assert not (tmp_path / "annotations.json").exists()
+        assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1]
+        assert not (tmp_path / "annotations.json").exists()
+    assert read_coco(tmp_path) == load(tmp_path)
+
+
+def test_a_second_process_is_refused(tmp_path):
+    with CocoDataset.open(tmp_path):
+        code = f"from annotate.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
+        other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert "another process is writing to this dataset; wait until it has ended" in other.stderr
+        with pytest.raises(DatasetError, match="another process is writing"):
+            CocoDataset.open(tmp_path)
+    CocoDataset.open(tmp_path).close()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"{", "is not valid JSON"),
+        (b"[]", "is a JSON list where a COCO object was expected"),
+        (b'{"images": {}}', "'images' is not a list of objects"),
+        (b'{"images": [{"id": "a"}]}', "image id 'a' is not a whole number"),
+        (b'{"annotations": [{"bbox": []}]}', "annotation id None is not a whole number"),
+    ],
+)
+def test_an_unusable_file_is_refused_and_left_alone(tmp_path, content, message):
+    path = tmp_path / "annotations.json"
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match=rf"annotations\.json: {message}.*; repair it"):
+        CocoDataset.open(tmp_path)
+    assert path.read_bytes() == content
+    path.unlink()
+    CocoDataset.open(tmp_path).close()
+
+
+def test_a_file_in_place_of_the_folder_is_explained(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DatasetError, match="cannot be written to"):
+        CocoDataset.open(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"file_name": "/etc/passwd"}, "file_name: expected a path inside the dataset"),
+        ({"file_name": "../a.png"}, "file_name: expected a path inside the dataset"),
+        ({"width": 0}, "width: expected a whole number of pixels"),
+        ({"height": 1.5}, "height: expected a whole number of pixels"),
+        ({"id": 0}, "id: expected a whole number above 0"),
+        ({"id": 5}, "id: expected a whole number above 0 that is not in use"),
+        ({"fov_x_deg": float("nan")}, "image: fov_x_deg: expected finite numbers"),
+    ],
+)
+def test_a_wrong_image_is_named_and_leaves_no_trace(tmp_path, change, message):
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append({**image(5), "id": 5}, [])
+        with pytest.raises(ValueError, match=message):
+            dataset.append({**image(1), **change}, [])
+    assert len(load(tmp_path)["images"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"category": None}, r"annotations\[1\]: category: expected a name"),
+        ({"bbox": [1, 2, 3]}, r"annotations\[1\]: bbox: expected \[x, y, width, height\]"),
+        ({"bbox": [1, 2, -3, 4]}, r"annotations\[1\]: bbox"),
+        ({"bbox": np.array([1, 2, np.inf, 4])}, r"annotations\[1\]: bbox: expected finite numbers"),
+        ({"id": 1}, r"annotations\[1\]: id: .* not in use"),
+    ],
+)
+def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, message):
+    with CocoDataset.open(tmp_path) as dataset:
+        with pytest.raises(ValueError, match=message):
+            dataset.append(image(1), [annotation(id=1), {**annotation(), **change}])
+        assert len(dataset) == 0
+    assert load(tmp_path) == {"categories": [], "images": [], "annotations": []}
+
+
+def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("annotate.coco.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("annotate.journal.os.fsync", lambda descriptor: None)
+    writes = []
+
+    def ten_seconds(path: object) -> None:
+        writes.append(clock[0])
+        clock[0] += 10.0
+
+    with CocoDataset.open(tmp_path) as dataset:
+        monkeypatch.setattr(dataset._document, "write", ten_seconds)
+        for i in range(1100):
+            clock[0] += 1.0
+            dataset.append(image(i), [])
+    # Soon at first, when nothing is known of the cost; then, at 2 % of the time, once in 500 s; and at the end.
+    assert np.diff(writes).round().tolist() == [511.0, 511.0, 77.0]

@@ -1,0 +1,72 @@
+import os
+
+import pytest
+
+from annotate.journal import Journal, read_journal
+from geometry.errors import DatasetError
+
+
+def test_lines_come_back_in_order(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        for i in range(3):
+            journal.append({"i": i})
+    with Journal(path) as journal:
+        journal.append({"i": 3})
+    assert [line["i"] for line in read_journal(path)] == [0, 1, 2, 3]
+
+
+def test_no_file_has_no_lines(tmp_path):
+    assert list(read_journal(tmp_path / "journal.jsonl")) == []
+
+
+def test_a_line_is_on_disk_before_append_returns(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        journal.append({"i": 1})
+        assert path.read_bytes() == b'{"i":1}\n'
+
+
+@pytest.mark.parametrize("cut", [b'{"i":', b'{"i":2}', b"\0" * 70000, b"{" * 200000])
+def test_a_cut_off_last_line_is_dropped_with_a_warning(tmp_path, cut):
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b'{"i":0}\n{"i":1}\n' + cut)
+    assert [line["i"] for line in read_journal(path)] == [0, 1]
+    with pytest.warns(UserWarning, match="last line was cut off"), Journal(path) as journal:
+        journal.append({"i": 2})
+    assert [line["i"] for line in read_journal(path)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("line", [b'{"i":\n', b"[1]\n", b"\n", b"\xff\n"])
+def test_a_damaged_inner_line_is_an_error_that_names_it(tmp_path, line):
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b'{"i":0}\n' + line + b'{"i":1}\n')
+    with pytest.raises(DatasetError, match=r"journal\.jsonl: line 2 is damaged"):
+        list(read_journal(path))
+
+
+def test_a_full_disk_takes_the_half_written_line_back(tmp_path, monkeypatch):
+    path = tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        journal.append({"i": 0})
+        write = os.write
+
+        def full(descriptor: int, data: bytes) -> int:
+            write(descriptor, data[:4])
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(os, "write", full)
+        with pytest.raises(DatasetError, match=r"could not be recorded \(No space left on device\); free some space"):
+            journal.append({"i": 1})
+        monkeypatch.undo()
+        journal.append({"i": 2})
+    assert [line["i"] for line in read_journal(path)] == [0, 2]
+
+
+def test_a_disk_that_writes_little_at_a_time_gets_it_all(tmp_path, monkeypatch):
+    path = tmp_path / "journal.jsonl"
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
+    with Journal(path) as journal:
+        journal.append({"i": list(range(10))})
+    assert [line["i"] for line in read_journal(path)] == [list(range(10))]
