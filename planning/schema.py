@@ -164,7 +164,7 @@ class CameraSection(Section):
 
     fov_x_deg: FieldsOfView = (40.0, 60.0)
     target_fraction: TargetFractions = (0.1, 0.3)
-    distance_factor: Factors = (0.8, 1.5)
+    distance_factor: Factors = (0.7, 4.0)
     distance_m: Lengths = (2.0, 5000.0)
     elevation_deg: Elevations = (3.0, 35.0)
     elevation_sampling: Literal["angle", "sphere"] = "angle"

@@ -83,7 +83,7 @@ max_tries = 10000          # places tried before giving up, with the counted rea
 [camera]
 fov_x_deg = [40.0, 60.0]       # horizontal field of view
 target_fraction = [0.1, 0.3]   # share of the image height that the vehicle's smallest dimension fills: T_f of eq 5
-distance_factor = [0.8, 1.5]   # distances are D of eq 6 times this
+distance_factor = [0.7, 4.0]   # distances are D of eq 6 times this
 distance_m = [2.0, 5000.0]     # and within these metres
 elevation_deg = [3.0, 35.0]    # of the camera above the vehicle's horizon
 elevation_sampling = "angle"   # "angle": uniform in degrees; "sphere": uniform on the shell's area

@@ -1,0 +1,269 @@
+"""What a plan holds, in numbers a person can act on: counts, refusals, sizes, histograms; as tables and a picture."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from rich.table import Table
+
+from planning.refusal import AIMING, BY_KEY, PLACING, Refusal
+
+# COCO's classes of size, by area in square pixels.
+SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
+_BARS = " ▁▂▃▄▅▆▇█"
+
+
+@dataclass(eq=False, slots=True)
+class Histogram:
+    """Counts of one quantity in fixed bins, so that memory does not grow with the plan.
+
+    Parameters
+    ----------
+    title
+        What is counted, with its unit.
+    edges
+        (b + 1,) of the bins; what lies outside counts in the first or last bin.
+    counts
+        (b,) values in each bin.
+    lowest, highest, total
+        Of the values themselves.
+    """
+
+    title: str
+    edges: Float[np.ndarray, " b_plus_1"]
+    counts: Int[np.ndarray, " b"]
+    lowest: float = math.inf
+    highest: float = -math.inf
+    total: float = 0.0
+
+    def add(self, values: Float[np.ndarray, " n"]) -> None:
+        """Count some values."""
+        if not len(values):
+            return
+        bins = np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.counts) - 1)
+        self.counts += np.bincount(bins, minlength=len(self.counts))
+        self.lowest = min(self.lowest, float(values.min()))
+        self.highest = max(self.highest, float(values.max()))
+        self.total += float(values.sum())
+
+    @property
+    def mean(self) -> float:
+        """Mean of the values; nan without any."""
+        n = int(self.counts.sum())
+        return self.total / n if n else math.nan
+
+    def bars(self, width: int = 24) -> str:
+        """The occupied bins as a line of blocks."""
+        used = np.flatnonzero(self.counts)
+        if not len(used):
+            return ""
+        counts = self.counts[used[0] : used[-1] + 1]
+        groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)))]
+        return "".join(_BARS[math.ceil(8 * n / max(groups))] for n in groups)
+
+    def to_json(self) -> dict[str, Any]:
+        """Edges, counts and extremes."""
+        some = bool(self.counts.any())
+        return {
+            "edges": self.edges.tolist(),
+            "counts": self.counts.tolist(),
+            "lowest": self.lowest if some else None,
+            "highest": self.highest if some else None,
+            "mean": self.mean if some else None,
+        }
+
+
+def _histogram(title: str, edges: Float[np.ndarray, " b_plus_1"]) -> Histogram:
+    return Histogram(title, edges, np.zeros(len(edges) - 1, dtype=np.int64))
+
+
+def _histograms() -> dict[str, Histogram]:
+    return {
+        "slope_deg": _histogram("slope of the vehicle (degrees)", np.linspace(0.0, 90.0, 91)),
+        "distance_m": _histogram("distance of the camera (m)", np.logspace(0.0, 4.0, 65)),
+        "elevation_deg": _histogram("camera above the vehicle's foot (degrees)", np.linspace(-90.0, 90.0, 91)),
+        "visible_fraction": _histogram("visible fraction", np.linspace(0.0, 1.0, 21)),
+        "truncated_fraction": _histogram("truncated fraction", np.linspace(0.0, 1.0, 21)),
+        "box_px": _histogram("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
+    }
+
+
+@dataclass(eq=False, slots=True)
+class Summary:
+    """Counts over a plan's images; a target is the vehicle an image is about, companions are counted apart.
+
+    Parameters
+    ----------
+    images, positions
+        How many.
+    vehicles
+        Images of each (class, vehicle).
+    sizes
+        Images of each (class, COCO size).
+    companions, sceneries, hdris
+        How often each occurs.
+    rejected
+        Tries that were refused, by reason.
+    foggy
+        Images with fog.
+    histograms
+        By key of the plan, or of what follows from its poses.
+    """
+
+    images: int = 0
+    positions: int = 0
+    vehicles: Counter[tuple[str, str]] = field(default_factory=Counter)
+    sizes: Counter[tuple[str, str]] = field(default_factory=Counter)
+    companions: Counter[str] = field(default_factory=Counter)
+    sceneries: Counter[str] = field(default_factory=Counter)
+    hdris: Counter[str] = field(default_factory=Counter)
+    rejected: Counter[Refusal] = field(default_factory=Counter)
+    foggy: int = 0
+    histograms: dict[str, Histogram] = field(default_factory=_histograms)
+
+    def add(self, rows: list[dict[str, Any]]) -> None:
+        """Count some rows."""
+        values: dict[str, list[float]] = {key: [] for key in self.histograms}
+        for row in rows:
+            _, _, w, h = row["bbox"]
+            size = next(name for name, limit in SIZES.items() if w * h < limit)
+            self.vehicles[row["category"], row["vehicle"]] += 1
+            self.sizes[row["category"], size] += 1
+            self.sceneries[row["scenery"]] += 1
+            self.hdris[row["hdri"]] += 1
+            self.positions += row["shot"] == 0
+            self.foggy += row["weather"] is not None
+            for companion in row["companions"]:
+                self.companions[companion["vehicle"]] += 1
+            for key, n in row["rejected"].items():
+                self.rejected[BY_KEY[key]] += n
+            camera, vehicle = row["world_from_camera"], row["world_from_vehicle"]
+            dx, dy, dz = (camera[i][3] - vehicle[i][3] for i in range(3))
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            values["distance_m"].append(distance)
+            values["elevation_deg"].append(math.degrees(math.asin(dz / distance)) if distance else 0.0)
+            values["box_px"].append(math.sqrt(w * h))
+            for key in ("slope_deg", "visible_fraction", "truncated_fraction"):
+                values[key].append(row[key])
+        self.images += len(rows)
+        for key, histogram in self.histograms.items():
+            histogram.add(np.array(values[key], dtype=np.float64))
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as plain numbers."""
+        return {
+            "images": self.images,
+            "positions": self.positions,
+            "classes": _nested(self.vehicles),
+            "sizes": _nested(self.sizes),
+            "companions": dict(self.companions),
+            "sceneries": dict(self.sceneries),
+            "hdris": dict(self.hdris),
+            "foggy": self.foggy,
+            "rejected": {refusal.key: n for refusal, n in sorted(self.rejected.items())},
+            "histograms": {key: histogram.to_json() for key, histogram in self.histograms.items()},
+        }
+
+    def tables(self) -> list[Table]:
+        """Tables for a terminal."""
+        return [self._class_table(), self._histogram_table(), self._refusal_table()]
+
+    def _class_table(self) -> Table:
+        table = Table(title=f"{self.images:,} images at {self.positions:,} positions", title_justify="left")
+        for column in ("class", "vehicles", "images", *SIZES):
+            table.add_column(column, justify="left" if column in ("class", "vehicles") else "right")
+        for category, models in _nested(self.vehicles).items():
+            shares = ", ".join(f"{name} {n:,}" for name, n in models.items())
+            sizes = [f"{self.sizes[category, size]:,}" for size in SIZES]
+            table.add_row(category, shares, f"{sum(models.values()):,}", *sizes)
+        return table
+
+    def _histogram_table(self) -> Table:
+        table = Table(title="how they differ", title_justify="left")
+        for column in ("", "lowest", "mean", "highest"):
+            table.add_column(column, justify="right" if column else "left")
+        table.add_column("histogram", no_wrap=True)
+        for histogram in self.histograms.values():
+            if histogram.counts.any():
+                numbers = (f"{x:.3g}" for x in (histogram.lowest, histogram.mean, histogram.highest))
+                table.add_row(histogram.title, *numbers, histogram.bars())
+        return table
+
+    def _refusal_table(self) -> Table:
+        table = Table(title="what was tried and not taken", title_justify="left")
+        for column in ("tries that", "times", "share"):
+            table.add_column(column, justify="left" if column == "tries that" else "right")
+        for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
+            refused = {kind: self.rejected[kind] for kind in kinds if self.rejected[kind]}
+            total = taken + sum(refused.values())
+            table.add_row(f"{what}: were taken", f"{taken:,}", _share(taken, total))
+            for kind, n in sorted(refused.items(), key=lambda item: -item[1]):
+                table.add_row(f"{what}: {kind.phrase}", f"{n:,}", _share(n, total))
+        return table
+
+    def draw(self, path: str | Path) -> None:
+        """The histograms and counts as a picture."""
+        # Slow to import, and of no use to the worker processes.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import NullFormatter
+
+        figure = Figure(figsize=(12.0, 9.0), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(3, 3).ravel()
+        for axis, (title, counts) in zip(axes, self._bar_charts().items(), strict=False):
+            axis.barh(list(counts)[::-1], list(counts.values())[::-1], color="#4878a8")
+            axis.set_title(title)
+        for axis, histogram in zip(axes[3:], self.histograms.values(), strict=True):
+            used = np.flatnonzero(histogram.counts)
+            if len(used):
+                part = slice(used[0], used[-1] + 1)
+                edges = histogram.edges[used[0] : used[-1] + 2]
+                axis.bar(edges[:-1], histogram.counts[part], width=np.diff(edges), align="edge", color="#4878a8")
+                if edges[0] > 0 and histogram.edges[0] > 0:
+                    axis.set_xscale("log")
+                    axis.xaxis.set_major_formatter("{x:g}")
+                    axis.xaxis.set_minor_formatter(NullFormatter())
+            axis.set_title(histogram.title)
+        figure.suptitle(f"{self.images:,} images at {self.positions:,} positions")
+        path = Path(path)
+        partial = path.with_name(path.name + ".partial")
+        figure.savefig(partial, format="png", dpi=100)
+        os.replace(partial, path)
+
+    def _bar_charts(self) -> dict[str, Mapping[str, int]]:
+        classes = {category: sum(models.values()) for category, models in _nested(self.vehicles).items()}
+        sizes = {size: sum(n for (_, s), n in self.sizes.items() if s == size) for size in SIZES}
+        refused = {refusal.key.replace("_", " "): n for refusal, n in self.rejected.most_common(8)}
+        return {"images of each class": classes, "boxes by COCO size": sizes, "refused tries": refused}
+
+
+def summarise(rows: Iterable[dict[str, Any]]) -> Summary:
+    """Count over all rows of a plan, holding few of them at a time."""
+    summary, some = Summary(), []
+    for row in rows:
+        some.append(row)
+        if len(some) == 4096:
+            summary.add(some)
+            some = []
+    summary.add(some)
+    return summary
+
+
+def _nested(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
+    nested: dict[str, dict[str, int]] = {}
+    for (first, second), n in counts.items():
+        nested.setdefault(first, {})[second] = n
+    return nested
+
+
+def _share(part: int, total: int) -> str:
+    return f"{100 * part / total:.1f} %" if total else ""
