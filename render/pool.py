@@ -5,12 +5,7 @@ Knows nothing of pictures: a job is a JSON object and so is its answer.
 
 from __future__ import annotations
 
-import contextlib
-import json
 import queue
-import subprocess
-import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -22,12 +17,11 @@ from typing import Any
 import psutil
 
 from geometry.errors import HulldownError
-from render.worker import ANSWER
+from render.process import WorkerProcess, worker_command
 
-WORKER = Path(__file__).with_name("worker.py")
-POLL_S = 0.25  # how often time and memory are looked at
-STOP_S = 5.0  # what a worker gets to end by itself
-LOG_TAIL = 400  # characters of a worker's last words that go into a reason
+POLL_S = 0.2  # how often time and memory are looked at
+NEARLY = 0.8  # of the memory limit: a worker that has grown so far is replaced between two jobs
+GIB = 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +35,17 @@ class Limits:
     job_s
         Seconds a job gets.
     memory_bytes
-        Resident memory of one worker; 0 for no limit. A worker that ends a job above four fifths of it is replaced.
+        Resident memory of one worker; None for its share of nine tenths of the machine's. A worker that ends a job
+        above four fifths of it is replaced.
     attempts
         How often a job is tried.
     give_up_after
-        Attempts that fail in a row, over all jobs, before the run is stopped: then it is not the jobs.
+        Attempts that fail one after the other, over all jobs, before the run is stopped: then it is not the jobs.
     """
 
     start_s: float = 300.0
     job_s: float = 3600.0
-    memory_bytes: int = 0
+    memory_bytes: int | None = None
     attempts: int = 3
     give_up_after: int = 30
 
@@ -64,19 +59,16 @@ class Stopped(Exception):
 
 @dataclass(eq=False, slots=True)
 class _Worker:
-    """One worker process as the pool sees it."""
+    """A place in the pool; the process in it may change."""
 
     number: int
     jobs: deque[int]
-    process: subprocess.Popen[bytes] | None = None
-    listener: threading.Thread | None = None
-    current: int | None = None
+    process: WorkerProcess | None = None
     ready: bool = False
+    current: int | None = None
     deadline: float = 0.0
-    log: Path = Path()
-    log_start: int = 0
-    reason: str = ""
-    starts: int = 0
+    starts: int = 0  # since it was last ready
+    reason: str = ""  # why the last process was lost
 
 
 class Pool:
@@ -111,13 +103,16 @@ class Pool:
         say: Callable[[str], None] = lambda line: None,
         stopping: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.logs, self.blender, self.device, self.limits = logs, blender, device, limits
+        if workers is not None and workers < 1:
+            raise ValueError(f"workers: expected at least 1, got {workers}")
         self.restarts = 0
+        self.devices: set[str] = set()
+        self._logs, self._device, self._limits = logs, device, limits
+        self._command = worker_command(blender)
         self._say, self._stopping = say, stopping
         self._one_per_gpu = workers is None
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
-        self._events: queue.SimpleQueue[tuple[int, subprocess.Popen[bytes], dict[str, Any] | None]]
-        self._events = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[tuple[WorkerProcess, dict[str, Any] | None]] = queue.SimpleQueue()
 
     def run(
         self,
@@ -148,30 +143,33 @@ class Pool:
         """
         self._message, self._done, self._failed = message, done, failed
         self._attempts: dict[int, list[str]] = {}
+        self._failed_in_a_row = 0
         self._left = len(jobs)
-        self._share_out(jobs)
+        n = len(self._workers)
+        for i, worker in enumerate(self._workers):
+            worker.jobs = deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n])
         while self._left:
             if self._stopping():
                 raise Stopped
             for worker in self._workers:
                 self._feed(worker)
             try:
-                number, process, answer = self._events.get(timeout=POLL_S)
+                process, answer = self._events.get(timeout=POLL_S)
             except queue.Empty:
                 pass
             else:
-                worker = self._workers[number]
-                if worker.process is process:  # and not one that was given up in the meantime
-                    self._hear(worker, answer)
+                for worker in self._workers:
+                    if worker.process is process:  # and not one that was given up in the meantime
+                        self._hear(worker, process, answer)
             self._watch()
 
-    def _hear(self, worker: _Worker, answer: dict[str, Any] | None) -> None:
+    def _hear(self, worker: _Worker, process: WorkerProcess, answer: dict[str, Any] | None) -> None:
         if answer is None:
-            self._lost(worker, self._last_words(worker))
+            self._lost(worker, process.last_words())
         elif "ready" in answer:
-            self._send(
-                worker, {"do": "start", "device": self.device, "index": worker.number, "threads": self._threads()}
-            )
+            cores = psutil.cpu_count() or 1
+            threads = 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
+            process.send({"do": "start", "device": self._device, "index": worker.number, "threads": threads})
         elif answer.get("done") == "start":
             self._started(worker, answer)
         elif worker.current is None:
@@ -180,129 +178,82 @@ class Pool:
             job, worker.current = worker.current, None
             self._attempt_failed(worker, job, answer["failed"])
         else:
-            self._finished(worker, worker.current, answer)
-
-    def _threads(self) -> int:
-        cores = psutil.cpu_count() or 1
-        return 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
-
-    def _share_out(self, jobs: Sequence[int]) -> None:
-        n = len(self._workers)
-        for i, worker in enumerate(self._workers):
-            worker.jobs.extend(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n])
+            self._finished(worker, process, worker.current, answer)
 
     def _started(self, worker: _Worker, answer: Mapping[str, Any]) -> None:
         worker.ready, worker.starts = True, 0
         if self._one_per_gpu and len(self._workers) < answer["devices"]:
             self._workers.extend(_Worker(i, deque()) for i in range(len(self._workers), answer["devices"]))
-        self._say(f"worker {worker.number}: renders on {answer['device']}")
+        self.devices.add(answer["device"])
+        self._say(f"worker {worker.number} renders on {answer['device']}")
+
+    def _finished(self, worker: _Worker, process: WorkerProcess, job: int, answer: dict[str, Any]) -> None:
+        worker.current = None
+        self._left -= 1
+        self._failed_in_a_row = 0
+        if process.memory > NEARLY * self._memory_limit():
+            self._say(f"worker {worker.number} has grown near its memory limit and is replaced")
+            process.stop()
+            worker.process, worker.ready = None, False
+        self._feed(worker)  # it renders on while this process writes
+        self._done(job, answer)
 
     def _feed(self, worker: _Worker) -> None:
-        """Give an idle worker its next job, taken from the longest queue when its own is empty."""
+        """Give an idle worker its next job, half of the longest queue when its own is empty."""
         if worker.current is not None:
             return
         if not worker.jobs:
             longest = max(self._workers, key=lambda other: len(other.jobs))
-            half = len(longest.jobs) // 2 if longest.current is not None or longest.process is None else 0
-            worker.jobs.extendleft(longest.jobs.pop() for _ in range(half if len(longest.jobs) > 1 else 0))
+            spare = longest.jobs if longest.current is not None else list(longest.jobs)[1:]
+            half = [longest.jobs.pop() for _ in range((len(spare) + 1) // 2)]
+            worker.jobs.extend(reversed(half))
             if not worker.jobs:
                 return
         if worker.process is None:
             self._launch(worker)
         elif worker.ready:
             worker.current = worker.jobs.popleft()
-            worker.deadline = time.monotonic() + self.limits.job_s
-            self._send(worker, self._message(worker.current))
+            worker.deadline = time.monotonic() + self._limits.job_s
+            worker.process.send(self._message(worker.current))
 
     def _launch(self, worker: _Worker) -> None:
-        if worker.starts >= self.limits.attempts:
+        log = self._logs / f"worker-{worker.number}.log"
+        if worker.starts >= self._limits.attempts:
             raise HulldownError(
                 f"Blender has not started {worker.starts} times running: {worker.reason}",
-                path=worker.log,
+                path=log,
                 remedy="run `hulldown doctor`",
             )
-        command = [sys.executable, "-P", str(WORKER)]
-        if self.blender is not None:
-            command = [self.blender, "--background", "--factory-startup", "--disable-autoexec", "--python", str(WORKER)]
-        self.logs.mkdir(parents=True, exist_ok=True)
-        worker.log = self.logs / f"worker-{worker.number}.log"
-        with worker.log.open("ab") as log:
-            worker.log_start = log.tell()
-            # A session of its own: Ctrl-C in the terminal reaches the supervisor alone, which then stops its workers.
-            worker.process = subprocess.Popen(
-                command,
-                bufsize=0,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                start_new_session=True,
-            )
-        worker.ready, worker.current = False, None
         worker.starts += 1
-        worker.deadline = time.monotonic() + self.limits.start_s
-        worker.listener = threading.Thread(target=self._listen, args=(worker.number, worker.process), daemon=True)
-        worker.listener.start()
-
-    def _listen(self, number: int, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        for line in process.stdout:
-            text = line.decode("utf-8", "replace")
-            if text.startswith(ANSWER):
-                self._events.put((number, process, json.loads(text[len(ANSWER) :])))
-        self._events.put((number, process, None))
-
-    def _send(self, worker: _Worker, message: Mapping[str, Any]) -> None:
-        assert worker.process is not None
-        assert worker.process.stdin is not None
+        worker.deadline = time.monotonic() + self._limits.start_s
         try:
-            worker.process.stdin.write(json.dumps(message).encode() + b"\n")
-            worker.process.stdin.flush()
-        except OSError:  # it has just died, which its closed stdout will tell
-            pass
-
-    def _finished(self, worker: _Worker, job: int, answer: dict[str, Any]) -> None:
-        worker.current = None
-        self._left -= 1
-        self._failed_in_a_row = 0
-        limit = self.limits.memory_bytes
-        if limit and self._memory(worker) > 0.8 * limit:
-            self._say(f"worker {worker.number}: has grown near its memory limit and is replaced")
-            self._stop(worker)
-        self._feed(worker)  # it renders on while this process writes
-        self._done(job, answer)
+            worker.process = WorkerProcess(self._command, log, lambda *event: self._events.put(event))
+        except OSError as error:
+            raise HulldownError(f"cannot be started: {error.strerror}", path=self._command[0]) from None
 
     def _watch(self) -> None:
         for worker in self._workers:
-            if worker.process is None or (worker.ready and worker.current is None):
+            process = worker.process
+            if process is None or (worker.ready and worker.current is None):
                 continue
-            limit = self.limits.memory_bytes
+            limit = self._memory_limit()
             if time.monotonic() > worker.deadline:
-                allowed = self.limits.job_s if worker.ready else self.limits.start_s
+                allowed = self._limits.job_s if worker.ready else self._limits.start_s
                 self._lost(worker, f"no answer within {allowed:g} s")
-            elif limit and (held := self._memory(worker)) > limit:
-                self._lost(worker, f"held {held / 2**30:.2f} GiB, more than the limit of {limit / 2**30:.2f} GiB")
+            elif (held := process.memory) > limit:
+                self._lost(worker, f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB")
 
-    def _memory(self, worker: _Worker) -> int:
-        assert worker.process is not None
-        try:
-            return int(psutil.Process(worker.process.pid).memory_info().rss)
-        except psutil.Error:
-            return 0
-
-    def _last_words(self, worker: _Worker) -> str:
-        assert worker.process is not None
-        code = worker.process.wait()
-        how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
-        with worker.log.open("rb") as log:
-            log.seek(worker.log_start)
-            tail = log.read()[-LOG_TAIL:].decode("utf-8", "replace").strip()
-        return f"Blender {how}" + (f"; its last words: {tail.splitlines()[-1]}" if tail else "")
+    def _memory_limit(self) -> float:
+        if self._limits.memory_bytes is not None:
+            return float(self._limits.memory_bytes)
+        return 0.9 * float(psutil.virtual_memory().total) / len(self._workers)
 
     def _lost(self, worker: _Worker, reason: str) -> None:
         """The worker is dead or shall be: blame its job, if it has one."""
-        self._kill(worker)
+        assert worker.process is not None
+        worker.process.kill()
+        worker.process, worker.ready, worker.reason = None, False, reason
         self.restarts += 1
-        worker.reason = reason
         self._say(f"worker {worker.number}: {reason}; it is started again")
         job, worker.current = worker.current, None
         if job is not None:
@@ -312,39 +263,17 @@ class Pool:
         reasons = self._attempts.setdefault(job, [])
         reasons.append(reason)
         self._failed_in_a_row += 1
-        if self._failed_in_a_row >= self.limits.give_up_after:
+        if self._failed_in_a_row >= self._limits.give_up_after:
             raise HulldownError(
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: {reason}",
-                path=worker.log,
+                path=self._logs,
                 remedy="mend the cause and run again, which goes on from here",
             )
-        if len(reasons) < self.limits.attempts:
+        if len(reasons) < self._limits.attempts:
             worker.jobs.append(job)  # at the end, so that others are not kept waiting
         else:
             self._left -= 1
             self._failed(job, reasons)
-
-    def _stop(self, worker: _Worker) -> None:
-        """Let an idle worker end by itself."""
-        assert worker.process is not None
-        assert worker.process.stdin is not None
-        worker.process.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            worker.process.wait(STOP_S)
-        self._kill(worker)
-
-    def _kill(self, worker: _Worker) -> None:
-        process = worker.process
-        if process is None:
-            return
-        process.kill()
-        process.wait()
-        assert worker.listener is not None
-        worker.listener.join(STOP_S)
-        for stream in (process.stdin, process.stdout):
-            assert stream is not None
-            stream.close()
-        worker.process, worker.ready = None, False
 
     def __enter__(self) -> Pool:
         return self
@@ -353,4 +282,6 @@ class Pool:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for worker in self._workers:
-            self._kill(worker)
+            if worker.process is not None:
+                worker.process.kill()
+                worker.process = None

@@ -1,0 +1,80 @@
+"""Stands in for an installed Blender: speaks the worker's protocol, paints a flat picture, and misbehaves on demand."""
+
+import json
+import os
+import random
+import signal
+import struct
+import sys
+import time
+import zlib
+from pathlib import Path
+
+ANSWER = "@hulldown "
+
+
+def answer(message):
+    sys.stdout.write(ANSWER + json.dumps(message) + "\n")
+    sys.stdout.flush()
+
+
+def png(width, height, level):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = (b"\0" + bytes([level]) * width) * height
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    parts = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + parts
+
+
+held = []
+
+
+def misbehave(how):
+    if how == "hold":
+        held.append(bytearray(os.urandom(1) * (105 << 20)))
+    if how == "fail":
+        return {"failed": "ValueError: as asked"}
+    if how == "crash":
+        print("Segmentation fault, as asked", file=sys.stderr, flush=True)
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "exit":
+        sys.exit(3)
+    if how == "hang":
+        time.sleep(600)
+    if how == "grow":
+        hoard = bytearray(os.urandom(1) * 300_000_000)
+        time.sleep(600)
+        del hoard
+    return None
+
+
+def main():
+    print("Blender 5.0.1 (a fake)")
+    if os.environ.get("FAKE_BLENDER") == "will not start":
+        print("no such library, as asked", file=sys.stderr, flush=True)
+        sys.exit(1)
+    answer({"ready": "fake"})
+    for line in sys.stdin:
+        job = json.loads(line)
+        if job["do"] == "start":
+            answer({"done": "start", "device": "CPU", "devices": 1})
+            continue
+        # "crash:2" crashes at the first two attempts; the folder remembers them across restarts.
+        how, _, times = job.get("how", "").partition(":")
+        if how and times:
+            attempt = Path(job["memory"]) / f"{job['name']}-{len(os.listdir(job['memory']))}"
+            if sum(f.startswith(f"{job['name']}-") for f in os.listdir(job["memory"])) < int(times):
+                attempt.touch()
+            else:
+                how = ""
+        message = misbehave(how)
+        if message is None and job["do"] == "render":
+            time.sleep(random.uniform(0.0, 0.01))
+            camera = job["camera"]
+            Path(job["output"]).write_bytes(png(camera["width"], camera["height"], job["seed"] % 256))
+        answer(message or {"done": job["do"], "pid": os.getpid(), "name": job.get("name")})
+
+
+main()

@@ -1,0 +1,125 @@
+"""Workers that crash, hang, grow or refuse, against a pool that must outlive them."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import HulldownError
+from render.pool import Limits, Pool, Stopped
+
+FAKE = Path(__file__).with_name("fake_blender.py")
+
+
+@pytest.fixture(scope="module")
+def blender(tmp_path_factory):
+    script = tmp_path_factory.mktemp("blender") / "blender"
+    script.write_text(f"#!/bin/sh\nexec {sys.executable} -S -E {FAKE}\n")
+    script.chmod(0o755)
+    return str(script)
+
+
+class Work:
+    """Jobs that behave as told, and what became of them."""
+
+    def __init__(self, folder, how):
+        self.how, self.memory = how, folder / "memory"
+        self.memory.mkdir()
+        self.done, self.failed, self.said, self.pids = [], {}, [], {}
+
+    def run(self, folder, blender, **options):
+        with Pool(folder / "logs", blender=blender, device="cpu", say=self.said.append, **options) as pool:
+            pool.run(range(len(self.how)), self.message, self.finish, self.failed.__setitem__)
+        return pool
+
+    def message(self, job):
+        return {"do": "job", "name": str(job), "how": self.how[job], "memory": str(self.memory)}
+
+    def finish(self, job, answer):
+        self.done.append(job)
+        self.pids[job] = answer["pid"]
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_all_jobs_are_done_once(tmp_path, blender, workers):
+    work = Work(tmp_path, [""] * 20)
+    pool = work.run(tmp_path, blender, workers=workers)
+    assert sorted(work.done) == list(range(20))
+    assert work.failed == {}
+    assert pool.restarts == 0
+    assert len(set(work.pids.values())) <= workers
+
+
+def test_one_worker_does_jobs_in_their_order(tmp_path, blender):
+    work = Work(tmp_path, [""] * 12)
+    work.run(tmp_path, blender, workers=1)
+    assert work.done == list(range(12))
+
+
+def test_no_jobs_start_no_worker(tmp_path, blender):
+    Work(tmp_path, []).run(tmp_path, blender, workers=2)
+    assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("crash", "ended by signal 11; its last words: Segmentation fault, as asked"),
+        ("exit", "ended with exit code 3"),
+        ("hang", "no answer within 0.5 s"),
+        ("grow", "more than the limit of 0.16 GiB"),
+        ("fail", "ValueError: as asked"),
+    ],
+)
+def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, how, reason):
+    work = Work(tmp_path, ["", how, "", ""])
+    limits = Limits(job_s=0.5 if how == "hang" else 60.0, memory_bytes=160 * 2**20)
+    pool = work.run(tmp_path, blender, workers=1, limits=limits)
+    assert sorted(work.done) == [0, 2, 3]
+    assert list(work.failed) == [1]
+    assert len(work.failed[1]) == 3
+    assert all(reason in r for r in work.failed[1])
+    assert pool.restarts == (0 if how == "fail" else 3)
+
+
+def test_a_crash_costs_one_attempt_and_a_restart(tmp_path, blender):
+    work = Work(tmp_path, ["", "crash:2", ""])
+    pool = work.run(tmp_path, blender, workers=1)
+    assert sorted(work.done) == [0, 1, 2]
+    assert work.failed == {}
+    assert pool.restarts == 2
+    assert any("it is started again" in line for line in work.said)
+
+
+def test_a_worker_that_grew_is_replaced_between_jobs_without_blame(tmp_path, blender):
+    work = Work(tmp_path, ["hold"] * 3)
+    pool = work.run(tmp_path, blender, workers=1, limits=Limits(memory_bytes=130 * 2**20))
+    assert work.done == [0, 1, 2]
+    assert len(set(work.pids.values())) == 3
+    assert pool.restarts == 0
+
+
+def test_a_run_in_which_nothing_succeeds_is_stopped(tmp_path, blender):
+    work = Work(tmp_path, ["fail"] * 20)
+    with pytest.raises(HulldownError, match=r"7 attempts have failed one after the other.*as asked.*goes on from here"):
+        work.run(tmp_path, blender, workers=1, limits=Limits(give_up_after=7))
+
+
+def test_blender_that_does_not_start_is_an_error_with_its_words(tmp_path, blender, monkeypatch):
+    monkeypatch.setenv("FAKE_BLENDER", "will not start")
+    with pytest.raises(HulldownError, match=r"has not started 3 times running.*no such library.*hulldown doctor"):
+        Work(tmp_path, [""]).run(tmp_path, blender, workers=1)
+
+
+def test_a_path_that_is_no_blender_is_an_error(tmp_path):
+    with pytest.raises(HulldownError, match=r"nowhere.*cannot be started"):
+        Work(tmp_path, [""]).run(tmp_path, str(tmp_path / "nowhere"), workers=1)
+
+
+def test_stopping_ends_the_workers(tmp_path, blender):
+    work = Work(tmp_path, ["", "hang"])
+    with pytest.raises(Stopped):
+        work.run(tmp_path, blender, workers=1, stopping=lambda: bool(work.done))
+    with pytest.raises(ProcessLookupError):
+        os.kill(work.pids[0], 0)
