@@ -123,8 +123,8 @@ def frame_target(
     -------
     Framed
         `truncated` is what came out. It is more than asked where the box is larger than the frame. Where a point of the
-        target is not in front of the camera there is no box: such cameras stay as they are, with nan. Within a vehicle's
-        length of a camera the box changes so much that one place in some hundreds is not found.
+        target is not in front of the camera there is no box: such cameras stay as they are, with nan. For cameras
+        within a vehicle's length of it the box changes so much that one place in some hundreds is missed.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("m", "k", 3))

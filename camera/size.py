@@ -37,7 +37,7 @@ def projected_extent(
     """Size of the box around points (..., n, 3) seen from poses (..., 4, 4); nan where a point is not in front."""
     pixels = project(intrinsics, world_from_camera, points_world).pixels
     low, high = pixels.min(axis=-2), pixels.max(axis=-2)
-    return Extent(high[..., 0] - low[..., 0], high[..., 1] - low[..., 1])
+    return Extent(np.asarray(high[..., 0] - low[..., 0]), np.asarray(high[..., 1] - low[..., 1]))
 
 
 def solve_distance(
@@ -158,10 +158,8 @@ def _size_and_slope(
 
 
 def _length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
-    if measure == "height":
-        return sides[..., 1]
-    if measure == "width":
-        return sides[..., 0]
-    if measure == "diagonal":
-        return np.hypot(sides[..., 0], sides[..., 1])
-    return np.sqrt(sides[..., 0] * sides[..., 1])
+    across, down = sides[..., 0], sides[..., 1]
+    lengths = {"width": across, "height": down}
+    if measure in lengths:
+        return np.asarray(lengths[measure])
+    return np.asarray(np.hypot(across, down) if measure == "diagonal" else np.sqrt(across * down))

@@ -139,6 +139,8 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
     if len(vertices) <= FEW:
         return vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if not (high > low).all():
+        return vertices
     normals = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), -1).reshape(-1, 3) / (high - low)
     normals = normals[np.any(normals != 0.0, axis=1)]
     middle = (low + high) / 2.0

@@ -1,0 +1,331 @@
+import math
+
+import numpy as np
+import pytest
+
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import NEAR, Camera
+from camera.shell import camera_pose
+from camera.target import Standing, VehicleTarget, hull_vertices, points_around
+from camera.visibility import Plane, error_bound, jittered, visible_fraction
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh, merge
+from geometry.rays import RayCaster
+from geometry.transforms import rigid, rotation_z
+
+VGA = Intrinsics(640, 480, math.radians(50))
+BOX_FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
+    ]
+)
+
+
+def box(low: list[float], high: list[float]) -> Mesh:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    return Mesh(np.array(low) + corners * (np.array(high) - low), BOX_FACES)
+
+
+def shape_of(meshes: list[Mesh], names: tuple[str, ...], pivots: list[list[float]]) -> VehicleShape:
+    mesh, source = merge(meshes)
+    part = np.zeros(len(mesh.vertices), dtype=int)
+    part[mesh.faces] = source[:, None]
+    p = len(meshes)
+    axis = np.array([[0.0, 0, 1], [0, 0, 1], [0, -1, 0]])[:p]
+    limits = np.zeros((p, 2))
+    return VehicleShape("box", mesh, part, names, np.arange(p) - 1, np.array(pivots, float), axis, limits, np.eye(4))
+
+
+CRATE = VehicleTarget(shape_of([box([-3, -1.5, 0], [3, 1.5, 2])], ("hull",), [[0, 0, 0]]))
+TANK = VehicleTarget(
+    shape_of(
+        [box([-3, -1.5, 0], [3, 1.5, 1.4]), box([-1, -1, 1.4], [1, 1, 2.2]), box([1, -0.1, 1.7], [5, 0.1, 1.9])],
+        ("hull", "turret", "gun"),
+        [[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
+    )
+)
+HERE = np.eye(4)[None]
+# From +x, looking at the crate's 3 m x 2 m front.
+FRONT = camera_pose([0, 0, 1.0], 30.0, 0.0, 0.0)[None]
+
+
+def wall(y: tuple[float, float], z: tuple[float, float], x: float = 10.0) -> Mesh:
+    return Mesh(
+        np.array([[x, y[0], z[0]], [x, y[1], z[0]], [x, y[1], z[1]], [x, y[0], z[1]]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
+
+
+def scene_of(*meshes: Mesh) -> InstancedScene:
+    return InstancedScene(meshes, np.arange(len(meshes)), np.tile(np.eye(4), (len(meshes), 1, 1)))
+
+
+def test_nothing_in_the_way_is_all_visible() -> None:
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=Plane(0.0), obstacles=scene_of())
+    assert seen.fraction[0] == 1
+    assert seen.by_ground[0] == seen.by_obstacles[0] == seen.by_vehicles[0] == 0
+
+
+def test_behind_a_wall_nothing_is_visible() -> None:
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, obstacles=scene_of(wall((-50, 50), (-50, 50))))
+    assert seen.fraction[0] == 0
+    assert seen.by_obstacles[0] == 1
+
+
+def test_what_stands_behind_the_target_or_behind_the_camera_hides_nothing() -> None:
+    everywhere = ((-50.0, 50.0), (-50.0, 50.0))
+    scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR / 2))
+    assert visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, obstacles=scene).fraction[0] == 1
+
+
+def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_then_vehicles() -> None:
+    # From afar, in parallel: the bottom fifth behind a ridge, the left third of the rest behind a wall, ...
+    lens = Intrinsics(640, 480, math.radians(0.5))
+    far = camera_pose([0, 0, 1.0], 2000.0, 0.0, 0.0)[None]
+    ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
+    side = scene_of(wall((-50, -0.5), (-50, 50)))
+    # ... and its right third behind another crate.
+    other = Standing(CRATE, rigid(rotation_z(0.0), [10.0, 2.0, 0])[None], {})
+    seen = visible_fraction(
+        CRATE, HERE, far, intrinsics=lens, ground=ridge, obstacles=side, others=[other], rays=10_000
+    )
+    shares = [seen.fraction[0], seen.by_ground[0], seen.by_obstacles[0], seen.by_vehicles[0]]
+    # Perspective at 2 km shifts these edges by less than 1 %.
+    np.testing.assert_allclose(shares, [0.8 / 3, 0.2, 0.8 / 3, 0.8 / 3], atol=0.006)
+    assert sum(shares) == pytest.approx(1, abs=1e-15)
+    assert seen.area[0] == pytest.approx(6.0 * (lens.f_px / 1997) ** 2, rel=0.01)
+
+
+def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: float, occluder: Mesh) -> float:
+    """Per-pixel truth, by float64 arithmetic on every triangle: no tree, no box, no parts."""
+    u, v = np.meshgrid(np.linspace(0.1, 0.9, 300) * VGA.width, np.linspace(0.25, 0.75, 200) * VGA.height)
+    # Straight edges along a row of a regular grid would be off by up to half a row.
+    u, v = np.random.default_rng(0).uniform(-0.6, 0.6, (2, *u.shape)) + [u, v]
+    along = camera.ray_directions(np.stack([u.ravel(), v.ravel()], 1))
+    vertices = target.shape.vertices_at(articulation) @ rotation_z(yaw).T
+    at = first_hit(camera.position, along, vertices[target.shape.mesh.faces])
+    met = np.isfinite(at).reshape(u.shape)
+    assert not (met[0] | met[-1]).any()
+    assert not (met[:, 0] | met[:, -1]).any()
+    blocked = first_hit(camera.position, along, occluder.triangles) < at
+    return float((~blocked[met.ravel()]).mean())
+
+
+def first_hit(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    nearest = np.full(len(along), np.inf)
+    for a, b, c in triangles:
+        normal = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((a - origin) @ normal) / (along @ normal)
+        at = origin + np.where(np.isfinite(t), t, 0)[:, None] * along
+        sides = [np.cross(q - p, at - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
+        inside = np.all([s >= 0 for s in sides], axis=0) & (t > 0)
+        nearest = np.where(inside, np.minimum(nearest, t), nearest)
+    return nearest
+
+
+SCENES = {
+    "half hidden": wall((-50, 0.3), (-50, 50)),
+    "hull down": wall((-50, 50), (-50, 1.1)),
+    "a pole": wall((-0.3, 0.1), (-50, 50)),
+    "a corner": wall((-0.2, 50), (1.0, 50)),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("articulation", [{}, {"turret": 1.0, "gun": 0.3}])
+def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
+    pose, yaw = camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02), 0.6
+    truth = reference(TANK, Camera(VGA, pose), articulation, yaw, SCENES[name])
+    seen = visible_fraction(
+        TANK,
+        rigid(rotation_z(yaw), np.zeros(3))[None],
+        pose[None],
+        intrinsics=VGA,
+        articulation=articulation,
+        ground=RayCaster(SCENES[name]),
+        rays=20_000,
+    )
+    assert 0.1 < truth < 0.95
+    assert seen.fraction[0] == pytest.approx(truth, abs=0.005)
+
+
+def test_the_stated_error_covers_and_is_met_by_dust() -> None:
+    # A wall of holes far smaller than the cells: what a ray meets is chance, the case that the bound is made for.
+    rng = np.random.default_rng(0)
+    grid = np.argwhere(rng.random((120, 160)) < 0.5) * 0.025
+    squares = np.array([[10, 0, 0], [10, 0.025, 0], [10, 0.025, 0.025], [10, 0, 0.025]])
+    vertices = (squares[None] + np.insert(grid, 0, 0, axis=1)[:, None] + [0, -1.5, -0.5]).reshape(-1, 3)
+    quads = np.arange(len(vertices)).reshape(-1, 4)
+    dust = RayCaster(Mesh(vertices, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])))
+    truth = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=dust, rays=100_000).fraction[0]
+    views = [visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=dust, rays=64, seed=s) for s in range(250)]
+    off = np.array([v.fraction[0] for v in views]) - truth
+    hits = np.mean([v.hits[0] for v in views])
+    assert off.std() == pytest.approx(math.sqrt(truth * (1 - truth) / hits), rel=0.15)
+    for confidence in (0.5, 0.8, 0.95):
+        bound = np.array([v.error(confidence=confidence)[0] for v in views])
+        assert (np.abs(off) <= bound).mean() >= confidence
+    # Unbiased, to three standard errors of the mean.
+    assert abs(off.mean()) < 3 * off.std() / math.sqrt(250)
+
+
+def test_edges_that_are_lines_do_several_times_better_than_the_bound() -> None:
+    ground = RayCaster(SCENES["a corner"])
+    truth = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=ground, rays=100_000).fraction[0]
+    off = [
+        visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=ground, rays=256, seed=s).fraction[0] - truth
+        for s in range(60)
+    ]
+    assert np.std(off) < 0.5 * 0.5 / math.sqrt(256)
+
+
+def test_error_bounds() -> None:
+    np.testing.assert_array_equal(error_bound([0, 1]), [np.nan, 1.0])
+    # By hand: L = ln 40, (L / 3 + sqrt(L^2 / 9 + 50 L)) / 100.
+    assert error_bound([100])[0] == pytest.approx(0.14866, abs=5e-6)
+    assert (np.diff(error_bound(np.arange(1, 1000))) <= 0).all()
+    with pytest.raises(ValueError, match="confidence: expected a number between 0 and 1"):
+        error_bound([1], confidence=1.0)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 64, 100, 256, 1000])
+def test_every_cell_of_the_pattern_has_the_same_area_and_one_point(n: int) -> None:
+    rng = np.random.default_rng(0)
+    points = np.array([jittered(n, rng=rng) for _ in range(300)])
+    assert points.min() >= 0
+    assert points.max() <= 1
+    # Uniform: each point's cell is a rectangle, whose area its spread over many draws tells.
+    area = np.ptp(points, axis=0).prod(axis=1)
+    np.testing.assert_allclose(area, 1 / n, rtol=0.1)
+    np.testing.assert_allclose(points.mean(axis=(0, 1)), 0.5, atol=0.06 / math.sqrt(n))
+
+
+@pytest.mark.parametrize("articulation", [{}, {"turret": 0.7}])
+def test_an_answer_does_not_depend_on_company_or_threads(articulation: dict) -> None:
+    n = 700
+    rng = np.random.default_rng(0)
+    cameras = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))
+    scene = scene_of(box([8, -4, 0], [9, 1, 3]), box([-9, -4, 0], [-8, 4, 1]))
+    options = {"intrinsics": VGA, "ground": Plane(0.3), "obstacles": scene}
+    turned = [articulation] * n
+    many = visible_fraction(TANK, HERE, cameras, articulation=turned, threads=3, **options)
+    for i in (0, 1, 300, 699):
+        one = visible_fraction(TANK, HERE, cameras[i : i + 1], articulation=articulation, **options)
+        assert one.fraction[0] == many.fraction[i]
+        assert one.hits[0] == many.hits[i]
+    assert 0.2 < many.fraction.mean() < 0.98
+
+
+def test_a_camera_each_with_a_vehicle_each() -> None:
+    n = 5
+    vehicles = rigid(rotation_z(np.arange(n)), np.arange(n)[:, None] * [100.0, 50, 0])
+    cameras = vehicles @ FRONT
+    many = visible_fraction(CRATE, vehicles, cameras, intrinsics=[VGA] * n, ground=Plane(1.0))
+    # The same view of the same crate n times: only rounding differs.
+    np.testing.assert_allclose(many.fraction, np.full(n, many.fraction[0]), atol=0.01)
+
+
+def test_far_targets_smaller_than_a_pixel_are_seen_like_near_ones() -> None:
+    cameras = camera_pose([0, 0, 1.0], [3000.0, 300_000.0], 0.0, 0.0)
+    seen = visible_fraction(CRATE, HERE, cameras, intrinsics=VGA, obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    assert seen.area[1] < 0.01
+    np.testing.assert_allclose(seen.fraction, 0.5, atol=0.05)
+    assert (seen.hits > 200).all()
+
+
+@pytest.mark.parametrize("fov_deg", [0.1, 179])
+def test_extreme_lenses(fov_deg: float) -> None:
+    lens = Intrinsics(640, 480, math.radians(fov_deg))
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=lens, obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    assert seen.fraction[0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_targets_out_of_the_frame_have_no_fraction() -> None:
+    away = FRONT.copy()
+    away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned about
+    aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
+    seen = visible_fraction(CRATE, HERE, np.stack([away[0], aside]), intrinsics=VGA, ground=Plane(0.0))
+    assert np.isnan(seen.fraction).all()
+    assert np.isnan(seen.error()).all()
+    assert seen.hits.tolist() == [0, 0]
+    assert seen.area.tolist() == [0, 0]
+
+
+def test_cameras_inside_the_vehicle_or_with_it_across_the_near_plane() -> None:
+    inside = camera_pose([0, 0, 1.0], 0.5, 0.3, 0.1)
+    across = camera_pose([3.0, 0, 1.0], NEAR / 2, 0.0, 0.0)
+    seen = visible_fraction(CRATE, HERE, np.stack([inside, across]), intrinsics=VGA)
+    np.testing.assert_array_equal(seen.fraction, [1, 1])
+    # From inside, the vehicle is all there is in the frame.
+    assert seen.hits.tolist() == [256, 256]
+
+
+def test_straight_above() -> None:
+    above = camera_pose([0, 0, 1.0], 20.0, 0.0, math.pi / 2)[None]
+    lid = scene_of(Mesh(np.array([[-9.0, 0, 5], [9, 0, 5], [9, 9, 5], [-9, 9, 5]]), np.array([[0, 1, 2], [0, 2, 3]])))
+    seen = visible_fraction(CRATE, HERE, above, intrinsics=VGA, ground=Plane(0.0), obstacles=lid, rays=4096)
+    assert seen.fraction[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_vehicle_sunk_in_the_ground_is_hidden_by_it() -> None:
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=Plane(0.5), rays=4096)
+    assert seen.by_ground[0] == pytest.approx(0.25, abs=0.02)
+
+
+def test_map_coordinates_change_nothing() -> None:
+    far = np.array([500_000.0, 5_400_000.0, 100.0])
+    shift = rigid(np.eye(3), far)
+    half = wall((-50, 0.3), (-50, 50))
+    near = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=RayCaster(half))
+    there = visible_fraction(
+        TANK, shift[None], shift @ FRONT, intrinsics=VGA, ground=RayCaster(Mesh(half.vertices + far, half.faces))
+    )
+    assert there.fraction[0] == pytest.approx(near.fraction[0], abs=0.02)
+    assert there.hits[0] == pytest.approx(near.hits[0], abs=2)
+
+
+def test_no_cameras_is_legal() -> None:
+    seen = visible_fraction(CRATE, HERE, np.zeros((0, 4, 4)), intrinsics=VGA, ground=Plane(0.0), obstacles=scene_of())
+    assert seen.fraction.shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rays": 0}, "rays: expected at least 1, got 0"),
+        (
+            {"articulation": {"barrel": 1.0}},
+            r"articulation: 'box' has no part \['barrel'\]; it has \['turret', 'gun'\]",
+        ),
+        ({"vehicles": np.tile(np.eye(4), (3, 1, 1))}, "world_from_vehicle: expected 1 or 1 poses, got 3"),
+    ],
+)
+def test_wrong_calls_are_refused(options: dict, message: str) -> None:
+    vehicles = options.pop("vehicles", HERE)
+    with pytest.raises(ValueError, match=message):
+        visible_fraction(TANK, vehicles, FRONT, intrinsics=VGA, **options)
+
+
+def test_articulation_is_that_of_the_shape() -> None:
+    turned = {"turret": 0.8, "gun": 0.2}
+    one = TANK.vehicle_from_parts(turned)
+    np.testing.assert_allclose(one, TANK.shape.vehicle_from_parts(turned), atol=1e-15)
+    np.testing.assert_array_equal(TANK.vehicle_from_parts([{}, turned])[1], one)
+    bounds = TANK.shape.vertices_at(turned)
+    hull = TANK.hull_points(turned)
+    np.testing.assert_allclose([hull.min(0), hull.max(0)], [bounds.min(0), bounds.max(0)], atol=1e-14)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_few_points_hold_many(flat: bool) -> None:
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(3000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    ball *= [3.0, 1.0, 0.0 if flat else 0.01]
+    hull = hull_vertices(ball)
+    around = points_around(hull)
+    assert len(around) <= (len(ball) if flat else 100)
+    along = rng.normal(size=(500, 3))
+    assert ((around @ along.T).max(axis=0) >= (ball @ along.T).max(axis=0)).all()
