@@ -31,9 +31,15 @@ def png(width, height, level):
 held = []
 
 
+def touched(size):
+    memory = bytearray(size)
+    memory[::4096] = b"x" * len(memory[::4096])
+    return memory
+
+
 def misbehave(how):
     if how == "hold":
-        held.append(bytearray(os.urandom(1) * (105 << 20)))
+        held.append(touched(105 << 20))
     if how == "fail":
         return {"failed": "ValueError: as asked"}
     if how == "crash":
@@ -44,9 +50,8 @@ def misbehave(how):
     if how == "hang":
         time.sleep(600)
     if how == "grow":
-        hoard = bytearray(os.urandom(1) * 300_000_000)
+        held.append(touched(300 << 20))
         time.sleep(600)
-        del hoard
     return None
 
 
