@@ -1,0 +1,94 @@
+"""Where a camera may be: above the ground, and in or near no obstacle and no vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import ArrayLike
+
+from camera.target import Standing
+from geometry.arrays import checked
+from geometry.instances import InstancedScene
+from geometry.overlap import SceneTouch
+from geometry.transforms import apply, invert_rigid
+from placement.terrain import Terrain
+
+
+class Spot(IntEnum):
+    """What is wrong with a camera's place; of several reasons the first."""
+
+    FREE = 0
+    OFF_GROUND = 1  # no ground above or below
+    LOW = 2
+    OBSTACLE = 3
+    VEHICLE = 4
+
+
+class CameraSpots:
+    """Judges places for cameras in one scenery. Built once, never changes.
+
+    Parameters
+    ----------
+    terrain
+        The ground.
+    obstacles
+        All that is no ground and no vehicle.
+    """
+
+    def __init__(self, terrain: Terrain, obstacles: InstancedScene) -> None:
+        self._terrain = terrain
+        self._touch = SceneTouch(obstacles, np.ones(len(obstacles.bounds), dtype=bool))
+
+    def judge(
+        self,
+        position: ArrayLike,
+        *,
+        ground_clearance: float = 0.0,
+        obstacle_clearance: float = 0.0,
+        vehicles: Sequence[Standing] = (),
+        vehicle_clearance: float = 0.0,
+    ) -> UInt8[np.ndarray, " n"]:
+        """A code of `Spot` for each place.
+
+        Parameters
+        ----------
+        position
+            (n, 3) world.
+        ground_clearance
+            Least height in metres above the topmost ground at that (x, y): under a bridge of ground is below it.
+        obstacle_clearance
+            Half the side in metres of the upright cube about the camera that no obstacle's surface may touch: no
+            surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
+        vehicles
+            Vehicles, in a pose for each place or in one for all.
+        vehicle_clearance
+            Least distance in metres to the bounding boxes of their parts; never inside one.
+        """
+        place = checked(position, "position", ("n", 3))
+        n = len(place)
+        spot = np.zeros(n, dtype=np.uint8)
+        for vehicle in vehicles:
+            spot[_distance_to(vehicle, place) <= vehicle_clearance] = Spot.VEHICLE
+        cube = np.tile(np.eye(4), (n, 1, 1))
+        cube[:, :3, 3] = place
+        spot[self._touch.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Spot.OBSTACLE
+        ground = self._terrain.top_hits(place[:, :2])
+        with np.errstate(invalid="ignore"):
+            spot[place[:, 2] - ground.z < ground_clearance] = Spot.LOW
+        spot[~ground.hit] = Spot.OFF_GROUND
+        return spot
+
+
+def _distance_to(vehicle: Standing, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Distance to the nearest bounding box of a part; 0 inside."""
+    world = np.tile(np.eye(4), (len(place), 1, 1))
+    distance = np.full(len(place), np.inf)
+    for part, world_from_part in vehicle.seen_from(world):
+        local = apply(invert_rigid(world_from_part), place[:, None])[:, 0]
+        low, high = part.hull.min(axis=0), part.hull.max(axis=0)
+        beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
+        distance = np.minimum(distance, np.linalg.norm(beyond, axis=1))
+    return distance

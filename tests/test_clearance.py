@@ -1,0 +1,92 @@
+import math
+
+import numpy as np
+import pytest
+
+from assets.vehicle import VehicleShape
+from camera.clearance import CameraSpots, Spot
+from camera.target import Standing, VehicleTarget
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh
+from geometry.transforms import rigid, rotation_z
+from placement.terrain import Terrain
+
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
+    ]
+)
+CORNERS = np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
+HOUSE = Mesh((CORNERS - [0.5, 0.5, 0]) * [10, 10, 6], FACES)
+CRATE = VehicleTarget(
+    VehicleShape(
+        "crate", Mesh((CORNERS - [0.5, 0.5, 0]) * [6, 3, 2], FACES), np.zeros(8, int), ("hull",), np.array([-1]),
+        np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.zeros((1, 2)), np.eye(4),
+    )
+)  # fmt: skip
+NOTHING = InstancedScene([], [], np.zeros((0, 4, 4)))
+# A house whose near wall is at x = 15.
+STREET = InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None])
+
+
+def judge(spots: CameraSpots, *position: float, **limits: object) -> Spot:
+    return Spot(int(spots.judge([list(position)], **limits)[0]))
+
+
+@pytest.mark.parametrize(
+    ("z", "verdict"), [(3.4, Spot.LOW), (3.6, Spot.FREE), (2.9, Spot.LOW), (-100.0, Spot.LOW), (1e6, Spot.FREE)]
+)
+def test_cameras_keep_above_the_ground(z: float, verdict: Spot) -> None:
+    assert judge(CameraSpots(Terrain.flat(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == verdict
+
+
+def test_cameras_beside_the_ground_are_told_apart_from_low_ones() -> None:
+    ground = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
+    spots = CameraSpots(ground, NOTHING)
+    assert judge(spots, 50.0, 0.0, 5.0) == Spot.OFF_GROUND
+    assert judge(spots, 1.0, 1.0, 5.0) == Spot.FREE
+
+
+@pytest.mark.parametrize(
+    ("x", "verdict"), [(14.1, Spot.OBSTACLE), (13.9, Spot.FREE), (15.5, Spot.OBSTACLE), (25.5, Spot.OBSTACLE)]
+)
+def test_cameras_keep_clear_of_obstacles(x: float, verdict: Spot) -> None:
+    assert judge(CameraSpots(Terrain.flat(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == verdict
+
+
+def test_a_camera_in_the_middle_of_a_house_is_inside_it() -> None:
+    spots = CameraSpots(Terrain.flat(0.0), STREET)
+    assert judge(spots, 20.0, 0.0, 3.0, obstacle_clearance=0.1) == Spot.OBSTACLE
+    assert judge(spots, 20.0, 0.0, 7.0, obstacle_clearance=0.1) == Spot.FREE
+
+
+def test_no_surface_is_nearer_than_the_clearance() -> None:
+    spots, rng = CameraSpots(Terrain.flat(0.0), STREET), np.random.default_rng(0)
+    place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
+    free = spots.judge(place, obstacle_clearance=1.0) == Spot.FREE
+    beyond = np.abs(place - [20, 0, 3]) - [5, 5, 3]
+    distance = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+    assert (distance[free] > 1.0).all()
+    assert free[distance > math.sqrt(3)].all()
+
+
+@pytest.mark.parametrize(
+    ("position", "verdict"),
+    [
+        ((0.0, 0.0, 1.0), Spot.VEHICLE),
+        ((3.9, 0.0, 1.0), Spot.VEHICLE),
+        ((0.0, 3.0, 1.0), Spot.FREE),
+        ((4.1, 0.0, 1.0), Spot.FREE),
+    ],
+)
+def test_cameras_keep_clear_of_vehicles(position: tuple, verdict: Spot) -> None:
+    at = rigid(rotation_z(1.0), [100.0, 200, 0])
+    place = at[:3, :3] @ position + at[:3, 3]
+    vehicle = Standing(CRATE, at[None], {})
+    spots = CameraSpots(Terrain.flat(0.0), NOTHING)
+    assert judge(spots, *place, vehicles=[vehicle], vehicle_clearance=1.0) == verdict
+
+
+def test_no_places_are_legal() -> None:
+    assert CameraSpots(Terrain.flat(0.0), STREET).judge(np.zeros((0, 3)), obstacle_clearance=1.0).shape == (0,)
