@@ -1,0 +1,156 @@
+"""A plan as pictures without Blender: every pixel one ray, shaded by its normal and the sun, with boxes on top."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+
+from annotate.overlay import contact_sheet, draw
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from camera.visibility import Plane
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster
+from planning.config import parse_config
+from planning.inputs import Assets
+from planning.plan_file import Plan
+from planning.shading import Ground, Obstacles, Surface, VehiclePart, look, paint_of, sun_of
+from planning.stage import Site, make_stage
+
+TILE_WIDTH = 480
+
+
+def preview_sheet(
+    plan: Plan,
+    assets: Assets,
+    path: str | Path,
+    *,
+    count: int = 24,
+    columns: int = 4,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a contact sheet of images spread evenly over a plan.
+
+    Parameters
+    ----------
+    plan
+        What to look at.
+    assets
+        Those the plan was made from.
+    path
+        The picture to write.
+    count
+        Images on the sheet, at most.
+    columns
+        Images side by side.
+    progress
+        Called with images done and their number.
+    """
+    count = min(count, len(plan))
+    indices = sorted({round(i) for i in np.linspace(0, len(plan) - 1, count).tolist()}) if count else []
+    artist = Artist(plan, assets)
+    pictures, captions = [], []
+    for done, index in enumerate(indices):
+        row = plan[index]
+        pictures.append(artist.picture(row))
+        captions.append(caption(row))
+        if progress:
+            progress(done + 1, len(indices))
+    sheet = contact_sheet(pictures, columns=columns, tile_width=TILE_WIDTH, captions=captions)
+    path = Path(path)
+    partial = path.with_name(path.name + ".partial")
+    sheet.save(partial, format="PNG")
+    partial.replace(path)
+
+
+def caption(row: Mapping[str, Any]) -> str:
+    """What a picture does not say by itself."""
+    dx, dy, dz = (row["world_from_camera"][i][3] - row["world_from_vehicle"][i][3] for i in range(3))
+    fog = f", fog {row['weather']['visibility_m']:.0f} m" if row["weather"] else ""
+    return (
+        f"{row['image_id']}: {row['vehicle']} in {row['scenery']}, {math.hypot(dx, dy, dz):.0f} m, "
+        f"{100 * row['visible_fraction']:.0f} % visible, {row['hdri']}{fog}"
+    )
+
+
+class Artist:
+    """Draws rows of a plan. Hierarchies are built when the first row needs them, and kept.
+
+    Parameters
+    ----------
+    plan
+        Whose rows are drawn.
+    assets
+        Those the plan was made from.
+    """
+
+    def __init__(self, plan: Plan, assets: Assets) -> None:
+        stage = make_stage(parse_config(plan.header["config"], path=plan.path), assets)
+        self._models = stage.models
+        self._backdrops: dict[str, list[Surface]] = {
+            site.name: [_ground(site, scenery), Obstacles(site.obstacles)]
+            for site, scenery in zip(stage.sites, assets.sceneries.values(), strict=True)
+        }
+        self._parts = {
+            name: {part.index: _part_mesh(shape, part.index) for part in stage.models[name].target.parts}
+            for name, shape in assets.vehicles.items()
+        }
+        classes = dict.fromkeys(vehicle["category"] for vehicle in plan.header["vehicles"].values())
+        self._class_ids = {name: i + 1 for i, name in enumerate(classes)}
+
+    def picture(self, row: Mapping[str, Any], *, width: int = TILE_WIDTH) -> Image.Image:
+        """One row at the given width, with the boxes and classes of its vehicles."""
+        scale = width / row["width"]
+        height = max(1, round(row["height"] * scale))
+        image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
+        records = [
+            {"bbox": [x * scale for x in target["bbox"]], "category_id": self._class_ids[target["category"]]}
+            for target in (row, *row["companions"])
+            if target["bbox"] is not None
+        ]
+        return draw(image, records, {i: name for name, i in self._class_ids.items()}, masks=False)
+
+    def shade(self, row: Mapping[str, Any], width: int, height: int) -> Float[np.ndarray, "h w 3"]:
+        """Colours from 0 to 1, without boxes."""
+        camera = Camera(Intrinsics(width, height, math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"]))
+        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
+        surfaces = list(self._backdrops[row["scenery"]])
+        for vehicle in (row, *row["companions"]):
+            surfaces += self._vehicle(vehicle)
+        colours = look(
+            surfaces,
+            np.tile(camera.position, (len(along), 1)),
+            along,
+            sun=sun_of(row["hdri"], row["hdri_yaw_deg"]),
+            strength=row["strength"],
+            visibility_m=row["weather"]["visibility_m"] if row["weather"] else None,
+        )
+        return colours.reshape(height, width, 3)
+
+    def _vehicle(self, vehicle: Mapping[str, Any]) -> list[Surface]:
+        name = vehicle["vehicle"]
+        target = self._models[name].target
+        poses = np.array(vehicle["world_from_vehicle"]) @ target.vehicle_from_parts(vehicle["articulation"])
+        return [
+            VehiclePart(part, self._parts[name][part.index], poses[part.index], paint_of(name)) for part in target.parts
+        ]
+
+
+def _ground(site: Site, scenery: Scenery) -> Ground:
+    assert isinstance(site.ground, RayCaster | Plane)
+    return Ground(scenery.ground, site.ground)
+
+
+def _part_mesh(shape: VehicleShape, part: int) -> Mesh:
+    """The faces that the part's caster numbers."""
+    mine = shape.vertex_part[shape.mesh.faces[:, 0]] == part
+    return Mesh(shape.mesh.vertices, shape.mesh.faces[mine], shape.part_names[part])
