@@ -80,17 +80,22 @@ class Mesh:
         return Mesh(self.vertices - checked(origin, "origin", (3,)), self.faces, self.name)
 
 
+def first_alike(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
+    """For every point the number of the first point at exactly the same place."""
+    order = np.lexsort(points.T)  # stable: of equal points the lowest number comes first
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    first = np.empty(len(order), dtype=np.intp)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
+
+
 def weld(mesh: Mesh) -> Mesh:
     """The mesh with vertices at exactly the same place made one, in the order of their first use by number.
 
     Nothing in hulldown welds by itself; faces keep their order and winding.
     """
-    vertices = mesh.vertices + 0.0  # no negative zero
-    order = np.lexsort(vertices.T)  # stable: of equal vertices the lowest number comes first
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (vertices[order[1:]] != vertices[order[:-1]]).any(axis=1)
-    first = np.empty(len(order), dtype=np.intp)
-    first[order] = order[new][np.cumsum(new) - 1]
+    first = first_alike(mesh.vertices)
     kept, index = np.unique(first, return_inverse=True)
     return Mesh(mesh.vertices[kept], index[mesh.faces], mesh.name)
 

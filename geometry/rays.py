@@ -209,7 +209,7 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[In
     extent = np.array([column.max() for column in points.T]) - low
     axes = [a for a in np.sort(np.argsort(extent)[-2:]) if extent[a] > 0]
 
-    def sort(share: slice) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    def sort(share: slice) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "65537"]]:
         key = np.zeros(share.stop - share.start, dtype=np.uint16)
         for shift, axis in enumerate(axes):
             cell = points[share, axis] - low[axis]

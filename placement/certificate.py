@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
+from geometry.meshes import first_alike
+
 EMPTY, SINGLE, UNKNOWN = 0, 1, 2
 _MOST_CELLS = 1 << 22
 _MOST_PIECES = 1 << 21
@@ -133,17 +135,10 @@ def unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) ->
     edges, balance = _left_over(keys, None, len(xy))
     # What is left over may still cancel against vertices of another number at the same place.
     used, local = np.unique(edges, return_inverse=True)
-    corner = xy[used]
-    order = np.lexsort(corner.T)
-    new = np.ones(len(used), dtype=bool)
-    new[1:] = (corner[order][1:] != corner[order][:-1]).any(axis=1)
-    place = np.empty(len(used), dtype=np.int64)
-    place[order] = np.cumsum(new) - 1
-    a, b = place[local].reshape(-1, 2).T
+    a, b = used[first_alike(xy[used])][local].reshape(-1, 2).T
     keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
-    by_key = np.argsort(keys)
-    again, _ = _left_over(keys[by_key], np.abs(balance)[by_key], len(xy))
-    return used[order[np.flatnonzero(new)]][again]
+    order = np.argsort(keys)
+    return _left_over(keys[order], balance[order], len(xy))[0]
 
 
 def _key(

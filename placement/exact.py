@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8, Shaped
 
+from geometry.meshes import first_alike
 from geometry.predicates import heights as exact_heights
 from geometry.predicates import normals as exact_normals
 from geometry.predicates import orient
@@ -96,6 +97,8 @@ class ExactGround:
         # Faces that meet in the very edge or vertex under the point are equally high: their lowest stands for all.
         rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.corners[:, rest.face].T, -1))
         rest = self._not_certainly_lower(at, rest)
+        # The same where a sheet lies twice, on vertices of its own.
+        rest = _first_of_each(rest, np.where(rest.sides > 0, self._alike(self._ground.corners[:, rest.face].T), -1))
         done = [over[np.flatnonzero(alone)]]
         alone = _alone(rest.point)
         done.append(rest[np.flatnonzero(alone)])
@@ -143,6 +146,13 @@ class ExactGround:
         if len(wild):
             normal[wild] = exact_normals(self._corners(face[wild]))
         return normal
+
+    def _alike(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:
+        """One number for all vertices at the same place."""
+        g = self._ground
+        used, local = np.unique(vertices, return_inverse=True)
+        places = np.column_stack([g.x[used], g.y[used], g.z[used]])
+        return used[first_alike(places)][local].reshape(vertices.shape)
 
     def _corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
         vertex = self._ground.corners[:, face].T

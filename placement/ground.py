@@ -109,8 +109,7 @@ def upward(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not tame
         up = slope.real**2
         up += slope.imag**2
-        up += 1.0
-        np.sqrt(up, out=up)
+        np.sqrt(np.add(up, 1.0, out=up), out=up)
         np.divide(1.0, up, out=up)
         normal[:, 2] = up
         np.negative(up, out=up)
@@ -126,7 +125,7 @@ def _prepare(
     corners: tuple[Int[np.ndarray, " f"], Int[np.ndarray, " f"], Int[np.ndarray, " f"]],
     error: float,
 ) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, " f"], Float[np.ndarray, " f"], Bool[np.ndarray, " f"]]:
-    """Which way each face turns, its slopes dz/dx and dz/dy, and whether a bound on what was rounded stays within the promises.
+    """Which way each face turns, its slopes dz/dx and dz/dy, and whether float64 can keep the promises on it.
 
     docs/top-hits.md derives the bound; letters there and here are the same.
     """

@@ -1,7 +1,7 @@
 """Which triangles may lie under a point: a hierarchy of XY grids that no mixture of sizes defeats.
 
 Every face is filed once, in the grid whose cells are just larger than half its bounding box, under the cell of its
-lowest corner: on each level, only faces of a point's cell and of the two rows and columns before it can lie over the point.
+lowest corner. On each level, only faces of a point's cell and of the two rows and columns before it can lie over it.
 """
 
 from __future__ import annotations
