@@ -89,7 +89,7 @@ def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
 
     The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
     """
-    if not hasattr(bpy.types, "HULLDOWN_CAPTURE"):
+    if not _Capture.is_registered:
         bpy.utils.register_class(_Capture)
     render = scene.render
     render.engine = _Capture.bl_idname

@@ -1,7 +1,7 @@
 """The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
 
-Run as ``python -m render.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded, and talks
-on stdout; so every file gets a process of its own and answers come in files.
+Run as ``python -m render.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded, and
+talks on stdout; so every file gets a process of its own and answers come in files.
 """
 
 from __future__ import annotations
