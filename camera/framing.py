@@ -57,7 +57,7 @@ def turned(
     flat = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
     half_width = size[..., 0] / 2.0
     steep = flat <= half_width / np.hypot(half_width, f)
-    level = ~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0]))
+    level = np.asarray(~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
     smallest = rotation @ np.swapaxes(tilt_to(seen), -1, -2)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
     return out

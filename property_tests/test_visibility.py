@@ -1,0 +1,162 @@
+"""What is visible, on any scene: all of it, nothing of it, never more for an added occluder."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from assets.vehicle import VehicleShape
+from camera.beams import hidden_in_beams
+from camera.intrinsics import Intrinsics
+from camera.projection import directions
+from camera.shell import camera_pose
+from camera.target import VehicleTarget
+from camera.visibility import Plane, visible_fraction
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster
+from geometry.transforms import rigid, rotation_about
+
+CORNERS = np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
+    ]
+)
+CUBE = Mesh(CORNERS - 0.5, FACES)
+VERTICES = np.concatenate(
+    [(CORNERS - [0.5, 0.5, 0]) * [6, 3, 1.4], (CORNERS - [0.5, 0.5, 0]) * [2, 2, 0.8] + [0, 0, 1.4]]
+)
+TANK = VehicleTarget(
+    VehicleShape(
+        "tank", Mesh(VERTICES, np.concatenate([FACES, FACES + 8])), np.repeat([0, 1], 8), ("hull", "turret"),
+        np.array([-1, 0]), np.array([[0, 0, 0], [0, 0, 1.4]]), np.array([[0.0, 0, 1], [0, 0, 1]]), np.zeros((2, 2)),
+        np.eye(4),
+    )
+)  # fmt: skip
+HERE = np.eye(4)[None]
+
+lenses = st.builds(
+    lambda fov: Intrinsics(320, 240, math.radians(fov)), st.one_of(st.floats(0.1, 179), st.sampled_from([0.1, 179.0]))
+)
+seeds = st.integers(0, 2**32 - 1)
+elevations = st.one_of(st.floats(0.01, math.pi / 2), st.just(math.pi / 2))
+turns = st.floats(-3, 3)
+
+
+def cameras(seed: int, elevation: float, n: int = 6) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return camera_pose([0, 0, 1.0], rng.uniform(6, 200, n), rng.uniform(0, 6, n), elevation)
+
+
+def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
+    """Cubes, turned, stretched, some mirrored, anywhere within 30 m but not at the target."""
+    around, height = rng.uniform(0, 2 * math.pi, k), rng.uniform(0, 10, k)
+    at = np.stack([np.cos(around), np.sin(around), height], 1) * np.stack([rng.uniform(6, 30, k)] * 2 + [np.ones(k)], 1)
+    axis = rng.normal(size=(k, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    poses = rigid(rotation_about(axis, rng.uniform(0, 6, k)), at)
+    poses[:, :3, :3] *= rng.uniform(0.2, 4, (k, 1, 3)) * rng.choice([-1, 1], (k, 1, 3))
+    return InstancedScene([CUBE], np.zeros(k, dtype=int), poses)
+
+
+@given(lenses, seeds, elevations, turns)
+def test_on_an_open_plane_all_that_is_in_the_frame_is_visible(
+    lens: Intrinsics, seed: int, elevation: float, turn: float
+) -> None:
+    # Its underside rests on the plane: a millimetre above it, as rays at the seam may go either way.
+    seen = visible_fraction(
+        TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, ground=Plane(-1e-3)
+    )
+    assert (seen.fraction == 1).all()
+    assert (seen.hits > 0).all()
+
+
+@given(lenses, seeds, st.floats(0.01, 1.2), turns)
+def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation: float, turn: float) -> None:
+    n = 2
+    poses = cameras(seed, elevation, n)
+    # Across the line of sight, 1 m before the camera.
+    walls = poses.copy()
+    walls[:, :3, 3] += poses[:, :3, 2]
+    walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
+    for i in range(n):
+        seen = visible_fraction(
+            TANK,
+            HERE,
+            poses[i : i + 1],
+            intrinsics=lens,
+            articulation={"turret": turn},
+            obstacles=InstancedScene([CUBE], [0], walls[i : i + 1]),
+        )
+        assert seen.fraction[0] == 0
+        assert seen.by_obstacles[0] == 1
+
+
+@given(lenses, seeds, elevations, turns, st.integers(1, 12))
+def test_an_added_occluder_never_raises_the_fraction(
+    lens: Intrinsics, seed: int, elevation: float, turn: float, k: int
+) -> None:
+    scene = boulders(np.random.default_rng(seed), k)
+    fewer = InstancedScene([CUBE], scene.instance_mesh[:-1], scene.world_from_instance[:-1])
+    options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
+    poses = cameras(seed, elevation)
+    free = visible_fraction(TANK, HERE, poses, **options)
+    some = visible_fraction(TANK, HERE, poses, obstacles=fewer, **options)
+    more = visible_fraction(TANK, HERE, poses, obstacles=scene, **options)
+    most = visible_fraction(TANK, HERE, poses, obstacles=scene, ground=Plane(0.2), **options)
+    for above, below in [(free, some), (some, more), (more, most)]:
+        np.testing.assert_array_equal(above.hits, below.hits)
+        assert (below.fraction <= above.fraction).all()
+    np.testing.assert_allclose(most.fraction + most.by_ground + most.by_obstacles + most.by_vehicles, 1, atol=1e-15)
+
+
+@given(seeds, st.integers(0, 30), st.floats(0.1, 100))
+def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov: float) -> None:
+    rng = np.random.default_rng(seed)
+    scene, lens, n, r = boulders(rng, k), Intrinsics(200, 100, math.radians(fov)), 5, 40
+    poses = cameras(seed, 0.3, n)
+    axes = np.swapaxes(poses[:, :3, :3], 1, 2)
+    corners = directions(lens, np.tile([[0.0, 0], [200, 0], [200, 100], [0, 100]], (n, 1, 1))) @ axes
+    along = (directions(lens, rng.uniform(0, 1, (n, r, 2)) * [200, 100]) @ axes).reshape(-1, 3)
+    beam = np.repeat(np.arange(n), r)
+    keep = rng.random(n * r) < 0.8
+    keep[beam == 2] = False
+    along, beam = along[keep], beam[keep]
+    origins = poses[beam, :3, 3] + 0.1 * along
+    reach = rng.uniform(0, 60, len(beam))
+    found = hidden_in_beams(
+        scene, poses[:, :3, 3], corners, ray_origins=origins, ray_directions=along, ray_beam=beam, reach=reach
+    )
+    np.testing.assert_array_equal(found, scene.occluded(origins, along, max_distance=reach))
+
+
+@given(lenses, seeds, st.floats(0.01, 1.2), turns)
+def test_instances_hide_as_their_triangles_in_the_world_do(
+    lens: Intrinsics, seed: int, elevation: float, turn: float
+) -> None:
+    scene = boulders(np.random.default_rng(seed), 8)
+    turned = scene.world_from_instance[:, None, :3, :3] @ CUBE.vertices[..., None]
+    vertices = turned[..., 0] + scene.world_from_instance[:, None, :3, 3]
+    faces = FACES + 8 * np.arange(8)[:, None, None]
+    merged = RayCaster(Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3)))
+    options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
+    poses = cameras(seed, elevation)
+    one = visible_fraction(TANK, HERE, poses, obstacles=scene, **options)
+    other = visible_fraction(TANK, HERE, poses, ground=merged, **options)
+    # Rays that graze an edge may differ between float32 frames.
+    np.testing.assert_allclose(one.fraction * one.hits, other.fraction * other.hits, atol=2)
+
+
+@given(seeds, st.floats(0.05, 0.8))
+def test_moving_the_world_changes_next_to_nothing(seed: int, elevation: float) -> None:
+    shift = rigid(np.eye(3), [5e5, 5.4e6, 50.0])
+    scene = boulders(np.random.default_rng(seed), 8)
+    moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
+    poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
+    here = visible_fraction(TANK, HERE, poses, intrinsics=lens, obstacles=scene, ground=Plane(0.1))
+    there = visible_fraction(TANK, shift[None], shift @ poses, intrinsics=lens, obstacles=moved, ground=Plane(50.1))
+    np.testing.assert_allclose(here.hits, there.hits, atol=2)
+    np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)
