@@ -120,7 +120,8 @@ def _save(path: Path, kind: str, **arrays: np.ndarray | np.generic) -> None:
 
 def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here, since numpy leaves open what turns out to be no archive.
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
             if "hulldown_bundle" not in file or "kind" not in file:
                 raise AssetError("is no bundle of hulldown", path=path, remedy=REMEDY)
             if (version := int(file["hulldown_bundle"])) != FORMAT:

@@ -1,0 +1,127 @@
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from assets.bundle import load_scenery, load_vehicle, save_scenery, save_vehicle
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+
+TRIANGLES = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1 / 3, 1e-17, 5.4e6 + 1 / 7]]), np.array([[0, 1, 2], [1, 2, 3]])
+)
+
+
+def vehicle() -> VehicleShape:
+    return VehicleShape(
+        name="Škoda 7·ü",
+        mesh=replace(TRIANGLES, name="a mesh"),
+        vertex_part=np.array([0, 0, 0, 0]),
+        part_names=("hull", "turret"),
+        part_parent=np.array([-1, 0]),
+        part_pivot=np.array([[0, 0, 0], [0.1, 0.2, 0.3]]),
+        part_axis=np.array([[0, 0, 1.0], [0, 0, 1.0]]),
+        part_limits=np.array([[0, 0], [-np.pi, np.pi]]),
+        vehicle_from_file=np.diag([0.01, 0.01, 0.01, 1]),
+    )
+
+
+def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
+    return Scenery(
+        name="field",
+        origin=np.array([5e5, 5.4e6, 0.0]),
+        ground=TRIANGLES if ground else None,
+        ground_names=("Ground.001",) if ground else (),
+        face_ground=np.zeros(2 * ground, np.int64),
+        obstacle_meshes=(replace(TRIANGLES, name="tree"), TRIANGLES) if obstacles else (),
+        instance_mesh=np.array([0, 0, 1] if obstacles else [], np.int64),
+        world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),
+        instance_names=("tree", "tree", "rock") if obstacles else (),
+        scenery_from_file=np.eye(4),
+    )
+
+
+def assert_same(a: object, b: object) -> None:
+    assert type(a) is type(b)
+    if isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes()
+    elif isinstance(a, tuple):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_same(x, y)
+    elif isinstance(a, (Mesh, VehicleShape, Scenery)):
+        for f in fields(a):
+            assert_same(getattr(a, f.name), getattr(b, f.name))
+    else:
+        assert a == b
+
+
+def test_a_vehicle_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    save_vehicle(tmp_path / "v.npz", vehicle())
+    assert_same(load_vehicle(tmp_path / "v.npz"), vehicle())
+
+
+@pytest.mark.parametrize(("ground", "obstacles"), [(True, True), (False, True), (True, False), (False, False)])
+def test_a_scenery_comes_back_bit_for_bit(tmp_path: Path, ground: bool, obstacles: bool) -> None:
+    made = scenery(ground=ground, obstacles=obstacles)
+    save_scenery(tmp_path / "s.npz", made)
+    assert_same(load_scenery(tmp_path / "s.npz"), made)
+
+
+def test_an_older_bundle_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "v.npz").write_bytes(b"old")
+    save_vehicle(tmp_path / "v.npz", vehicle())
+    assert [p.name for p in tmp_path.iterdir()] == ["v.npz"]
+    assert load_vehicle(tmp_path / "v.npz").name == vehicle().name
+
+
+def test_an_interrupted_save_leaves_the_old_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_vehicle(tmp_path / "v.npz", vehicle())
+    before = (tmp_path / "v.npz").read_bytes()
+
+    def no_room(*_: object, **__: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez", no_room)
+    with pytest.raises(OSError, match="no space left"):
+        save_vehicle(tmp_path / "v.npz", replace(vehicle(), name="new"))
+    assert [p.name for p in tmp_path.iterdir()] == ["v.npz"]
+    assert (tmp_path / "v.npz").read_bytes() == before
+
+
+def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "v.npz"
+    save_vehicle(path, vehicle())
+    whole = path.read_bytes()
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
+    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(1), kind=np.str_("vehicle"))
+    np.save(tmp_path / "single.npy", np.zeros(3))
+    np.savez(tmp_path / "pickled.npz", hulldown_bundle=np.array([{}], dtype=object), kind=np.str_("vehicle"))
+    for name, content, problem in (
+        ("cut.npz", whole[: len(whole) // 2], "cannot be read as a bundle"),
+        ("empty.npz", b"", "cannot be read as a bundle"),
+        ("missing.npz", None, "does not exist"),
+        ("other.npz", None, "is no bundle of hulldown"),
+        ("future.npz", None, "is a bundle of format 99, this is 1"),
+        ("partial.npz", None, "lacks ['faces'"),
+        ("single.npy", None, "cannot be read as a bundle"),
+        ("pickled.npz", None, "cannot be read as a bundle"),
+    ):
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(AssetError) as caught:
+            load_vehicle(tmp_path / name)
+        assert str(caught.value).startswith(f"{tmp_path / name}: {problem}"), name
+        assert "\n" not in str(caught.value)
+
+
+def test_a_scenery_is_no_vehicle(tmp_path: Path) -> None:
+    save_scenery(tmp_path / "s.npz", scenery())
+    with pytest.raises(AssetError, match="is a bundle of a scenery, expected a vehicle"):
+        load_vehicle(tmp_path / "s.npz")

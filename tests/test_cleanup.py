@@ -1,0 +1,246 @@
+"""Names, roles and parts, without Blender."""
+
+import numpy as np
+import pytest
+
+from assets.naming import GROUND, GUN, HELPERS, says, words
+from render.build import Options, build_scenery, likely_kind
+from render.cleanup import Link, Piece, scenery_roles, vehicle_roles
+from render.parts import find_parts
+
+
+def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
+    pose = np.eye(4)
+    pose[:3, 3] = at
+    return Link(name, collections, kind, pose)
+
+
+def piece(
+    *chain: Link | str, size: tuple = (1, 1, 1), at: tuple = (0, 0, 0), data: str = "Mesh", **more: object
+) -> Piece:
+    links = tuple(link(c) if isinstance(c, str) else c for c in chain)
+    half = np.array(size, float) / 2
+    bounds = np.array([np.subtract(at, half), np.add(at, half)])
+    return Piece(data, links, 0, np.eye(4), bounds, 12, **more)
+
+
+def vehicle_uses(*pieces: Piece, **options: object) -> list[str]:
+    return [role.use for role in vehicle_roles(pieces, **options)]
+
+
+def scenery_uses(*pieces: Piece, **options: object) -> list[str]:
+    return [role.use for role in scenery_roles(pieces, **options)]
+
+
+HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Ground.001", ("ground",)),
+        ("farGround", ("far", "ground")),
+        ("HTMLGun", ("html", "gun")),
+        ("ground_02-b", ("ground", "02", "b")),
+        ("LOD0Terrain", ("lod", "0", "terrain")),
+        ("Straße Nord", ("straße", "nord")),
+        ("", ()),
+        ("...", ()),
+        ("a.12", ("a", "12")),
+    ],
+)
+def test_words_of_a_name(name: str, expected: tuple[str, ...]) -> None:
+    assert words(name) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "patterns", "says_so"),
+    [
+        ("groundhog", GROUND, False),
+        ("playGROUND", GROUND, True),
+        ("GROUNDS.012", GROUND, True),
+        ("shadowcatcher", HELPERS, True),
+        ("Shadow-Catcher.001", HELPERS, True),
+        ("Gunner_Sight", GUN, False),
+        ("gunShip", GUN, True),
+        ("Main_Gun.003", GUN, True),
+        ("TerrainFar", ["terrain*"], True),
+        ("FarTerrain", ["terrain*"], False),
+        ("Tile[3]", ["tile[[]3]"], True),
+        ("anything", ["", "..."], False),
+    ],
+)
+def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
+    assert bool(says(name, patterns)) is says_so
+
+
+def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
+    assert vehicle_uses(HULL, piece("UCX_Hull"), piece("box", link("Collision", kind="EMPTY"))) == [
+        *("vehicle", "dropped", "dropped"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("thing", "use"),
+    [
+        (piece("Floor", size=(20, 20, 0.1)), "dropped"),
+        (piece("Floor", size=(2, 2, 0.02), at=(0, 0, 0.49)), "dropped"),
+        (piece("Cabin_Floor", size=(2, 2, 0.1), at=(0, 0, 1.2)), "vehicle"),
+        (piece("Plane.004", size=(0.02, 2, 1), at=(3, 0, 1)), "vehicle"),
+        (piece("x", data="Ground", size=(20, 20, 0.1)), "dropped"),
+        (piece("Object_17", size=(30, 30, 0)), "dropped"),
+        (piece("Roof", size=(30, 30, 0), at=(0, 0, 9)), "vehicle"),
+        (piece("Skirt", size=(7, 4, 0.01), at=(0, 0, 0.5)), "vehicle"),
+        (piece("Light bar", size=(0.2, 2, 0.2), at=(0, 0, 2)), "vehicle"),
+    ],
+)
+def test_stages_and_sheets_are_dropped_by_place(thing: Piece, use: str) -> None:
+    for pieces in ((HULL, thing), (thing, HULL)):
+        assert vehicle_uses(*pieces)[pieces.index(thing)] == use
+
+
+def test_two_floors_do_not_vouch_for_each_other() -> None:
+    floors = [
+        piece("A", size=(90, 70, 0.01)),
+        piece("B", size=(80, 70, 0.01), at=(9, 0, -0.1)),
+        piece("Floor", size=(99, 99, 1)),
+    ]
+    assert vehicle_uses(*floors, HULL) == ["dropped", "dropped", "dropped", "vehicle"]
+
+
+def test_a_lone_plane_is_the_vehicle() -> None:
+    assert vehicle_uses(piece("Plane", size=(5, 2, 0))) == ["vehicle"]
+
+
+def test_the_config_beats_the_rules_and_keep_beats_drop() -> None:
+    floor, wheel, spare = piece("Floor", size=(20, 20, 0.1)), piece("Wheel"), piece("Wheel_spare")
+    got = vehicle_uses(HULL, floor, wheel, spare, keep=["floor", "*spare"], drop=["wheel*"])
+    assert got == ["vehicle", "vehicle", "dropped", "vehicle"]
+    unseen = piece("Ghost", unseen="invisible")
+    assert vehicle_uses(HULL, unseen, keep=["*"]) == ["vehicle", "dropped"]
+
+
+@pytest.mark.parametrize(
+    ("thing", "use"),
+    [
+        (piece("Ground.001"), "ground"),
+        (piece("Cube", data="terrain_mesh"), "ground"),
+        (piece(link("Cube", "Roads")), "ground"),
+        (piece(link("Rock_03", "Ground")), "obstacle"),
+        (piece("Ground_cover"), "obstacle"),
+        (piece("Road_sign"), "obstacle"),
+        (piece("Cube"), "obstacle"),
+        (piece("Skydome"), "backdrop"),
+        (piece("Ground", unseen="a holdout"), "dropped"),
+        # The tree is scattered over the ground; the ground carries it and must not lend it its name.
+        (piece("Oak", link("Ground", "Terrain")), "obstacle"),
+        (piece(link("Oak", "Landscape"), scattered=True), "obstacle"),
+        (piece("Ground", scattered=True, anonymous=True), "obstacle"),
+        (piece("GroundTile", scattered=True), "ground"),
+    ],
+)
+def test_ground_by_object_then_mesh_then_collection(thing: Piece, use: str) -> None:
+    assert scenery_uses(thing) == [use]
+
+
+def test_the_users_ground_comes_first_and_exclude_beats_include() -> None:
+    pieces = [piece("Plate_1"), piece("Plate_far"), piece("Terrain"), piece("Skydome")]
+    got = scenery_uses(*pieces, include=["plate*", "skydome"], exclude=["*far", "terrain"])
+    assert got == ["ground", "obstacle", "obstacle", "ground"]
+
+
+def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
+    ground, far = piece("Terrain", size=(200, 200, 1)), piece("Tree", at=(60, 0, 2))
+    assert likely_kind([ground, HULL, far], Options()) == "scenery"
+    assert likely_kind([ground, HULL], Options()) == "vehicle"
+    assert likely_kind([HULL], Options()) == "vehicle"
+
+
+def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str) -> tuple[dict[str, str], object]:
+    """By object, the part it belongs to; each object a small box at its origin."""
+    pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
+    cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
+    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), **names)
+    return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
+
+
+def test_children_of_a_turret_belong_to_it_and_its_gun_rides_on_it() -> None:
+    turret, gun = link("Turret_01", kind="EMPTY", at=(1, 0, 2)), link("Gun.001", kind="EMPTY", at=(2, 0, 2.2))
+    belongs, parts = parts_of(link("Hull"), (link("Dome"), turret), (link("Tube", at=(4, 0, 2.2)), gun, turret))
+    assert belongs == {"Hull": "hull", "Dome": "turret", "Tube": "gun"}
+    assert parts.parent == (-1, 0, 1)
+    assert parts.pivot[1:].tolist() == [[1, 0, 2], [2, 0, 2.2]]
+    assert parts.axis.tolist() == [[0, 0, 1], [0, 0, 1], [0, -1, 0]]
+
+
+def test_a_gun_that_hangs_on_nothing_rides_on_the_turret_all_the_same() -> None:
+    _, parts = parts_of(link("Hull"), link("Turret"), link("Barrel", at=(3, 0, 0)))
+    assert parts.names == ("hull", "turret", "gun")
+    assert parts.parent == (-1, 0, 1)
+    _, without = parts_of(link("Hull"), link("Barrel", at=(3, 0, 0)))
+    assert without.parent == (-1, 0)
+
+
+@pytest.mark.parametrize(
+    ("chains", "expected"),
+    [
+        # The vehicle's own name names no part.
+        ((link("A", "SAM launcher"), link("B", "SAM launcher")), ("hull",)),
+        ((link("A", "x", "SPG gun"), link("Turret", "x", "SPG gun")), ("hull", "turret")),
+        # A launcher is a turret only where there is no turret, and never one for smoke.
+        ((link("Hull"), link("Launcher")), ("hull", "turret")),
+        ((link("Hull"), link("Smoke_Launcher")), ("hull",)),
+        ((link("Hull"), link("Machine_Gun"), link("MG barrel"), link("Oil_barrel")), ("hull",)),
+        # Both names in one.
+        ((link("Hull"), link("Gun_Turret")), ("hull", "turret")),
+        ((link("Hull"), link("Turret"), link("Turret_Gun")), ("hull", "turret", "gun")),
+        ((link("Only turret"),), ("hull",)),
+    ],
+)
+def test_names_that_mislead(chains: tuple, expected: tuple[str, ...]) -> None:
+    assert parts_of(*chains)[1].names == expected
+
+
+def test_the_nearest_name_decides() -> None:
+    belongs, _ = parts_of(link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns"))
+    assert belongs == {"Hull": "hull", "Turret": "turret", "Sight": "turret", "Tube": "gun"}
+
+
+def test_the_config_names_parts() -> None:
+    belongs, _ = parts_of(link("Turret"), link("Turm"), link("Rohr"), turret="Turm", gun="roh*")
+    assert belongs == {"Turret": "hull", "Turm": "turret", "Rohr": "gun"}
+    assert parts_of(link("Hull"), link("Turret"), turret="")[1].names == ("hull",)
+
+
+def test_a_pivot_may_be_an_empty_that_carries_nothing() -> None:
+    marker = (link("Pivot", "Turret", kind="EMPTY", at=(0.3, 0.1, 0)),)
+    _, parts = parts_of(link("Hull", "Rest"), link("a", "Turret"), link("b", "Turret"), markers=(marker,))
+    assert parts.pivot[1].tolist() == [0.3, 0.1, 0]
+    assert parts.why[1] == "origin of 'Pivot', named pivot"
+
+
+def test_a_gun_does_not_turn_about_its_middle() -> None:
+    pieces = [piece("Hull"), piece("Barrel", at=(4, 0, 2))]
+    tube = np.array([[x, y, z] for x in (2.0, 6.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)])
+    middle = Piece("m", (link("Barrel", at=(4, 0, 2)),), 0, np.eye(4), pieces[1].bounds, 12)
+    found = find_parts([pieces[0], middle], [np.zeros((1, 3)), tube], (), vehicle_from_file=np.eye(4))
+    assert found.pivot[1].tolist() == [2.0, 0.0, 2.0]
+    assert "is not where a gun turns" in found.why[1]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0, 37.0])
+def test_positive_angles_raise_a_gun_wherever_it_points(yaw: float) -> None:
+    c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    tube = np.array([[x, y, z] for x in (0.0, 4.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)]) @ turn.T
+    pieces = [piece("Hull"), Piece("m", (link("Gun", kind="EMPTY", at=(0, 0, 2)),), 0, np.eye(4), np.zeros((2, 3)), 12)]
+    found = find_parts(pieces, [np.zeros((1, 3)), tube], (), vehicle_from_file=np.eye(4))
+    assert np.allclose(found.axis[1], turn @ [0, -1, 0], atol=1e-6)
+
+
+def test_an_empty_scenery_says_so() -> None:
+    from geometry.errors import AssetError
+
+    with pytest.raises(AssetError, match="nothing in it is rendered"):
+        build_scenery("s", [], [], metres=np.eye(4), options=Options())
