@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -185,7 +186,7 @@ def mudguards(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: flo
     sheets = []
     for x in at:
         outer = [(x + (radius + 0.20) * np.cos(a), radius + (radius + 0.14) * np.sin(a)) for a in angles]
-        for (xa, za), (xb, zb) in zip(outer[:-1], outer[1:], strict=True):
+        for (xa, za), (xb, zb) in pairwise(outer):
             lean = -np.degrees(np.arctan2(zb - za, xb - xa))
             sheets.append(
                 box((np.hypot(xb - xa, zb - za) * 1.05, width, 0.03), (0, 0, 0))

@@ -31,11 +31,11 @@ class Graph:
             self.tree = self.material.node_tree
         self.tree.nodes.clear()
 
-    def add(self, kind: str, inputs: Mapping[str | int, Any] | None = None, /, **settings: Any) -> Any:
+    def add(self, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
         """A node with inputs set to values or linked to sockets."""
         node = self.tree.nodes.new(f"ShaderNode{kind}")
-        for key, value in settings.items():
-            setattr(node, key, value)
+        for name, setting in settings.items():
+            setattr(node, name, setting)
         for key, value in (inputs or {}).items():
             if isinstance(value, bpy.types.NodeSocket):
                 self.tree.links.new(value, node.inputs[key])
@@ -50,8 +50,7 @@ class Graph:
 
     def ramp(self, value: Any, low: float, high: float) -> Any:
         """0 below `low` to 1 above `high`, smoothly; falling where low > high."""
-        inputs: dict[str | int, Any] = {0: value, 1: low, 2: high}
-        return self.add("MapRange", inputs, interpolation_type="SMOOTHSTEP").outputs[0]
+        return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
     def maths(self, operation: str, a: Any, b: Any = 0.0) -> Any:
         """One arithmetic operation on numbers."""
@@ -74,7 +73,7 @@ class Graph:
         """A normal that leans as a height field of `distance` metres would."""
         return self.add("Bump", {"Height": height, "Distance": distance, "Strength": strength}).outputs[0]
 
-    def surface(self, inputs: Mapping[str | int, Any]) -> bpy.types.Material:
+    def surface(self, inputs: Mapping[Any, Any]) -> bpy.types.Material:
         """Close the tree with a principled surface."""
         shader = self.add("BsdfPrincipled", inputs)
         self.out(shader.outputs[0])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 Field = Float[np.ndarray, "..."]
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]  # z over x and y
@@ -56,8 +57,6 @@ class Course:
 
     def nearest(self, x: Field, y: Field) -> tuple[Field, np.ndarray]:
         """Distance in metres to the line, and the index of its nearest point, for each (x, y)."""
-        from scipy.spatial import KDTree
-
         distance, index = KDTree(self.xy).query(np.stack(np.broadcast_arrays(x, y), axis=-1))
         return distance, index
 
@@ -77,7 +76,7 @@ def sheet(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]
 
 
 def quads(rows: int, columns: int) -> np.ndarray:
-    """Quads (f, 4) of a grid of vertices numbered row by row, counter-clockwise where rows go along x, columns along y."""
+    """Quads (f, 4) of vertices numbered row by row: facing up where rows go along x and columns along y."""
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
     return np.stack([first, first + columns, first + columns + 1, first + 1], axis=-1)
 

@@ -60,7 +60,15 @@ def copies(
 
 
 def groups(
-    scene: Any, name: str, datas: Sequence[Any], xy: np.ndarray, height: Height, *, members: int, radius: float, rng: np.random.Generator
+    scene: Any,
+    name: str,
+    datas: Sequence[Any],
+    xy: np.ndarray,
+    height: Height,
+    *,
+    members: int,
+    radius: float,
+    rng: np.random.Generator,
 ) -> None:
     """A collection of a few plants close together, instanced at each place by an empty."""
     group = bpy.data.collections.new(name)
@@ -69,9 +77,11 @@ def groups(
     for k, (a, r) in enumerate(zip(angles, reach, strict=True)):
         data = datas[k % len(datas)]
         thing = bpy.data.objects.new(f"{data.name}_in_{name}_{k}", data)
-        thing.matrix_world = Matrix.Translation((r * np.cos(a), r * np.sin(a), rng.uniform(-0.3, 0))) @ Euler(
-            (0, 0, rng.uniform(0, 6.28))
-        ).to_matrix().to_4x4() @ Matrix.Scale(float(rng.uniform(0.75, 1.15)), 4)
+        thing.matrix_world = (
+            Matrix.Translation((r * np.cos(a), r * np.sin(a), rng.uniform(-0.3, 0)))
+            @ Euler((0, 0, rng.uniform(0, 6.28))).to_matrix().to_4x4()
+            @ Matrix.Scale(float(rng.uniform(0.75, 1.15)), 4)
+        )
         group.objects.link(thing)
     home = bpy.data.collections.new(f"{name}_Instances")
     scene.collection.children.link(home)
@@ -114,7 +124,9 @@ def by_nodes(
     flat.inputs[1].default_value = level
     noise = node("ShaderNodeTexNoise", Scale=0.03, Detail=3.0).outputs[0]
     thin = node("ShaderNodeMapRange", Value=noise, From_Min=0.45, From_Max=0.7, To_Min=0.0, To_Max=density).outputs[0]
-    points = node("GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed)
+    points = node(
+        "GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed
+    )
     pool = node("GeometryNodeCollectionInfo", Collection=made, Separate_Children=True, Reset_Children=True).outputs[0]
     turn = tree.nodes.new("FunctionNodeRandomValue")
     turn.data_type = "FLOAT_VECTOR"
@@ -122,7 +134,14 @@ def by_nodes(
     size = tree.nodes.new("FunctionNodeRandomValue")
     size.inputs[2].default_value, size.inputs[3].default_value = scale
     euler = node("FunctionNodeEulerToRotation", Euler=turn.outputs[0]).outputs[0]
-    placed = node("GeometryNodeInstanceOnPoints", Points=points.outputs[0], Instance=pool, Pick_Instance=True, Rotation=euler, Scale=size.outputs[1])
+    placed = node(
+        "GeometryNodeInstanceOnPoints",
+        Points=points.outputs[0],
+        Instance=pool,
+        Pick_Instance=True,
+        Rotation=euler,
+        Scale=size.outputs[1],
+    )
     join = tree.nodes.new("GeometryNodeJoinGeometry")
     tree.links.new(placed.outputs[0], join.inputs[0])
     tree.links.new(source, join.inputs[0])

@@ -32,18 +32,18 @@ LOOK = {  # paint colours, dust, size of the patches, file units in a metre
 }
 
 
-def write_textures(folder: Path, *, rng: np.random.Generator) -> None:
-    """Write the images that two of the vehicles are painted with."""
-    materials.block_pattern(
-        folder / "textures" / "desert_blocks.png", ["#b8a074", "#9c8156", "#c9b68d", "#7d6748"], rng=rng
-    )
-    materials.block_pattern(
-        folder / "textures" / "forest_blocks.png", ["#566043", "#3d4531", "#6d6f4f", "#2b2f27"], rng=rng
-    )
+# Vehicles painted from an image: its file beside the .blend, and the colours of its blocks.
+TEXTURES = {
+    "mbt_slab": ("desert_blocks.png", ("#b8a074", "#9c8156", "#c9b68d", "#7d6748")),
+    "sam_turret": ("forest_blocks.png", ("#566043", "#3d4531", "#6d6f4f", "#2b2f27")),
+}
 
 
-def write_vehicle(name: str, folder: Path) -> Path:
-    """Model one vehicle and save it as folder/<name>.blend."""
+def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
+    """Model one vehicle and save it as folder/<name>.blend, its texture, if any, in folder/textures."""
+    if name in TEXTURES:
+        file, blocks = TEXTURES[name]
+        materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
     build, colours, dust, size, unit = LOOK[name]
     model = Model(name, unit=unit)
     paints = Paints(

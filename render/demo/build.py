@@ -1,0 +1,70 @@
+"""Builds all demo assets into a folder, in a process of its own: Blender keeps state, and a crash must cost nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from geometry.errors import AssetError
+from render.demo.catalogue import HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = (*VEHICLE_FILES, *SCENERY_FILES, *HDRI_FILES)
+BUILT = "hulldown built "  # starts a line of the child process that names a file
+
+
+def build_demo_assets(
+    folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+) -> tuple[Path, ...]:
+    """The demo assets in vehicles/, sceneries/ and hdris/ below `folder`, as ordinary files; existing ones are replaced.
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    seed
+        The same seed gives the same assets: equal evaluated geometry, equal pictures.
+    progress
+        Called with the files done and their total.
+
+    Returns
+    -------
+    tuple of Path
+        The files of `catalogue`, in its order.
+
+    Raises
+    ------
+    AssetError
+        If Blender cannot be started or cannot write there.
+    """
+    folder = Path(folder)
+    # -P: a folder `render` where the user happens to be must not come first.
+    command = [sys.executable, "-P", "-m", "render.demo", str(folder.resolve()), "--seed", str(seed)]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    said: list[str] = []
+    done = 0
+    with subprocess.Popen(
+        command,
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+    ) as child:
+        for line in child.stdout or ():
+            said = [*said[-20:], line]
+            if line.startswith(BUILT):
+                done += 1
+                if progress:
+                    progress(done, len(FILES))
+    if child.returncode:
+        if any("No module named 'bpy'" in line for line in said):
+            raise AssetError("building demo assets needs Blender", remedy="install hulldown[blender]")
+        raise AssetError(
+            f"Blender could not build the demo assets: {said[-1].strip() if said else child.returncode}", path=folder
+        )
+    return tuple(folder / file for file in FILES)
