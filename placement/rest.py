@@ -1,7 +1,8 @@
 """Three rules by which a footprint's samples of the ground become the plane a vehicle rests on.
 
 All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
-for every candidate. They are compared with a reference rest pose in docs/settling.md.
+for every candidate. They are compared with a reference rest pose in docs/settling.md. None uses a matrix product: its
+rounding may depend on the number of rows, and a candidate's pose must not depend on its company.
 """
 
 from __future__ import annotations
@@ -46,41 +47,36 @@ def averaged(
     ----------
     Paper, section 2.1.5.
     """
-    count = valid.sum(axis=1)
-    weight = valid / np.maximum(count, 1)[:, None]
-    # Zero times nan is nan: what is not valid must go before it is weighed.
-    height = (weight * np.where(valid, heights, 0.0)).sum(axis=1)
-    mean = np.einsum("km,kmd->kd", weight, np.where(valid[..., None], normals, 0.0))
+    count = np.maximum(valid.sum(axis=1), 1)
+    height = np.where(valid, heights, 0.0).sum(axis=1) / count
+    mean = np.where(valid[..., None], normals, 0.0).sum(axis=1)
     found = mean[:, 2] > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         gradient = -mean[:, :2] / mean[:, 2:]
     # The mean height belongs to the mean position of the valid samples, which need not be the origin.
-    return Rest(height - (gradient * (weight @ samples)).sum(axis=1), gradient, found)
+    centre_x = (valid * samples[:, 0]).sum(axis=1) / count
+    centre_y = (valid * samples[:, 1]).sum(axis=1) / count
+    return Rest(height - gradient[:, 0] * centre_x - gradient[:, 1] * centre_y, gradient, found)
 
 
 def least_squares(
     samples: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]
 ) -> Rest:
     """The plane with the least sum of squared vertical distances to the hits."""
-    count = np.maximum(valid.sum(axis=1), 1)
-    weight = valid / count[:, None]
+    x, y = samples.T
+    weight = valid / np.maximum(valid.sum(axis=1), 1)[:, None]
     known = np.where(valid, heights, 0.0)
-    centre = weight @ samples
-    mean = (weight * known).sum(axis=1)
-    sxx, sxy, syy = (
-        weight @ np.stack([samples[:, 0] ** 2, samples[:, 0] * samples[:, 1], samples[:, 1] ** 2], axis=1)
-        - np.stack([centre[:, 0] ** 2, centre[:, 0] * centre[:, 1], centre[:, 1] ** 2], axis=1)
-    ).T
-    moments = (weight * (known - mean[:, None])) @ samples
+    mean_x, mean_y, mean_z = ((weight * v).sum(axis=1) for v in (x, y, known))
+    dx, dy, dz = x - mean_x[:, None], y - mean_y[:, None], known - mean_z[:, None]
+    wx, wy = weight * dx, weight * dy
+    sxx, sxy, syy = ((a * b).sum(axis=1) for a, b in ((wx, dx), (wx, dy), (wy, dy)))
+    sxz, syz = (wx * dz).sum(axis=1), (wy * dz).sum(axis=1)
     determinant = sxx * syy - sxy**2
     # Hits on one line carry no plane; the threshold is far below any footprint that has an area.
-    found = determinant > 1e-9 * np.ptp(samples[:, 0]) ** 2 * np.ptp(samples[:, 1]) ** 2
+    found = determinant > 1e-9 * np.ptp(x) ** 2 * np.ptp(y) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        gradient = (
-            np.stack([moments[:, 0] * syy - moments[:, 1] * sxy, moments[:, 1] * sxx - moments[:, 0] * sxy], axis=1)
-            / determinant[:, None]
-        )
-    return Rest(mean - (gradient * centre).sum(axis=1), gradient, found)
+        gx, gy = (sxz * syy - syz * sxy) / determinant, (syz * sxx - sxz * sxy) / determinant
+    return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found)
 
 
 def support(
@@ -92,5 +88,5 @@ def support(
     top = np.where(valid, heights, -np.inf).max(axis=1, keepdims=True, initial=-np.inf)
     top[~np.isfinite(top)] = 0.0
     plane = support_plane(samples - centre, heights - top, valid)
-    height = plane.height + top[:, 0] - plane.gradient @ centre
+    height = plane.height + top[:, 0] - plane.gradient[:, 0] * centre[0] - plane.gradient[:, 1] * centre[1]
     return Rest(height, plane.gradient, plane.found)

@@ -9,21 +9,22 @@ and after the tilt.
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
-from geometry.transforms import apply, facing, rigid, rotation_z
+from geometry.transforms import facing, rigid
 from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
 from placement.verdict import Verdict
 
 Rule = Literal["averaged", "least_squares", "support"]
-BLOCK_RAYS = 1 << 19  # footprint rays at a time: the memory of a million candidates stays at some hundred MB
+BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -110,7 +111,7 @@ def settle(
     method
         How top hits are found; see `Terrain.top_hits`.
     threads
-        Threads that cast rays.
+        Threads that share the candidates.
 
     Returns
     -------
@@ -142,17 +143,12 @@ def settle(
     box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
+    if threads < 1:
+        raise ValueError(f"threads: expected at least 1, got {threads}")
     options = _Options(
-        rule, _grid(box, n), _grid(box, contact_n), max_slope, min_share, max_gap, max_penetration, method, threads
+        rule, _grid(box, n), _grid(box, contact_n), max_slope, min_share, max_gap, max_penetration, method
     )
-    block = max(1, BLOCK_RAYS // max(n, contact_n) ** 2)
-    parts = [
-        _settle_block(terrain, positions[i : i + block], headings[i : i + block], options)
-        for i in range(0, max(len(positions), 1), block)
-    ]
-    if len(parts) == 1:
-        return parts[0]
-    return Settled(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Settled)))
+    return _in_blocks(terrain, positions, headings, options, threads=threads)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -165,7 +161,34 @@ class _Options:
     max_gap: float
     max_penetration: float
     method: Method
-    threads: int
+
+
+def _in_blocks(
+    terrain: Terrain, xy: Float[np.ndarray, "k 2"], yaw: Float[np.ndarray, " k"], options: _Options, *, threads: int
+) -> Settled:
+    """All candidates, by blocks of neighbours: their rays then meet the same triangles, and threads need not meet."""
+    k = len(xy)
+    size = max(1, BLOCK_RAYS // max(len(options.samples), 1))
+    order = _by_neighbourhood(xy, size)
+    blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
+
+    def work(rows: Int[np.ndarray, " b"]) -> Settled:
+        return _settle_block(terrain, xy[rows], yaw[rows], options)
+
+    if threads == 1 or len(blocks) == 1:
+        parts = [work(rows) for rows in blocks]
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            parts = list(pool.map(work, blocks))
+    back = np.argsort(order)
+    return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
+
+
+def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
+    """An order in which every run of about `size` positions covers little ground: strips along x, each sorted by y."""
+    by_x = np.argsort(xy[:, 0])
+    strips = max(1, round(math.sqrt(len(xy) / size)))
+    return np.concatenate([strip[np.argsort(xy[strip, 1])] for strip in np.array_split(by_x, strips)])
 
 
 def _grid(box: Float[np.ndarray, "2 2"], n: int) -> Float[np.ndarray, "m 2"]:
@@ -181,21 +204,22 @@ def _settle_block(
     k = len(xy)
     slope, tilt, share, gap, penetration = np.full((5, k), np.nan)
     out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, gap, penetration, np.zeros(k, dtype=np.uint8))
-    spot = terrain.top_hits(xy, method=options.method, threads=options.threads)
+    spot = terrain.top_hits(xy, method=options.method)
     out.slope[:] = _inclination(spot.normal)
     out.verdict[~spot.hit] = Verdict.OFF_GROUND
     out.verdict[out.slope > options.max_slope] = Verdict.TOO_STEEP
 
     rows = np.flatnonzero(out.verdict == Verdict.OK)
-    turn = rotation_z(yaw[rows])
-    rest, out.share[rows] = _rest(terrain, xy[rows], turn, spot.z[rows], options)
+    rest, out.share[rows] = _rest(terrain, xy[rows], yaw[rows], spot.z[rows], options)
     out.verdict[rows[~rest.found | (out.share[rows] < options.min_share)]] = Verdict.OVERHANG
 
     on = out.verdict[rows] == Verdict.OK
-    rows, turn, height, gradient = rows[on], turn[on], rest.height[on], rest.gradient[on]
-    normal = np.concatenate([-gradient, np.ones((len(rows), 1))], axis=1)
-    normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
-    normal = np.einsum("kij,kj->ki", turn, normal)
+    rows, height, gradient = rows[on], rest.height[on], rest.gradient[on]
+    # The gradient is that of a frame turned by the heading.
+    cos, sin = np.cos(yaw[rows]), np.sin(yaw[rows])
+    gx, gy = cos * gradient[:, 0] - sin * gradient[:, 1], sin * gradient[:, 0] + cos * gradient[:, 1]
+    length = np.sqrt(1.0 + gx**2 + gy**2)
+    normal = np.stack([-gx / length, -gy / length, 1.0 / length], axis=1)
     out.tilt[rows] = _inclination(normal)
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
     out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
@@ -212,18 +236,22 @@ def _settle_block(
 def _rest(
     terrain: Terrain,
     xy: Float[np.ndarray, "k 2"],
-    turn: Float[np.ndarray, "k 3 3"],
+    yaw: Float[np.ndarray, " k"],
     spot_z: Float[np.ndarray, " k"],
     options: _Options,
 ) -> tuple[Rest, Float[np.ndarray, " k"]]:
     """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
-    samples_world = xy[:, None] + options.samples @ np.swapaxes(turn[:, :2, :2], 1, 2)
-    hits = terrain.top_hits(samples_world.reshape(-1, 2), method=options.method, threads=options.threads)
-    valid = hits.hit.reshape(samples_world.shape[:2])
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    x, y = options.samples.T
+    points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
+    hits = terrain.top_hits(points.reshape(-1, 2), method=options.method)
+    valid = hits.hit.reshape(points.shape[:2])
     # About the height at the centre: the altitude of the scenery costs no digits of the relief.
     heights = hits.z.reshape(valid.shape) - spot_z[:, None]
     if options.rule == "averaged":
-        rest = averaged(options.samples, heights, hits.normal.reshape(*valid.shape, 3) @ turn, valid)
+        nx, ny, nz = np.moveaxis(hits.normal.reshape(*valid.shape, 3), 2, 0)
+        turned = np.stack([cos * nx + sin * ny, cos * ny - sin * nx, nz], axis=2)
+        rest = averaged(options.samples, heights, turned, valid)
     elif options.rule == "least_squares":
         rest = least_squares(options.samples, heights, valid)
     else:
@@ -235,9 +263,10 @@ def _contact(
     terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], options: _Options
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Gap and penetration of the tilted undersides; points over no ground count for neither."""
-    underside = np.concatenate([options.contact_samples, np.zeros((len(options.contact_samples), 1))], axis=1)
-    points = apply(world_from_vehicle, underside)
-    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=options.method, threads=options.threads)
+    x, y = options.contact_samples.T
+    forward, left, origin = (world_from_vehicle[:, :3, i, None] for i in (0, 1, 3))
+    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=options.method)
     above = points[..., 2] - hits.z.reshape(points.shape[:2])
     # fmax passes over the nan of a miss.
     return np.fmax.reduce(above, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)

@@ -92,28 +92,33 @@ def _climb(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], basis: Int[np.ndarray, "n 3"]
 ) -> Int[np.ndarray, "n 3"]:
     """Pivots each row's triangle until no sample is above its plane; samples at -inf never enter."""
+    x, y = np.ascontiguousarray(samples_xy.T)
     centre = NUDGE * np.ptp(samples_xy, axis=0)
-    design = np.concatenate([samples_xy, np.ones((len(samples_xy), 1))], axis=1).T
     finite = np.where(np.isinf(heights), 0.0, heights)
     # Far below any step that matters, far above the rounding of a plane through three samples.
     tolerance = 1e-12 * (1e-3 + np.ptp(finite, axis=1))
-    basis = basis.copy()
+    final = basis.copy()
     rows = np.arange(len(basis))
     for _ in range(MOST_PIVOTS):
-        corners = samples_xy[basis[rows]]
-        carrying = np.take_along_axis(heights[rows], basis[rows], axis=1)
-        above = heights[rows] - _plane(corners, carrying) @ design
+        corners = samples_xy[basis]
+        plane = _plane(corners, np.take_along_axis(heights, basis, axis=1))
+        # No matrix product: its rounding may depend on the number of rows, and here it may decide between triangles.
+        above = heights - plane[:, 2:]
+        above -= plane[:, :1] * x
+        above -= plane[:, 1:2] * y
         entering = np.argmax(above, axis=1)
-        on = above[np.arange(len(rows)), entering] > tolerance[rows]
-        rows, corners, entering = rows[on], corners[on], entering[on]
-        if not len(rows):
+        on = np.flatnonzero(above[np.arange(len(rows)), entering] > tolerance)
+        if not len(on):
             break
-        step = _weights(corners, samples_xy[entering])
-        here = _weights(corners, np.broadcast_to(centre, (len(rows), 2)))
+        rows, basis, corners, entering = rows[on], basis[on], corners[on], entering[on]
+        if len(on) < len(heights):
+            heights, tolerance = heights[on], tolerance[on]
+        step, here = _weights(corners, samples_xy[entering]), _weights(corners, centre[None])
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(step > 0, here / step, np.inf)
-        basis[rows, np.argmin(ratio, axis=1)] = entering
-    return basis
+        basis[np.arange(len(rows)), np.argmin(ratio, axis=1)] = entering
+        final[rows] = basis
+    return final
 
 
 def _plane(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -126,8 +131,8 @@ def _plane(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"
     return np.stack([gx, gy, heights[:, 0] - gx * corners[:, 0, 0] - gy * corners[:, 0, 1]], axis=1)
 
 
-def _weights(corners: Float[np.ndarray, "n 3 2"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Barycentric coordinates of a point each in a triangle each."""
+def _weights(corners: Float[np.ndarray, "n 3 2"], points: Float[np.ndarray, "#n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Barycentric coordinates of a point each (or one for all) in a triangle each."""
     to_point = corners - points[:, None]
     x, y = to_point[..., 0], to_point[..., 1]
     part = np.stack(
@@ -138,4 +143,5 @@ def _weights(corners: Float[np.ndarray, "n 3 2"], points: Float[np.ndarray, "n 2
         ],
         axis=1,
     )
-    return part / part.sum(axis=1, keepdims=True)
+    part /= (part[:, 0] + part[:, 1] + part[:, 2])[:, None]
+    return part

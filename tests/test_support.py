@@ -1,0 +1,78 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from placement.support import NUDGE, support_plane
+
+GRID = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 5), indexing="ij"), -1).reshape(-1, 2)
+
+
+def slow_twin(xy, heights, valid):
+    """Of all triangles around the centre, the one that carries it highest: the dual, tried one by one."""
+    best = -np.inf
+    centre = NUDGE * np.ptp(xy, axis=0)
+    for corners in itertools.combinations(np.flatnonzero(valid), 3):
+        system = np.vstack([xy[list(corners)].T, np.ones(3)])
+        if abs(np.linalg.det(system)) < 1e-9:
+            continue
+        weights = np.linalg.solve(system, [*centre, 1.0])
+        if (weights >= 0).all():
+            best = max(best, weights @ heights[list(corners)])
+    return best
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8, 0.3])
+def test_the_plane_is_the_lowest_above_all_samples(share):
+    rng = np.random.default_rng(11)
+    heights = rng.normal(0, 0.3, (40, 25)) + GRID @ [0.1, -0.3]
+    valid = rng.random((40, 25)) < share
+    plane = support_plane(GRID, heights, valid)
+    expected = np.array([slow_twin(GRID, h, v) for h, v in zip(heights, valid, strict=True)])
+    np.testing.assert_array_equal(plane.found, np.isfinite(expected))
+    assert plane.found.mean() > 0.5
+    f = plane.found
+    at_centre = plane.height[f] + plane.gradient[f] @ (NUDGE * np.ptp(GRID, axis=0))
+    np.testing.assert_allclose(at_centre, expected[f], atol=1e-12)
+    above = plane.height[f, None] + plane.gradient[f] @ GRID.T - heights[f]
+    assert above[valid[f]].min() > -1e-11
+    np.testing.assert_allclose(np.take_along_axis(above, plane.contacts[f], axis=1), 0, atol=1e-11)
+    assert np.take_along_axis(valid[f], plane.contacts[f], axis=1).all()
+
+
+def test_what_is_not_valid_is_not_looked_at():
+    heights = np.zeros((2, 25))
+    heights[0, 7], heights[1, 7] = np.nan, 99.0
+    valid = np.ones((2, 25), dtype=bool)
+    valid[:, 7] = False
+    plane = support_plane(GRID, heights, valid)
+    assert plane.found.all()
+    np.testing.assert_array_equal(plane.height, 0.0)
+
+
+@pytest.mark.parametrize("left", [np.zeros(25, bool), np.arange(25) < 5, GRID[:, 0] > 1, np.arange(25) == 12])
+def test_nothing_rests_on_samples_to_one_side(left):
+    plane = support_plane(GRID, np.zeros((1, 25)), left[None])
+    assert not plane.found.any()
+    assert np.isnan(plane.height).all()
+
+
+def test_a_point_under_the_centre_carries_all_of_it():
+    heights = np.zeros((1, 25))
+    heights[0, 12] = 1.0
+    plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
+    assert 12 in plane.contacts
+    np.testing.assert_allclose(plane.height, 1.0, atol=1e-5)
+
+
+def test_a_ledge_is_tipped_over_as_far_as_the_lower_ground():
+    # High ground under the rear two rows only, the centre just beyond: the vehicle lies on the edge and on its nose.
+    heights = np.where(GRID[:, 0] < -1, 1.0, 0.0)[None]
+    plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
+    np.testing.assert_allclose(plane.gradient[0], [-1 / 5.25, 0.0], atol=1e-12)
+
+
+def test_few_samples_and_no_rows_are_legal():
+    assert support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).found.shape == (0,)
+    line = np.array([[-1.0, 0.0], [1.0, 0.0]])
+    assert not support_plane(line, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
