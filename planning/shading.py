@@ -29,9 +29,9 @@ class Surface(Protocol):
     """Something to look at."""
 
     def meet(
-        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
+        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-        """Distances, inf on a miss, and normals of any length and side."""
+        """Distances, inf on a miss within reach, and normals of any length and side."""
         ...
 
     def blocks(self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
@@ -51,12 +51,12 @@ class Ground:
     rays: RayCaster | Plane
 
     def meet(
-        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
+        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
         """As `Surface` says."""
         if isinstance(self.rays, RayCaster):
             assert self.mesh is not None
-            hits = self.rays.cast(origin, along)
+            hits = self.rays.cast(origin, along, max_distance=reach)
             return hits.distance, _normals(self.mesh, hits.face)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (self.rays.z - origin[:, 2]) / along[:, 2]
@@ -79,10 +79,10 @@ class Obstacles:
     scene: InstancedScene
 
     def meet(
-        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
+        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
         """As `Surface` says."""
-        hits = self.scene.cast(origin, along)
+        hits = self.scene.cast(origin, along, max_distance=reach)
         normal = np.zeros_like(along)
         for instance in np.unique(hits.instance[hits.hit]):
             mine = hits.instance == instance
@@ -112,10 +112,10 @@ class VehiclePart:
     colour: Float[np.ndarray, "3"]
 
     def meet(
-        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
+        self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
         """As `Surface` says."""
-        hits = self.part.caster.cast(*self._inside(origin, along))
+        hits = self.part.caster.cast(*self._inside(origin, along), max_distance=reach)
         return hits.distance, _normals(self.mesh, hits.face) @ self.world_from_part[:3, :3].T
 
     def blocks(self, origin: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
@@ -159,7 +159,7 @@ def look(
     nearest, of = np.full(len(along), np.inf), np.full(len(along), -1)
     normal = np.zeros_like(along)
     for k, surface in enumerate(surfaces):
-        distance, facing = surface.meet(origin, along)
+        distance, facing = surface.meet(origin, along, nearest)
         closer = distance < nearest
         nearest[closer], normal[closer], of[closer] = distance[closer], facing[closer], k
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
