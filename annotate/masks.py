@@ -89,9 +89,7 @@ def encode(mask: ArrayLike) -> dict[str, Any]:
     return {"size": [int(n) for n in record["size"]], "counts": record["counts"].decode("ascii")}
 
 
-def decode(
-    segmentation: Mapping[str, Any] | Sequence[Sequence[float]], width: int, height: int
-) -> Bool[np.ndarray, "h w"]:
+def decode(segmentation: Mapping[str, Any] | Sequence[Any], width: int, height: int) -> Bool[np.ndarray, "h w"]:
     """A COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
 
     Raises

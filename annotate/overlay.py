@@ -151,7 +151,7 @@ def dataset_sheet(
     return contact_sheet(pictures, columns=columns, tile_width=tile_width)
 
 
-def _corners(xywh: Sequence[float], line: int) -> tuple[int, int, int, int]:
+def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:
     """First and last pixel of an outline that lies around a box."""
     x, y, w, h = xywh
     return math.floor(x) - line, math.floor(y) - line, math.ceil(x + w) - 1 + line, math.ceil(y + h) - 1 + line

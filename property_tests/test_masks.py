@@ -1,0 +1,67 @@
+"""Masks there and back, with pycocotools and brute force as judges."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from pycocotools import mask as pycocotools_mask
+from scipy import ndimage
+
+from annotate.masks import area, decode, encode, iou, mask_box
+from annotate.outlines import polygons
+
+sizes = st.tuples(st.integers(1, 24), st.integers(1, 24))
+noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))
+
+
+@st.composite
+def blobs(draw: st.DrawFn) -> np.ndarray:
+    """Discs and rectangles, joined and cut out: what vehicles look like, with holes."""
+    h, w = draw(sizes)
+    y, x = np.mgrid[:h, :w]
+    mask = np.zeros((h, w), dtype=bool)
+    for _ in range(draw(st.integers(0, 4))):
+        cy, cx, r = draw(st.integers(-2, h + 2)), draw(st.integers(-2, w + 2)), draw(st.integers(0, 9))
+        disc = (x - cx) ** 2 + (y - cy) ** 2 <= r * r
+        box = (abs(x - cx) <= r) & (abs(y - cy) <= draw(st.integers(0, 9)))
+        shape = disc if draw(st.booleans()) else box
+        mask = mask & ~shape if draw(st.booleans()) else mask | shape
+    return mask
+
+
+masks = noise | blobs()
+
+
+@given(masks)
+def test_run_lengths_round_trip(mask: np.ndarray) -> None:
+    h, w = mask.shape
+    record = encode(mask)
+    assert np.array_equal(decode(record, w, h), mask)
+    assert np.array_equal(pycocotools_mask.decode(record).astype(bool), mask)
+    assert int(pycocotools_mask.area(record)) == area(mask)
+    box = mask_box(mask)
+    assert pycocotools_mask.toBbox(record).tolist() == ([0.0] * 4 if box is None else box.tolist())
+
+
+@given(masks)
+def test_polygons_round_trip_but_for_holes(mask: np.ndarray) -> None:
+    h, w = mask.shape
+    rings = polygons(mask)
+    # Background that reaches the outside through a corner is no hole.
+    filled = ndimage.binary_fill_holes(mask, structure=np.ones((3, 3)))
+    assert np.array_equal(decode(rings, w, h), filled) if rings else not mask.any()
+    _, count = ndimage.label(mask)
+    outer = sum(1 for ring in rings if ring)
+    assert outer >= (1 if mask.any() else 0)
+    assert outer <= count + ndimage.label(~mask, structure=np.ones((3, 3)))[1]
+
+
+@given(masks, st.data())
+def test_overlap_is_that_of_pycocotools(mask: np.ndarray, data: st.DataObject) -> None:
+    other = data.draw(hnp.arrays(bool, mask.shape))
+    expected = float(pycocotools_mask.iou([encode(mask)], [encode(other)], [0])[0, 0])
+    either = mask.any() or other.any()
+    assert iou(mask, other) == (expected if either else 1.0)
+    assert iou(mask, other) == iou(other, mask)

@@ -1,0 +1,117 @@
+import math
+
+import numpy as np
+import pytest
+from pycocotools import mask as pycocotools_mask
+
+from annotate.boxes import VehicleBoxes
+from annotate.masks import area, decode, encode, iou, mask_box, vehicle_mask
+from annotate.outlines import polygons
+from assets.vehicle import VehicleShape
+from camera.intrinsics import Intrinsics
+from camera.projection import NEAR, Camera
+from camera.target import Standing, VehicleTarget
+from camera.visibility import Plane
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster
+from geometry.transforms import rigid
+
+QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+FACES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+# Looks along +y of the world with z up; fov_x of 90 degrees makes f_px half the width.
+AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+CAMERA = Camera(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
+SHAPE = VehicleShape("cube", Mesh(CUBE, FACES), np.zeros(8, dtype=int), ("hull",), np.array([-1]), np.zeros((1, 3)),
+                     np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
+HERE = Standing(VehicleTarget(SHAPE), np.eye(4)[None], {})
+
+
+def square(x: int, y: int, w: int, h: int) -> np.ndarray:
+    mask = np.zeros((100, 200), dtype=bool)
+    mask[y : y + h, x : x + w] = True
+    return mask
+
+
+def test_mask_of_a_cube_in_closed_form():
+    # The near face, 4 m away and 2 m wide, spans 50 pixels about the centre.
+    assert np.array_equal(vehicle_mask(HERE, CAMERA), square(75, 25, 50, 50))
+
+
+def test_only_the_box_is_looked_at_and_nothing_is_lost():
+    box = VehicleBoxes(SHAPE).box(np.eye(4), CAMERA)
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=box), vehicle_mask(HERE, CAMERA))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.0, 30.0, 10.0, 10.0]), square(80, 30, 10, 10))
+    # A pixel belongs to the box with its centre.
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.6, 30.4, 9.8, 10.0]), square(81, 30, 9, 10))
+
+
+def test_what_stands_in_front_hides_and_what_stands_behind_does_not():
+    wall = CUBE * [1.0, 0.1, 1.0] + [1.0, -3.0, 0.0]
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, occluders=[RayCaster(Mesh(wall, FACES))]), square(75, 25, 25, 50))
+    behind = RayCaster(Mesh(wall + np.array([0.0, 9.0, 0.0]), FACES))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, occluders=[behind]), square(75, 25, 50, 50))
+
+
+def test_ground_hides_what_sinks_into_it():
+    above = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -5.0, 0.5]))
+    _, y, _, h = mask_box(vehicle_mask(HERE, above, occluders=[Plane(0.0)]))
+    # The ground at the near face, 0.5 m below the camera and 4 m away, is 12.5 pixels below the middle.
+    assert abs(y + h - 62.5) <= 0.5
+
+
+def test_another_vehicle_hides():
+    beside = Standing(HERE.target, rigid(np.eye(3), [1.0, -2.2, 0.0])[None], {})
+    hidden = vehicle_mask(HERE, CAMERA, others=[beside])
+    assert np.array_equal(hidden, square(75, 25, 25, 50))
+
+
+def test_nothing_nearer_than_the_near_plane_is_seen():
+    close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR / 2.0, 0.0]))
+    # The near face is cut away, the far one fills a smaller part.
+    assert mask_box(vehicle_mask(HERE, close)).tolist() == [0.0, 0.0, 200.0, 100.0]
+    away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR / 2.0, 0.0]))
+    assert area(vehicle_mask(HERE, away)) == 0
+
+
+def test_out_of_the_image_the_mask_is_empty():
+    assert area(vehicle_mask(Standing(HERE.target, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA)) == 0
+    assert area(vehicle_mask(HERE, CAMERA, xywh=[10.2, 10.2, 0.2, 0.2])) == 0
+
+
+def test_run_lengths_are_what_pycocotools_reads():
+    mask = square(20, 10, 5, 7)
+    record = encode(mask)
+    assert isinstance(record["counts"], str)
+    assert np.array_equal(pycocotools_mask.decode(record), mask)
+    assert int(pycocotools_mask.area(record)) == area(mask) == 35
+    assert pycocotools_mask.toBbox(record).tolist() == mask_box(mask).tolist() == [20.0, 10.0, 5.0, 7.0]
+
+
+def test_uncompressed_run_lengths_and_polygons_are_read():
+    assert np.array_equal(decode({"size": [2, 3], "counts": [2, 2, 2]}, 3, 2), [[0, 1, 0], [0, 1, 0]])
+    assert np.array_equal(decode([[1, 0, 3, 0, 3, 2, 1, 2]], 4, 3), [[0, 1, 1, 0], [0, 1, 1, 0], [0, 0, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "message"),
+    [
+        ({"size": [3, 2], "counts": "0"}, r"expected size \[2, 3\], got \[3, 2\]"),
+        ([[1, 2, 3, 4]], "at least three points"),
+        ([], "at least three points"),
+    ],
+)
+def test_wrong_segmentations_are_refused(segmentation, message):
+    with pytest.raises(ValueError, match=message):
+        decode(segmentation, 3, 2)
+
+
+def test_overlap():
+    assert iou(square(0, 0, 4, 4), square(2, 0, 4, 4)) == pytest.approx(1 / 3)
+    assert iou(square(0, 0, 0, 0), square(0, 0, 0, 0)) == 1.0
+
+
+def test_polygon_of_a_square_has_its_four_corners():
+    (ring,) = polygons(square(20, 10, 5, 7))
+    assert sorted(zip(ring[::2], ring[1::2], strict=True)) == [(20, 10), (20, 17), (25, 10), (25, 17)]
+    assert polygons(np.zeros((3, 3))) == []

@@ -1,0 +1,171 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from annotate.coco import CocoDataset
+from annotate.split import SPLITS, export_dataset, share_out
+from annotate.yolo import label_lines
+from geometry.errors import DatasetError
+
+
+def pose(x: float) -> list:
+    matrix = np.eye(4)
+    matrix[0, 3] = x
+    return matrix.tolist()
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """60 positions of 5 shots, two classes, and 20 real images."""
+    folder = tmp_path_factory.mktemp("dataset")
+    (folder / "images").mkdir()
+    images, annotations = [], []
+    for i in range(320):
+        image = {"id": i + 1, "file_name": f"images/{i}.png", "width": 32, "height": 24}
+        Image.new("RGB", (32, 24)).save(folder / image["file_name"])
+        if i < 300:
+            image |= {"scenery": "hills", "position": i // 5, "shot": i % 5}
+            annotations.append(
+                {
+                    "id": i + 1,
+                    "image_id": i + 1,
+                    "category_id": 1 if i // 5 % 3 else 2,
+                    "bbox": [4, 3, 8, 6],
+                    "vehicle": "a",
+                    "world_from_vehicle": pose(i // 5),
+                }
+            )
+        images.append(image)
+    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck"}]
+    coco = {"images": images, "annotations": annotations, "categories": categories}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def grouped(folder) -> tuple[list[dict], dict[int, list[dict]]]:
+    coco = json.loads((folder / "annotations.json").read_text())
+    boxes = {image["id"]: [] for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        boxes[annotation["image_id"]].append(annotation)
+    return coco["images"], boxes
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shots_of_one_position_stay_together(dataset, seed):
+    images, boxes = grouped(dataset)
+    split_of = share_out(images, boxes, seed=seed)
+    splits_of_position = {}
+    for image in images:
+        if "position" in image:
+            splits_of_position.setdefault(image["position"], set()).add(split_of[image["id"]])
+    assert all(len(splits) == 1 for splits in splits_of_position.values())
+
+
+def test_every_class_has_its_share_in_every_split(dataset):
+    images, boxes = grouped(dataset)
+    split_of = share_out(images, boxes, shares=(0.7, 0.2, 0.1))
+    for category, total in ((1, 200), (2, 100), (None, 20)):
+        mine = [split_of[i] for i, found in boxes.items() if (found[0]["category_id"] if found else None) == category]
+        for split, share in zip(SPLITS, (0.7, 0.2, 0.1), strict=True):
+            assert abs(mine.count(split) - share * total) <= 5  # one position
+
+
+def test_the_split_depends_on_the_seed_and_on_nothing_else(dataset):
+    images, boxes = grouped(dataset)
+    assert share_out(images, boxes) == share_out(images[::-1], boxes)
+    assert share_out(images, boxes, seed=1) != share_out(images, boxes)
+
+
+def test_a_share_of_nothing_gets_nothing(dataset):
+    images, boxes = grouped(dataset)
+    assert set(share_out(images, boxes, shares=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
+
+
+@pytest.mark.parametrize("shares", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
+def test_shares_that_do_not_add_up_are_refused(shares):
+    with pytest.raises((ValueError, TypeError), match=r"shares"):
+        share_out([], {}, shares=shares)
+
+
+def test_coco_folders(dataset, tmp_path):
+    out = tmp_path / "out"
+    counts = export_dataset(dataset, out)
+    assert sum(counts.values()) == 320
+    annotated = 0
+    for split in SPLITS:
+        coco = json.loads((out / split / "_annotations.coco.json").read_text())
+        assert len(coco["images"]) == counts[split]
+        names = {image["file_name"] for image in coco["images"]}
+        assert {path.name for path in (out / split).iterdir()} == names | {"_annotations.coco.json"}
+        assert {a["image_id"] for a in coco["annotations"]} <= {image["id"] for image in coco["images"]}
+        assert [c["name"] for c in coco["categories"]] == ["tank", "truck"]
+        annotated += len(coco["annotations"])
+    assert annotated == 300
+
+
+def test_yolo_folders(dataset, tmp_path):
+    out = tmp_path / "out"
+    counts = export_dataset(dataset, out, form="yolo")
+    for split in SPLITS:
+        pictures = sorted(path.stem for path in (out / "images" / split).iterdir())
+        labels = sorted(path.stem for path in (out / "labels" / split).iterdir())
+        assert pictures == labels
+        assert len(pictures) == counts[split]
+    assert (out / "data.yaml").read_text() == (
+        'train: images/train\nval: images/valid\ntest: images/test\nnames:\n  0: "tank"\n  1: "truck"\n'
+    )
+    (line,) = [path.read_text() for path in (out / "labels").rglob("5.txt")]
+    assert line == "0 0.250000000 0.250000000 0.250000000 0.250000000\n"
+
+
+def test_yolo_lines_give_the_box_back():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        box = np.sort(rng.uniform(0, 1000, (2, 2)), axis=0)
+        xywh = [*box[0], *(box[1] - box[0])]
+        (line,) = label_lines([{"bbox": xywh, "category_id": 7}], {7: 2}, 1920, 1080)
+        number, cx, cy, w, h = (float(n) for n in line.split())
+        assert number == 2
+        back = [cx * 1920 - w * 960, cy * 1080 - h * 540, w * 1920, h * 1080]
+        np.testing.assert_allclose(back, xywh, rtol=0, atol=2e-6)
+
+
+def test_crowds_have_no_yolo_line():
+    assert label_lines([{"bbox": [0, 0, 1, 1], "category_id": 1, "iscrowd": 1}], {1: 0}, 10, 10) == []
+
+
+def test_equal_names_in_different_folders_are_kept_apart(tmp_path):
+    folder = tmp_path / "dataset"
+    with CocoDataset.open(folder) as dataset:
+        for i, name in enumerate(("a/1.png", "b/1.png", "b/1.jpg")):
+            (folder / name).parent.mkdir(exist_ok=True)
+            Image.new("RGB", (4 + i, 4)).save(folder / name)
+            dataset.append({"file_name": name, "width": 4 + i, "height": 4}, [])
+    export_dataset(folder, tmp_path / "out", shares=(1.0, 0.0, 0.0))
+    coco = json.loads((tmp_path / "out" / "train" / "_annotations.coco.json").read_text())
+    assert len({image["file_name"] for image in coco["images"]}) == 3
+    for image in coco["images"]:
+        with Image.open(tmp_path / "out" / "train" / image["file_name"]) as picture:
+            assert picture.width == image["width"]
+
+
+def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("")
+    with pytest.raises(DatasetError, match="has something in it already; name an empty"):
+        export_dataset(dataset, out)
+
+
+def test_a_missing_image_is_named(tmp_path):
+    with CocoDataset.open(tmp_path / "dataset") as dataset:
+        dataset.append({"file_name": "images/7.png", "width": 4, "height": 4}, [])
+    with pytest.raises(DatasetError, match=r"7\.png: cannot be exported"):
+        export_dataset(tmp_path / "dataset", tmp_path / "out")
+
+
+def test_no_dataset_is_named(tmp_path):
+    with pytest.raises(DatasetError, match=r"no annotations\.json"):
+        export_dataset(tmp_path, tmp_path / "out")
