@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from render.blender_frames import pose as set_pose
 from render.cleanup import Piece
 
 VISIBILITY = tuple(
@@ -61,16 +62,15 @@ def write_vehicle(
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
-        obj = _object(keeper, piece, i, rest)
+        obj = _object(keeper, piece, i)
         obj["hulldown_part"] = int(part)
         obj["hulldown_rest"] = rest.ravel().tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _object(keeper: Keeper, piece: Piece, index: int, pose: Float[np.ndarray, "4 4"]) -> Any:
+def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
     obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
-    obj.matrix_world = pose.T.tolist()
     for name, value in keeper.looks[index].items():
         setattr(obj, name, value)
     return obj
@@ -81,6 +81,11 @@ def write_scenery(
 ) -> None:
     """Write everything that is drawn, backdrops too, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
+    root = bpy.data.objects.new("hulldown scenery", None)
+    scene.collection.objects.link(root)
     for i, piece in enumerate(pieces):
-        scene.collection.objects.link(_object(keeper, piece, i, scenery_from_file @ piece.pose))
+        obj = _object(keeper, piece, i)
+        obj.parent = root
+        set_pose(obj, scenery_from_file @ piece.pose)
+        scene.collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {scene}, path_remap="ABSOLUTE", compress=True)

@@ -380,7 +380,7 @@ def map_in_mesh():
     """Map coordinates in the vertices."""
     sheet("Terrain", 64, 4, shift=MAP)
     box("Hut", (8, 6, 4), shift=np.add(MAP, (3, 2, 1)))
-    return {"kind": "scenery", "truth": False}
+    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}
 
 
 @case
@@ -388,7 +388,7 @@ def map_in_object():
     """Map coordinates in the object; what hangs on it has small ones, that float32 matrices would round to 0.5 m."""
     ground = sheet("Terrain", 64, 4, at=MAP)
     box("Hut", (8, 6, 4), (3.14159, 2.71828, 1.41421), ground, rot=(0, 0, 0.3))
-    return {"kind": "scenery", "truth": False}
+    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}
 
 
 @case
@@ -518,10 +518,14 @@ def render_tidy() -> None:
             with bpy.data.libraries.load(twin["path"], link=False) as (source, target):
                 target.collections = source.collections[:1]
             bpy.context.scene.collection.children.link(target.collections[0])
+            root = empty("root")
             for obj in target.collections[0].objects:
-                obj.matrix_world = Matrix(np.array(obj["hulldown_rest"]).reshape(4, 4))
+                obj.parent = root
+                obj.matrix_parent_inverse = Matrix(np.array(obj["hulldown_rest"]).reshape(4, 4))
         else:
             bpy.ops.wm.open_mainfile(filepath=twin["path"], load_ui=False, use_scripts=False)
+            for obj in bpy.context.scene.objects:
+                obj.hide_render = obj.name.partition(".")[0] in twin["hide"]
         render_masks([Matrix(c) for c in twin["cameras"]], FOLDER / f"{name}.tidy")
 
 

@@ -122,6 +122,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
         name: {
             "kind": exported[name].report.kind,
             "path": str(exported[name].tidy),
+            "hide": cases[name]["hide"],
             "cameras": [_into_asset(made.asset(name), c).tolist() for c in made.cameras(name)],
         }
         for name in [*VEHICLES, *SCENERIES, "map_in_mesh", "map_in_object"]
@@ -186,17 +187,18 @@ def test_the_tidy_twin_renders_as_the_exported_geometry(messy: Messy, name: str)
     asset = messy.asset(name)
     for i, camera in enumerate(messy.cameras(name)):
         tidy = _alpha(messy.folder / f"{name}.tidy.{i}.png")
-        if tidy.any() or i == 0:
-            assert _iou(_silhouette(asset, _into_asset(asset, camera)), tidy) >= 0.99
+        assert _iou(_silhouette(asset, _into_asset(asset, camera)), tidy) >= 0.99
 
 
 def test_planned_angles_turn_what_blender_would_turn(messy: Messy) -> None:
     shape = messy.vehicle("keyframes")
     turned = {"turret": math.radians(70), "gun": math.radians(12)}
+    at_rest = []
     for camera, shown in zip(messy.cameras("keyframes"), messy.shown("keyframes_turned"), strict=True):
         seen = _into_asset(shape, camera)
         assert _iou(_silhouette(shape, seen, turned), shown) >= 0.99
-        assert _iou(_silhouette(shape, seen), shown) < 0.95, "the angles do not show"
+        at_rest.append(_iou(_silhouette(shape, seen), shown))
+    assert min(at_rest) < 0.93, "the angles do not show"
 
 
 @pytest.mark.parametrize("name", ["keyframes", "linked", "centimetres", "y_up", "faces_minus_y", "glb", "fbx"])
@@ -293,8 +295,7 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     assert messy.uses("scattered")["Skydome"] == {"backdrop"}
     for name in ("Volume", "Terrain_LOD1", "Terrain_LOD2"):
         assert messy.uses("scattered")[name] == {"dropped"}
-    counts = {row.name: row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak"}
-    assert counts == {"Oak": 12} or counts == {"Oak": 15} or counts == {"Oak": 3}
+    assert sum(row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak") == 15
 
 
 def test_no_ground_is_said_with_the_names_that_are_there(messy: Messy) -> None:
