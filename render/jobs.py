@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
 from planning.config import hdri_paths, parse_config
 from planning.plan_file import Plan
+from render.annotations import targets
 from render.cache import Library, load_library
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
@@ -33,10 +35,11 @@ class VehicleFile:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
-    """A scenery's .blend and where its coordinates go."""
+    """A scenery's .blend, where its coordinates go, and its geometry."""
 
     path: Path
     scenery_from_file: Float[np.ndarray, "4 4"]
+    scenery: Scenery
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,13 +99,8 @@ def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
     """The scenery as delivered; its tidy twin, which has lost hair and volumes, where float32 fails the original."""
     scenery = library.assets.sceneries[name]
     if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
-        return SceneryFile(library.sceneries[name].tidy, np.eye(4))
-    return SceneryFile(path, scenery.scenery_from_file)
-
-
-def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The vehicles of a row, the one it is about first."""
-    return [row, *row["companions"]]
+        return SceneryFile(library.sceneries[name].tidy, np.eye(4), scenery)
+    return SceneryFile(path, scenery.scenery_from_file, scenery)
 
 
 def job(
@@ -129,7 +127,7 @@ def job(
     ConfigError
         If the row names an asset that the plan's header does not.
     """
-    weather = row["weather"] or {}
+    weather = row["weather"]
     return {
         **_posed(row, assets),
         "do": "render",
@@ -137,7 +135,7 @@ def job(
             "hdri": str(_named(assets.hdris, row["hdri"], "hdri", row).resolve()),
             "yaw": math.radians(row["hdri_yaw_deg"]),
             "strength": row["strength"],
-            "visibility": weather.get("visibility_m"),
+            "visibility": None if weather is None else weather["visibility_m"],
         },
         "seed": int(row["sample_seed"]) % 2**31,
         "settings": dict(settings),

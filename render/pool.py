@@ -107,6 +107,7 @@ class Pool:
             raise ValueError(f"workers: expected at least 1, got {workers}")
         self.restarts = 0
         self.devices: set[str] = set()
+        self.blender_version = ""
         self._logs, self._device, self._limits = logs, device, limits
         self._command = worker_command(blender)
         self._say, self._stopping = say, stopping
@@ -118,7 +119,7 @@ class Pool:
         self,
         jobs: Sequence[int],
         message: Callable[[int], Mapping[str, Any]],
-        done: Callable[[int, dict[str, Any]], None],
+        done: Callable[[int, dict[str, Any]], str | None],
         failed: Callable[[int, list[str]], None],
     ) -> None:
         """Do all jobs, neighbours on one worker; returns when each is done or has failed for good.
@@ -130,7 +131,7 @@ class Pool:
         message
             What to send to the worker for a job.
         done
-            Called with a job and its answer.
+            Called with a job and its answer; may return why that will not do, which makes it a failed attempt.
         failed
             Called with a job and the reason of each attempt.
 
@@ -167,6 +168,7 @@ class Pool:
         if answer is None:
             self._lost(worker, process.last_words())
         elif "ready" in answer:
+            self.blender_version = answer["ready"]
             cores = psutil.cpu_count() or 1
             threads = 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
             process.send({"do": "start", "device": self._device, "index": worker.number, "threads": threads})
@@ -189,14 +191,16 @@ class Pool:
 
     def _finished(self, worker: _Worker, process: WorkerProcess, job: int, answer: dict[str, Any]) -> None:
         worker.current = None
-        self._left -= 1
-        self._failed_in_a_row = 0
         if process.memory > NEARLY * self._memory_limit():
             self._say(f"worker {worker.number} has grown near its memory limit and is replaced")
             process.stop()
             worker.process, worker.ready = None, False
         self._feed(worker)  # it renders on while this process writes
-        self._done(job, answer)
+        if wrong := self._done(job, answer):
+            self._attempt_failed(worker, job, wrong)
+        else:
+            self._left -= 1
+            self._failed_in_a_row = 0
 
     def _feed(self, worker: _Worker) -> None:
         """Give an idle worker its next job, half of the longest queue when its own is empty."""

@@ -1,0 +1,238 @@
+"""One run of a plan into a dataset: what is left to do, and what becomes of each picture.
+
+A row is finished once its picture has its final name and the journal has its line. Whatever happens before that costs
+one picture; the next run does it again under the same name and id.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from PIL import Image, UnidentifiedImageError
+
+from annotate.coco import CocoDataset, Run
+from geometry.errors import ConfigError, DatasetError
+from planning.plan_file import Plan, is_inside
+from render.annotations import Segmenter, annotation_records, image_record, targets
+from render.jobs import RenderAssets, job
+from render.pool import Pool
+
+FAILURES_NAME = "failures.jsonl"
+LOGS_NAME = "logs"
+UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
+SUFFIXES = (".png", ".jpg", ".jpeg")
+SETTINGS = ("samples", "denoise", "adaptive_threshold", "bounces")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is: pictures in the dataset, given up, wanted; and a line to show, or an empty one."""
+
+    finished: int
+    failed: int
+    images: int
+    line: str = ""
+
+
+class Todo:
+    """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    dataset
+        Open.
+    wanted
+        Only the first so many rows.
+
+    Raises
+    ------
+    ConfigError
+        If two rows have one file name, or a file name cannot be that of a picture.
+    """
+
+    def __init__(self, plan: Plan, dataset: CocoDataset, wanted: int) -> None:
+        rows = [
+            (row["scenery"], row["vehicle"], row["hdri"], row["index"], len(targets(row)), row["file_name"])
+            for row in plan
+        ]
+        _check_names([row[5] for row in rows], plan)
+        counts = np.array([row[4] for row in rows], dtype=np.int64)
+        with plan.path.open("rb") as file:
+            key = hashlib.file_digest(file, "sha256").hexdigest()
+        self.run: Run = dataset.run(key, images=len(rows), annotations=int(counts.sum()))
+        # Ids depend on the plan alone, never on the order in which pictures are finished.
+        self.first_annotation = np.cumsum(counts) - counts + self.run.annotation_offset + 1
+        left = [row for row in rows[:wanted] if not dataset.finished(self.run.file_name(row[5]))]
+        self.wanted, self.already = wanted, wanted - len(left)
+        self.order = [row[3] for row in sorted(left)]
+
+
+def _check_names(names: list[str], plan: Plan) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ConfigError(f"{count} images are called {name!r}", path=plan.path, remedy="plan again")
+        if Path(name).suffix.lower() not in SUFFIXES:
+            raise ConfigError(
+                f"an image is called {name!r}; expected {', '.join(SUFFIXES)}", path=plan.path, remedy="plan again"
+            )
+
+
+class Session:
+    """Sends rows to a pool and files what comes back.
+
+    Parameters
+    ----------
+    plan, dataset, todo, assets
+        What is rendered, into what.
+    progress
+        Called after each image and with each message.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        dataset: CocoDataset,
+        todo: Todo,
+        assets: RenderAssets,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.rendered = 0
+        self.failed: list[str] = []
+        self._plan, self._dataset, self._todo, self._assets = plan, dataset, todo, assets
+        self._progress = progress
+        self._folder = dataset.folder
+        self._unfinished = confined(self._folder, UNFINISHED_NAME).resolve()
+        self._settings = {key: plan.header["config"]["render"][key] for key in SETTINGS}
+        self._segmenter = Segmenter(
+            {name: vehicle.shape for name, vehicle in assets.vehicles.items()},
+            {name: file.scenery for name, file in assets.sceneries.items()},
+        )
+
+    def say(self, line: str) -> None:
+        """Tell the caller how far the run is."""
+        finished = self._todo.already + self.rendered
+        self._progress(Progress(finished, len(self.failed), self._todo.wanted, line))
+
+    def render(self, pool: Pool) -> None:
+        """Render what is left; see `render.pool.Pool.run` for what it raises."""
+        shutil.rmtree(self._unfinished, ignore_errors=True)
+        self._unfinished.mkdir()
+        # Whoever runs a plan again has mended something; what failed gets its attempts anew.
+        (self._folder / FAILURES_NAME).unlink(missing_ok=True)
+        self.say("")
+        try:
+            pool.run(self._todo.order, self._message, self._done, self._give_up)
+        finally:
+            shutil.rmtree(self._unfinished, ignore_errors=True)
+
+    def _output(self, index: int, row: Mapping[str, Any]) -> Path:
+        return self._unfinished / f"{index}{Path(row['file_name']).suffix.lower()}"
+
+    def _message(self, index: int) -> dict[str, Any]:
+        row = self._plan[index]
+        try:
+            return job(row, self._assets, self._settings, self._output(index, row))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ConfigError(
+                f"line {index + 2} cannot be rendered ({type(error).__name__}: {error})",
+                path=self._plan.path,
+                remedy="plan again with `hulldown plan`",
+            ) from error
+
+    def _done(self, index: int, _answer: Mapping[str, Any]) -> str | None:
+        row = self._plan[index]
+        picture = self._output(index, row)
+        if wrong := _damage(picture, row["width"], row["height"]):
+            return wrong
+        run, name = self._todo.run, self._todo.run.file_name(row["file_name"])
+        records = annotation_records(row, self._segmenter.segmentations(row))
+        first = int(self._todo.first_annotation[index])
+        try:
+            publish(picture, self._folder, name)
+        except OSError as error:
+            raise DatasetError(
+                f"{name} cannot be written ({error.strerror})",
+                path=self._folder,
+                remedy="make room and run again, which goes on from here",
+            ) from error
+        self._dataset.append(
+            {"id": run.image_offset + index + 1, "file_name": name, **image_record(row)},
+            [{"id": first + i, **record} for i, record in enumerate(records)],
+        )
+        self.rendered += 1
+        self.say("")
+        return None
+
+    def _give_up(self, index: int, reasons: list[str]) -> None:
+        name = self._todo.run.file_name(self._plan[index]["file_name"])
+        line = {"index": index, "file_name": name, "reasons": reasons}
+        with (self._folder / FAILURES_NAME).open("ab") as file:
+            file.write(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE))
+            file.flush()
+            os.fsync(file.fileno())
+        self.failed.append(name)
+        self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
+
+
+def _damage(picture: Path, width: int, height: int) -> str | None:
+    """What is wrong with a picture that Blender says it has written."""
+    try:
+        with Image.open(picture) as image:
+            if image.size != (width, height):
+                return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
+            image.verify()
+    except (OSError, SyntaxError, UnidentifiedImageError) as error:
+        return f"Blender wrote a picture that cannot be read ({error})"
+    return None
+
+
+def confined(folder: Path, name: str) -> Path:
+    """`folder / name`, if that is in the folder.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder, also by way of a symbolic link.
+    """
+    path = folder / name
+    real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
+    if not is_inside(name) or not real.is_relative_to(folder.resolve()):
+        raise DatasetError(
+            f"{name!r} leads out of the dataset, to {real}",
+            path=folder,
+            remedy="replace the link by a folder, or move the whole dataset there",
+        )
+    return path
+
+
+def publish(picture: Path, folder: Path, name: str) -> None:
+    """Give a finished picture its name in the dataset, in one step and never outside the folder.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder.
+    """
+    final = confined(folder, name)
+    final.parent.mkdir(parents=True, exist_ok=True)
+    with picture.open("rb") as file:
+        os.fsync(file.fileno())
+    os.replace(picture, final)
+    if sys.platform != "win32":
+        handle = os.open(final.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
