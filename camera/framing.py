@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Intrinsics, stacked
+from camera.intrinsics import Lenses, Optics, lenses
 from camera.projection import directions, project
 from geometry.arrays import checked
 from geometry.transforms import tilt_to
@@ -28,9 +27,7 @@ class Framed(NamedTuple):
     truncated: Float[np.ndarray, " n"]  # share of the target's box area that is out of the frame; nan: box unknown
 
 
-def turned(
-    world_from_camera: ArrayLike, intrinsics: Intrinsics | Sequence[Intrinsics], pixel: ArrayLike
-) -> Float[np.ndarray, "... 4 4"]:
+def turned(world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
     """The camera turned on the spot so that what was at the image's centre falls on `pixel`.
 
     A level horizon stays level, as on a tripod, where the view is flat enough for that: cos(elevation) above
@@ -47,16 +44,15 @@ def turned(
     """
     pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
     uv = checked(pixel, "pixel", ("...", 2))
-    seen = directions(intrinsics, uv[..., None, :])[..., 0, :]
+    lens = lenses(intrinsics)
+    seen = directions(lens, uv[..., None, :])[..., 0, :]
     seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     lead = np.broadcast_shapes(pose.shape[:-2], seen.shape[:-1])
-    f, size = stacked(intrinsics)
     out = np.array(np.broadcast_to(pose, (*lead, 4, 4)))
     rotation = np.array(out[..., :3, :3])
     seen = np.broadcast_to(seen, (*lead, 3))
     flat = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
-    half_width = size[..., 0] / 2.0
-    steep = flat <= half_width / np.hypot(half_width, f)
+    steep = flat <= lens.sin_half_fov_x
     level = np.asarray(~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
     smallest = rotation @ np.swapaxes(tilt_to(seen), -1, -2)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
@@ -92,7 +88,7 @@ def _panned(
 def frame_target(
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
-    intrinsics: Intrinsics | Sequence[Intrinsics],
+    intrinsics: Optics,
     *,
     rng: np.random.Generator,
     spread: float = 1.0,
@@ -135,9 +131,9 @@ def frame_target(
     if not 0.0 <= truncated[0] <= truncated[1] <= 1.0:
         raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
     n = len(poses)
-    _, size = stacked(intrinsics)
-    size = np.broadcast_to(size, (n, 2))
-    box = _box(poses, points, intrinsics)
+    lens = lenses(intrinsics)
+    size = np.broadcast_to(lens.size, (n, 2))
+    box = _box(poses, points, lens)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
@@ -145,38 +141,39 @@ def frame_target(
     inside, cut_high = _draw_cuts(extent, size, share, uniform)
     place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
 
-    pixel = size / 2.0
-    best, best_pixel, best_box = poses, pixel, box
+    best, best_pixel, best_box = poses.copy(), size / 2.0, box
     best_miss = np.full(n, np.inf)
+    # Cameras that have their place are done, whatever the others still need: answers do not depend on company.
+    todo = np.flatnonzero(known)
+    pixel = best_pixel[todo]
     for _ in range(ROUNDS):
-        pose = turned(poses, intrinsics, np.where(known[:, None], pixel, size / 2.0))
-        box = _box(pose, points, intrinsics)
+        if not len(todo):
+            break
+        pose = turned(poses[todo], lens.rows(todo), pixel)
+        box = _box(pose, points if len(points) == 1 else points[todo], lens.rows(todo))
         low, extent = box[:, 0], box[:, 1] - box[:, 0]
         # Wanted lower edge: `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
-        cut = np.where(cut_high, size - inside * extent, (inside - 1.0) * extent)
-        step = np.where(np.isnan(inside), place * (size - extent), cut) - low
-        miss = np.where(known, np.abs(step).max(axis=1), 0.0)
-        # A camera that has its place keeps it, whatever the others still need: answers do not depend on company.
-        better = (miss < best_miss) & (best_miss > PLACED_PX)
-        best = np.where(better[:, None, None], pose, best)
-        best_pixel = np.where(better[:, None], pixel, best_pixel)
-        best_box = np.where(better[:, None, None], box, best_box)
-        best_miss = np.where(better, miss, best_miss)
-        if not (best_miss > PLACED_PX).any():
-            break
+        cut = np.where(cut_high[todo], size[todo] - inside[todo] * extent, (inside[todo] - 1.0) * extent)
+        step = np.where(np.isnan(inside[todo]), place[todo] * (size[todo] - extent), cut) - low
+        miss = np.abs(step).max(axis=1)
+        better = miss < best_miss[todo]
+        rows = todo[better]
+        best[rows], best_pixel[rows], best_box[rows] = pose[better], pixel[better], box[better]
+        best_miss[rows] = miss[better]
         # Halved steps from the best place so far where the last one led away (very wide lenses).
-        pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel) / 2.0)
-        pixel = np.where(np.isfinite(pixel), pixel, size / 2.0)
-    return Framed(best, np.where(known[:, None], best_pixel, size / 2.0), _share_outside(best_box, size))
+        pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
+        on = best_miss[todo] > PLACED_PX
+        todo, pixel = todo[on], pixel[on]
+    return Framed(best, best_pixel, _share_outside(best_box, size))
 
 
 def _box(
     poses: Float[np.ndarray, "n 4 4"],
     points: Float[np.ndarray, "m k 3"],
-    intrinsics: Intrinsics | Sequence[Intrinsics],
+    lens: Lenses,
 ) -> Float[np.ndarray, "n 2 2"]:
     """Low and high corner of the projected points, nan if one of them is not in front."""
-    pixels = project(intrinsics, poses, points).pixels
+    pixels = project(lens, poses, points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
@@ -89,14 +89,43 @@ class Intrinsics:
         return np.asarray(s * self.f_px / (self.height * fraction))
 
 
-def stacked(
-    intrinsics: Intrinsics | Sequence[Intrinsics],
-) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"]]:
-    """Focal length () or (m,) and image size (2,) or (m, 2) in pixels, of one camera or of a row of m."""
+@dataclass(frozen=True, eq=False, slots=True)
+class Lenses:
+    """What projecting takes of one camera's intrinsics, or of m cameras', as arrays.
+
+    Parameters
+    ----------
+    f
+        () or (m,) focal length in pixels.
+    size
+        (2,) or (m, 2) width and height in pixels.
+    """
+
+    f: Float[np.ndarray, "..."]
+    size: Float[np.ndarray, "... 2"]
+
+    def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
+        """Those of some of the cameras; the same where one stands for all."""
+        return self if self.f.ndim == 0 else Lenses(self.f[index], self.size[index])
+
+    @property
+    def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:
+        """Sine of half the horizontal field of view."""
+        half = self.size[..., 0] / 2.0
+        return np.asarray(half / np.hypot(half, self.f))
+
+
+Optics = Intrinsics | Sequence[Intrinsics] | Lenses
+
+
+def lenses(intrinsics: Optics) -> Lenses:
+    """One camera's intrinsics or a row of them, as arrays."""
+    if isinstance(intrinsics, Lenses):
+        return intrinsics
     if isinstance(intrinsics, Intrinsics):
-        return np.asarray(intrinsics.f_px), np.array([intrinsics.width, intrinsics.height], dtype=np.float64)
+        return Lenses(np.asarray(intrinsics.f_px), np.array([intrinsics.width, intrinsics.height], dtype=np.float64))
     sizes = np.array([(i.width, i.height) for i in intrinsics], dtype=np.float64).reshape(-1, 2)
-    return np.array([i.f_px for i in intrinsics], dtype=np.float64), sizes
+    return Lenses(np.array([i.f_px for i in intrinsics], dtype=np.float64), sizes)
 
 
 def _positive(value: ArrayLike, name: str) -> np.ndarray:

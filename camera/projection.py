@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Intrinsics, stacked
+from camera.intrinsics import Intrinsics, Optics, lenses
 from geometry.arrays import checked
 from geometry.transforms import apply, invert_rigid
 
@@ -24,9 +23,7 @@ class Projected(NamedTuple):
     depth: Float[np.ndarray, "... n"]  # metres along the optical axis; negative behind the camera
 
 
-def project(
-    intrinsics: Intrinsics | Sequence[Intrinsics], world_from_camera: ArrayLike, points_world: ArrayLike
-) -> Projected:
+def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
     """Pixels and depths of world points.
 
     Parameters
@@ -47,23 +44,23 @@ def project(
     return project_camera(intrinsics, apply(invert_rigid(world_from_camera), points_world))
 
 
-def project_camera(intrinsics: Intrinsics | Sequence[Intrinsics], points_camera: ArrayLike) -> Projected:
+def project_camera(intrinsics: Optics, points_camera: ArrayLike) -> Projected:
     """The same for points (..., n, 3) that are in the camera's frame already."""
     points = checked(points_camera, "points_camera", ("...", "n", 3), finite=False)
     depth = points[..., 2]
     ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
     # Just in front of the plane the quotient may overflow to infinity, which is where such a point projects to.
-    f, size = stacked(intrinsics)
+    lens = lenses(intrinsics)
     with np.errstate(over="ignore"):
-        return Projected(points[..., :2] / ahead * f[..., None, None] + size[..., None, :] / 2.0, depth)
+        return Projected(points[..., :2] / ahead * lens.f[..., None, None] + lens.size[..., None, :] / 2.0, depth)
 
 
-def directions(intrinsics: Intrinsics | Sequence[Intrinsics], pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
+def directions(intrinsics: Optics, pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Camera-frame directions (..., n, 3) through pixels (..., n, 2), with z = 1: depth times them is the point."""
     uv = checked(pixels, "pixels", ("...", "n", 2), finite=False)
     through = np.ones((*uv.shape[:-1], 3))
-    f, size = stacked(intrinsics)
-    through[..., :2] = (uv - size[..., None, :] / 2.0) / f[..., None, None]
+    lens = lenses(intrinsics)
+    through[..., :2] = (uv - lens.size[..., None, :] / 2.0) / lens.f[..., None, None]
     return through
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Intrinsics, stacked
+from camera.intrinsics import Optics, lenses
 from camera.projection import project
 from geometry.arrays import checked
 
@@ -31,9 +30,7 @@ class Extent(NamedTuple):
         return _length(np.stack([self.width, self.height], -1), measure)
 
 
-def projected_extent(
-    intrinsics: Intrinsics | Sequence[Intrinsics], world_from_camera: ArrayLike, points_world: ArrayLike
-) -> Extent:
+def projected_extent(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Extent:
     """Size of the box around points (..., n, 3) seen from poses (..., 4, 4); nan where a point is not in front."""
     pixels = project(intrinsics, world_from_camera, points_world).pixels
     low, high = pixels.min(axis=-2), pixels.max(axis=-2)
@@ -41,7 +38,7 @@ def projected_extent(
 
 
 def solve_distance(
-    intrinsics: Intrinsics | Sequence[Intrinsics],
+    intrinsics: Optics,
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
     *,
@@ -92,7 +89,7 @@ def solve_distance(
         raise ValueError("centre: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     local = (points - middle[:, None]) @ rotation
-    f, _ = stacked(intrinsics)
+    f = lenses(intrinsics).f
     # At distance D the pixel of a point is off the centre's by f * aside / (D * ray_z + depth).
     aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * f[..., None, None]
     target = np.sqrt(wanted) if measure == "area" else wanted

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from camera.beams import hidden_in_beams
-from camera.intrinsics import Intrinsics, stacked
+from camera.intrinsics import Optics, lenses
 from camera.projection import NEAR
 from camera.target import Articulation, Part, Standing, VehicleTarget
 from geometry.arrays import checked
@@ -118,7 +118,7 @@ def visible_fraction(
     world_from_vehicle: ArrayLike,
     world_from_camera: ArrayLike,
     *,
-    intrinsics: Intrinsics | Sequence[Intrinsics],
+    intrinsics: Optics,
     articulation: Articulation | Sequence[Articulation] | None = None,
     ground: Occluder | None = None,
     obstacles: InstancedScene | None = None,
@@ -170,8 +170,8 @@ def visible_fraction(
         raise ValueError(f"rays: expected at least 1, got {rays}")
     standing = Standing(target, vehicles, articulation or {})
     pattern = np.concatenate([np.ones((rays, 1)), jittered(rays, rng=np.random.default_rng(seed))], axis=1)
-    f, size = stacked(intrinsics)
-    f, size = np.broadcast_to(f, (n,)), np.broadcast_to(size, (n, 2))
+    lens = lenses(intrinsics)
+    f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
     counts, area = np.zeros((n, 5), dtype=np.int64), np.zeros(n)
 
     def work(index: Int[np.ndarray, " k"]) -> None:

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from camera.intrinsics import Intrinsics, stacked
+from camera.intrinsics import Intrinsics, lenses
 
 
 def test_equations_2_to_6_on_the_papers_image() -> None:
@@ -35,12 +35,17 @@ def test_distances_broadcast() -> None:
     assert camera.distance_for(np.zeros((0,)) + 1, 0.5).shape == (0,)
 
 
-def test_a_row_of_cameras_is_stacked() -> None:
-    f, size = stacked([Intrinsics(100, 50, math.pi / 2), Intrinsics(200, 50, math.pi / 2)])
-    np.testing.assert_allclose(f, [50, 100])
-    assert size.tolist() == [[100, 50], [200, 50]]
-    assert [x.shape for x in stacked([])] == [(0,), (0, 2)]
-    assert [x.shape for x in stacked(Intrinsics(4, 3, 1.0))] == [(), (2,)]
+def test_a_row_of_cameras_as_arrays() -> None:
+    lens = lenses([Intrinsics(100, 50, math.pi / 2), Intrinsics(200, 50, math.pi / 2)])
+    np.testing.assert_allclose(lens.f, [50, 100])
+    assert lens.size.tolist() == [[100, 50], [200, 50]]
+    np.testing.assert_allclose(lens.sin_half_fov_x, math.sin(math.pi / 4))
+    assert lens.rows(np.array([1])).size.tolist() == [[200, 50]]
+    assert lenses(lens) is lens
+    assert [lenses([]).f.shape, lenses([]).size.shape] == [(0,), (0, 2)]
+    one = lenses(Intrinsics(4, 3, 1.0))
+    assert [one.f.shape, one.size.shape] == [(), (2,)]
+    assert one.rows(np.array([0, 0])) is one
 
 
 @pytest.mark.parametrize(
