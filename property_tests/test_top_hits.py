@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.meshes import Mesh
-from geometry.rays import BLOCK
 from placement.terrain import Terrain
 from property_tests.top_hits_oracle import angle, exact_tops
 
@@ -261,16 +260,3 @@ def test_a_sheet_below_changes_nothing_and_one_above_is_the_top(mesh, seed, gap)
     for hits in (below, above):
         np.testing.assert_allclose(hits.z, alone.z, rtol=0, atol=2 * HEIGHT_ULPS * np.spacing(3.0))
         np.testing.assert_allclose(hits.normal, alone.normal, rtol=0, atol=2 * NORMAL_ERROR)
-
-
-@settings(max_examples=5)
-@given(rough(), SEEDS)
-def test_batches_and_threads_change_nothing(mesh, seed):
-    xy = np.tile(queries(mesh, seed), (400, 1))
-    terrain = Terrain(mesh)
-    assert len(xy) > 2 * BLOCK
-    several = terrain.top_hits(xy, threads=3)
-    assert_same(several, terrain.top_hits(xy))
-    one = terrain.top_hits(xy[:1])
-    assert (several.face[:1] == one.face).all()
-    np.testing.assert_array_equal(several.z[:1], one.z)

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from geometry.arrays import checked
+
+
+def test_lists_become_contiguous_float64():
+    array = checked([[1, 2], [3, 4]], "xy", ("n", 2))
+    assert array.dtype == np.float64
+    assert array.flags.c_contiguous
+
+
+def test_a_scalar_stays_a_scalar():
+    assert checked(2, "z", ()).shape == ()
+
+
+def test_no_rows_are_rows():
+    assert checked(np.empty((0, 3)), "points", ("n", 3)).shape == (0, 3)
+
+
+def test_leading_axes_are_free_where_asked():
+    assert checked(np.zeros((2, 5, 4, 4)), "poses", ("...", 4, 4)).shape == (2, 5, 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("value", "shape", "dtype", "message"),
+    [
+        ([1.0, 2.0], ("n", 2), float, r"xy: expected shape \(n, 2\), got \(2,\)"),
+        ([[1.0, 2.0, 3.0]], ("n", "n"), float, r"xy: expected shape \(n, n\), got \(1, 3\)"),
+        ([[0.0, np.nan]], ("n", 2), float, r"xy: expected finite numbers, got nan at index \(0, 1\)"),
+        ([[0.0, 1.0], [-np.inf, 0.0]], ("n", 2), float, r"xy: expected finite numbers, got -inf at index \(1, 0\)"),
+        ("here", ("n", 2), float, r"xy: expected float64 array of shape \(n, 2\), got 'here'"),
+        ([[1.5]], ("n", 1), np.int64, r"xy: expected int64 array of shape \(n, 1\)"),
+        ([1.0], (3,), float, r"xy: expected shape \(3,\), got \(1,\)"),
+    ],
+)
+def test_what_is_wrong_is_named(value, shape, dtype, message):
+    with pytest.raises(ValueError, match=message):
+        checked(value, "xy", shape, dtype=dtype)
+
+
+def test_infinities_pass_where_they_are_meant():
+    assert np.isinf(checked([np.inf], "limit", ("n",), finite=False)).all()

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from geometry.meshes import Mesh, first_alike, merge, weld
+
+SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
+FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((4, 2)), FACES, r"mesh 'hill': vertices: expected numbers of shape \(v, 3\), got float64 \(4, 2\)"),
+        (np.array([["a"] * 3] * 4), FACES, r"mesh 'hill': vertices: expected numbers"),
+        (SQUARE, FACES[:, :2], r"mesh 'hill': faces: expected integers of shape \(f, 3\), got int64 \(2, 2\)"),
+        (SQUARE, FACES.astype(float), r"mesh 'hill': faces: expected integers of shape \(f, 3\), got float64"),
+        (SQUARE, FACES[:0], r"mesh 'hill': expected at least one face, got an empty mesh"),
+        (np.zeros((0, 3)), FACES, r"mesh 'hill': face 0 is \[0, 1, 2\]; expected indices below 0"),
+        (SQUARE, FACES + 1, r"mesh 'hill': face 1 is \[1, 3, 4\]; expected indices below 4"),
+        (SQUARE, FACES - 1, r"mesh 'hill': face 0 is \[-1, 0, 1\]"),
+        (SQUARE * [1, 1, np.nan], FACES, r"mesh 'hill': vertex 0 is \[0\.0, 0\.0, nan\]; expected finite"),
+        (np.where(SQUARE == 2, np.inf, SQUARE), FACES, r"mesh 'hill': vertex 3 is \[0\.0, 1\.0, inf\]"),
+    ],
+)
+def test_bad_meshes_are_refused_naming_mesh_and_first_offender(vertices, faces, message):
+    with np.errstate(invalid="ignore"), pytest.raises(ValueError, match=message):
+        Mesh(vertices, faces, "hill")
+
+
+def test_any_integers_and_any_floats_are_taken():
+    mesh = Mesh(SQUARE.astype(np.float32), FACES.astype(np.uint8))
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int32
+
+
+def test_bounds_leave_out_vertices_that_no_face_uses():
+    mesh = Mesh(np.vstack([SQUARE, [9.0, 9.0, 9.0]]), FACES)
+    np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 2]])
+
+
+def test_a_mesh_far_away_keeps_its_digits_about_its_own_origin():
+    far = Mesh(SQUARE + np.array([500_000.0, 5_400_000.0, 100.0]), FACES, "map")
+    near = far.relative_to([500_000, 5_400_000, 100])
+    np.testing.assert_array_equal(near.vertices, SQUARE)
+    assert near.name == "map"
+
+
+def test_merging_tells_every_face_its_mesh():
+    merged, source = merge([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
+    assert source.tolist() == [0, 1, 1]
+    np.testing.assert_array_equal(merged.triangles[1:], SQUARE[FACES] + 5)
+
+
+def test_merging_nothing_is_an_error():
+    with pytest.raises(ValueError, match="meshes: expected at least one mesh"):
+        merge([])
+
+
+def test_welding_joins_vertices_at_the_same_place_and_no_others():
+    loose = Mesh(SQUARE[FACES].reshape(-1, 3) + np.array([0.0, 0.0, -0.0]), np.arange(6).reshape(2, 3))
+    welded = weld(loose)
+    assert len(welded.vertices) == 4
+    np.testing.assert_array_equal(welded.triangles, loose.triangles)
+    near = loose.vertices.copy()
+    near[3, 0] = 5e-324
+    assert len(weld(Mesh(near, loose.faces)).vertices) == 5
+
+
+def test_the_first_of_equal_points_stands_for_all():
+    points = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -0.0], [0.0, 1.0]])
+    assert first_alike(points).tolist() == [0, 1, 0, 1]
+    assert first_alike(np.empty((0, 2))).tolist() == []

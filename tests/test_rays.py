@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from geometry.meshes import Mesh
+from geometry.rays import BLOCK, Pool, RayCaster, coherent_blocks
+
+# A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
+FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+ROOF = [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+HOUSE = Mesh(np.array(FLOOR + ROOF, dtype=float), np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), "house")
+DOWN = [0.0, 0.0, -1.0]
+
+
+def test_the_first_face_is_met_and_its_distance_is_in_metres_whatever_the_direction_measures():
+    hits = RayCaster(HOUSE).cast([[0.75, 0.25, 3], [-0.25, -0.5, 3], [5, 5, 3]], [DOWN, [0, 0, -7], DOWN])
+    assert hits.face.tolist() == [2, 0, -1]
+    np.testing.assert_allclose(hits.distance, [2, 3, np.inf], rtol=1e-6)
+    assert hits.hit.tolist() == [True, True, False]
+
+
+def test_faces_are_met_from_behind_too():
+    assert RayCaster(HOUSE).cast([[0.75, 0.25, -1]], [[0, 0, 1]]).face.tolist() == [0]
+
+
+def test_nothing_beyond_the_limit_is_met():
+    caster = RayCaster(HOUSE)
+    origins, directions = [[-0.25, -0.5, 3.0]] * 2, [DOWN] * 2
+    assert caster.cast(origins, directions, max_distance=[2.9, 3.1]).face.tolist() == [-1, 0]
+    assert caster.occluded(origins, directions, max_distance=[2.9, 3.1]).tolist() == [False, True]
+
+
+def test_a_limit_that_ends_before_the_mesh_begins_meets_nothing():
+    caster = RayCaster(HOUSE)
+    assert not caster.cast([[-0.25, -0.5, 1e6]], [DOWN], max_distance=10.0).hit.any()
+    assert not caster.occluded([[-0.25, -0.5, 1e6]], [DOWN], max_distance=10.0).any()
+
+
+def test_occlusion_agrees_with_casting():
+    rng = np.random.default_rng(0)
+    origins, directions = rng.uniform(-1.5, 1.5, (5000, 3)), rng.normal(size=(5000, 3))
+    caster = RayCaster(HOUSE)
+    hits = caster.cast(origins, directions)
+    assert 0.05 < hits.hit.mean() < 0.95
+    assert (caster.occluded(origins, directions) == hits.hit).all()
+
+
+@pytest.mark.parametrize("offset", [[5e5, 5.4e6, 0], [1e7, -1e7, 1e7]])
+def test_map_coordinates_cost_no_digits(offset):
+    rng = np.random.default_rng(1)
+    origins, directions = rng.uniform(-3, 3, (2000, 3)), rng.normal(size=(2000, 3))
+    near = RayCaster(HOUSE).cast(origins, directions)
+    far = RayCaster(Mesh(HOUSE.vertices + offset, HOUSE.faces)).cast(origins + offset, directions)
+    assert (near.face != far.face).mean() < 1e-3
+    same = near.hit & (near.face == far.face)
+    np.testing.assert_allclose(far.distance[same], near.distance[same], rtol=0, atol=1e-5)
+
+
+def test_an_origin_far_away_costs_no_digits():
+    rng = np.random.default_rng(2)
+    targets = np.column_stack([rng.uniform(-1, 1, (1000, 2)), np.zeros(1000)])
+    directions = np.array([1.0, 2.0, -2.0]) / 3
+    hits = RayCaster(HOUSE).cast(targets - 1e6 * directions, np.tile(directions, (1000, 1)))
+    open_ = hits.hit & (hits.face < 2)
+    assert open_.sum() > 500
+    np.testing.assert_allclose(hits.distance[open_], 1e6, rtol=0, atol=1e-5)
+
+
+def test_threads_and_batches_change_nothing():
+    rng = np.random.default_rng(3)
+    n = 2 * BLOCK + 100
+    origins, directions = rng.uniform(-3, 3, (n, 3)), rng.normal(size=(n, 3))
+    caster = RayCaster(HOUSE)
+    one, two = caster.cast(origins, directions), caster.cast(origins, directions, threads=2)
+    few = caster.cast(origins[:50], directions[:50])
+    assert (one.face == two.face).all()
+    assert (one.distance == two.distance).all()
+    assert (few.distance == one.distance[:50]).all()
+
+
+def test_no_rays_are_no_hits():
+    caster = RayCaster(HOUSE)
+    assert len(caster.cast(np.empty((0, 3)), np.empty((0, 3))).face) == 0
+    assert len(caster.occluded(np.empty((0, 3)), np.empty((0, 3)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("origins", "directions", "limit", "message"),
+    [
+        ([[0, 0]], [DOWN], 1.0, r"origins: expected shape \(n, 3\), got \(1, 2\)"),
+        ([[0, 0, np.nan]], [DOWN], 1.0, r"origins: expected finite numbers"),
+        ([[0, 0, 1]] * 2, [DOWN], 1.0, r"directions: expected shape \(2, 3\) as origins have, got \(1, 3\)"),
+        ([[0, 0, 1]] * 2, [DOWN, [0, 0, 0]], 1.0, r"directions: expected lengths above zero, got a zero at index 1"),
+        ([[0, 0, 1]], [DOWN], [1.0, 2.0], r"max_distance: expected a number or shape \(1,\), got shape \(2,\)"),
+        ([[0, 0, 1]], [DOWN], np.nan, r"max_distance: expected a number"),
+    ],
+)
+def test_wrong_calls_are_named(origins, directions, limit, message):
+    with pytest.raises(ValueError, match=message):
+        RayCaster(HOUSE).cast(origins, directions, max_distance=limit)
+
+
+def test_no_threads_are_too_few():
+    with pytest.raises(ValueError, match="threads: expected at least 1, got 0"):
+        RayCaster(HOUSE).cast([[0, 0, 1]], [DOWN], threads=0)
+
+
+def test_coordinates_out_of_all_proportion_are_refused():
+    with pytest.raises(ValueError, match="mesh 'house': expected coordinates within 1e30 m"):
+        RayCaster(Mesh(HOUSE.vertices * 1e31, HOUSE.faces, "house"))
+
+
+@pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
+    points = np.random.default_rng(4).uniform(0, 100, (n, 2))
+    with Pool(threads) as pool:
+        blocks = list(coherent_blocks(points, pool))
+    order = np.concatenate(blocks)
+    assert np.sort(order).tolist() == list(range(n))
+    if n > 4096:
+        step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)
+        assert np.median(step) < 3.0  # two random points are 67 apart
+
+
+def test_points_on_a_line_or_in_one_place_are_sorted_too():
+    line = np.column_stack([np.random.default_rng(5).uniform(0, 1, 5000), np.zeros(5000)])
+    with Pool(1) as pool:
+        assert len(np.concatenate(list(coherent_blocks(line, pool)))) == 5000
+        assert len(np.concatenate(list(coherent_blocks(np.zeros((5000, 2)), pool)))) == 5000

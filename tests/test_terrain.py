@@ -1,0 +1,244 @@
+import numpy as np
+import pytest
+
+from geometry.meshes import Mesh, merge
+from geometry.rays import BLOCK
+from placement.certificate import EMPTY, SINGLE, UNKNOWN, SheetMap, unbalanced
+from placement.exact import ExactGround
+from placement.ground import Ground
+from placement.terrain import Terrain
+from property_tests.top_hits_oracle import exact_tops
+
+METHODS = ["certified", "refined", "float32"]
+
+
+def hills(n, *, seed=0):
+    """n x n quads of 1 m, jittered and rough."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0), indexing="ij")
+    vertices = np.column_stack([x.ravel(), y.ravel(), rng.uniform(-1, 1, x.size)])
+    vertices[:, :2] += rng.uniform(-0.3, 0.3, (x.size, 2))
+    i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    faces = np.concatenate([np.stack([i, i + n + 1, i + 1], 1), np.stack([i + 1, i + n + 1, i + n + 2], 1)])
+    return Mesh(vertices, faces, "hills")
+
+
+def sheet(z, *, low=0.0, high=10.0):
+    corners = np.array([[low, low, z], [high, low, z], [high, high, z], [low, high, z]])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def sheets_of(mesh):
+    ground = Ground.of(mesh)
+    low, high = ground.boxes()
+    bounds = np.stack([low.min(axis=1), high.max(axis=1)])
+    return SheetMap(mesh.vertices[:, :2], ground.corners, bounds, ExactGround(ground, low, high).count)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_slope_has_its_height_normal_and_face(method):
+    mesh = Mesh(np.array([[0.0, 0, 0], [4, 0, 2], [0, 4, 0]]), np.array([[0, 2, 1]]))
+    hits = Terrain(mesh).top_hits([[1, 1], [3, 3]], method=method)
+    assert hits.face.tolist() == [0, -1]
+    np.testing.assert_allclose(hits.z, [0.5, np.nan], atol=1e-6)
+    np.testing.assert_allclose(hits.normal, [np.array([-0.5, 0, 1]) / 1.25**0.5, [np.nan] * 3], atol=1e-6)
+    assert hits.hit.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_topmost_of_several_sheets_counts_and_its_face_tells_the_mesh(method):
+    merged, source = merge([sheet(1.0), sheet(3.0, low=4, high=6), sheet(2.0)])
+    hits = Terrain(merged).top_hits([[1, 2], [4.5, 5.5]], method=method)
+    np.testing.assert_allclose(hits.z, [2, 3], atol=1e-6)
+    assert source[hits.face].tolist() == [2, 1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_points_are_no_hits(method):
+    hits = Terrain(sheet(0.0)).top_hits(np.empty((0, 2)), method=method)
+    assert hits.z.shape == (0,)
+    assert hits.normal.shape == (0, 3)
+    assert hits.hit.shape == (0,)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_points_beyond_all_ground_miss(method):
+    assert not Terrain(sheet(0.0)).top_hits([[1e300, 0], [-1e12, 5], [5, 10.001]], method=method).hit.any()
+
+
+def test_ties_go_to_the_lowest_face():
+    mesh = merge([sheet(0.0), sheet(0.0)])[0]
+    # inside, on the diagonal, on a corner, on the far borders that Embree never hits
+    xy = [[3, 1], [1, 3], [5, 5], [0, 0], [10, 5], [5, 10]]
+    assert Terrain(mesh).top_hits(xy).face.tolist() == [
+        0,
+        1,
+        0,
+        0,
+        0,
+        1,
+    ]
+    backward = Mesh(mesh.vertices, mesh.faces[::-1])
+    assert Terrain(backward).top_hits(xy).face.tolist() == [1, 0, 0, 0, 1, 0]
+
+
+def test_equal_heights_of_sheets_cut_otherwise_tie_exactly():
+    one = sheet(1 / 3)
+    other = Mesh(one.vertices, np.array([[1, 2, 3], [0, 1, 3]]))
+    assert Terrain(merge([one, other])[0]).top_hits([[3, 1], [1, 3], [9, 7]]).face.tolist() == [0, 1, 0]
+    assert Terrain(merge([other, one])[0]).top_hits([[3, 1], [1, 3], [9, 7]]).face.tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize("gap", [1e-7, 1e-12, np.spacing(100.0)])
+def test_sheets_a_hair_apart_are_told_apart(gap):
+    mesh = merge([sheet(100.0), sheet(100.0 + gap)])[0]
+    hits = Terrain(mesh).top_hits(np.random.default_rng(0).uniform(0, 10, (100, 2)))
+    assert (hits.face >= 2).all()
+    assert (np.abs(hits.z - (100.0 + gap)) <= 8 * np.spacing(100.0)).all()
+
+
+def test_upright_and_empty_triangles_are_no_ground():
+    wall = [[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]
+    line = [[0.0, 0, 7], [1, 0, 7], [3, 0, 7]]
+    point = [[0.5, 0.5, 5]] * 3
+    vertices = np.concatenate([wall, line, point, sheet(1.0, low=-2, high=2).vertices])
+    mesh = Mesh(vertices, np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 10, 11], [9, 11, 12]]))
+    hits = Terrain(mesh).top_hits([[0.5, 0.5], [0.25, 0.25], [1, 0]])
+    assert hits.face.tolist() == [3, 3, 3]
+    np.testing.assert_array_equal(hits.z, 1.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_mesh_of_walls_alone_is_hit_nowhere(method):
+    terrain = Terrain(Mesh(np.array([[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]), np.array([[0, 1, 2]])))
+    assert not terrain.top_hits([[0.5, 0.5], [0, 0]], method=method).hit.any()
+
+
+def test_a_cliff_keeps_its_height_to_the_last_digit():
+    foot = 10 * np.tan(np.radians(1e-4))
+    corners = np.array([[0.0, 0, 0], [0, 1, 0], [foot, 0, 10], [foot, 1, 10]]) + np.array([5e5, 5.4e6, 0])
+    mesh = Mesh(corners, np.array([[0, 2, 1], [1, 2, 3]]))
+    xy = np.array([[5e5 + s * foot, 5.4e6 + 0.5] for s in (0.0, 0.1, 0.37, 0.9)])
+    hits = Terrain(mesh).top_hits(xy)
+    for z, face, top in zip(hits.z, hits.face, exact_tops(mesh, xy), strict=True):
+        assert face == top.face
+        assert abs(z - top.z) <= 8 * np.spacing(10.0)
+
+
+def test_clean_ground_is_proven_to_be_one_sheet_but_for_its_border():
+    sheets = sheets_of(hills(20))
+    xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
+    assert (sheets.state(*xy.T.copy()) == SINGLE).all()
+    assert (sheets.state(np.array([0.0]), np.array([10.0])) == UNKNOWN).all()
+    assert (sheets.state(np.array([-9.0, 40.0]), np.array([10.0, 1e9])) == EMPTY).all()
+
+
+def test_a_hole_is_proven_empty_inside():
+    outer = hills(20)
+    kept = np.abs(outer.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
+    sheets = sheets_of(Mesh(outer.vertices, outer.faces[kept]))
+    assert (sheets.state(np.array([10.0, 2.0]), np.array([10.0, 2.0])) == [EMPTY, SINGLE]).all()
+
+
+def test_two_sheets_are_never_proven_to_be_one():
+    mesh = hills(20)
+    sheets = sheets_of(merge([mesh, Mesh(mesh.vertices + np.array([0, 0, 1.0]), mesh.faces)])[0])
+    assert not (sheets.state(*np.random.default_rng(0).uniform(0, 20, (2, 2000))) == SINGLE).any()
+
+
+def test_a_fold_is_not_taken_for_a_sheet():
+    # The middle strip lies three times over itself, joined by edges that have both faces on one side.
+    x = np.array([0.0, 6.0, 3.0, 9.0])
+    vertices = np.column_stack([np.repeat(x, 2), np.tile([0.0, 5.0], 4), np.repeat([0.0, 2.0, 1.0, 3.0], 2)])
+    faces = np.array([[2 * i + a, 2 * i + b, 2 * i + c] for i in range(3) for a, b, c in ((0, 2, 1), (1, 2, 3))])
+    sheets = sheets_of(Mesh(vertices, faces))
+    assert sheets.state(np.array([1.5, 4.5, 7.5]), np.array([2.5] * 3)).tolist() == [SINGLE, UNKNOWN, SINGLE]
+
+
+def test_faces_that_share_places_but_not_vertices_are_one_sheet_too():
+    mesh = hills(12)
+    loose = Mesh(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
+    ground = Ground.of(loose)
+    assert len(unbalanced(ground.corners, loose.vertices[:, :2])) == 4 * 12
+    assert (sheets_of(loose).state(*np.random.default_rng(0).uniform(1, 11, (2, 500))) == SINGLE).all()
+
+
+def test_a_long_border_across_many_cells_is_marked_all_along():
+    large = sheet(0.0, high=1000.0)  # its diagonal is no border; a strip laid across it has two
+    strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
+    mesh = merge([large, hills(40), strip])[0]
+    xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
+    assert Terrain(mesh).top_hits(xy).face.tolist() == [t.face for t in exact_tops(mesh, xy)]
+    sheets = sheets_of(mesh)
+    assert not (sheets.state(*xy.T.copy()) == SINGLE).any()
+
+
+def test_threads_and_batches_change_nothing():
+    terrain = Terrain(hills(30))
+    xy = np.random.default_rng(1).uniform(-1, 31, (2 * BLOCK + 5, 2))
+    one, three, few = terrain.top_hits(xy), terrain.top_hits(xy, threads=3), terrain.top_hits(xy[:9])
+    for field in ("z", "normal", "face"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(three, field))
+        np.testing.assert_array_equal(getattr(one, field)[:9], getattr(few, field))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_methods_agree_where_float32_suffices(method):
+    mesh = hills(30)
+    xy = np.random.default_rng(2).uniform(1, 29, (5000, 2))
+    certified, other = Terrain(mesh).top_hits(xy), Terrain(mesh).top_hits(xy, method=method)
+    same = certified.face == other.face
+    assert same.mean() > 0.999
+    np.testing.assert_allclose(other.z[same], certified.z[same], atol=1e-5)
+    np.testing.assert_allclose(other.normal[same], certified.normal[same], atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(other.normal[same], axis=1), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_plane_is_hit_everywhere(method):
+    plane = Terrain.flat(2.5)
+    hits = plane.top_hits([[0, 0], [1e9, -1e9]], method=method)
+    assert hits.face.tolist() == [0, 0]
+    assert hits.z.tolist() == [2.5, 2.5]
+    assert hits.normal.tolist() == [[0, 0, 1]] * 2
+    np.testing.assert_array_equal(plane.bounds, [[-np.inf, -np.inf, 2.5], [np.inf, np.inf, 2.5]])
+
+
+def test_bounds_are_those_of_the_mesh_and_the_callers_own():
+    terrain = Terrain(sheet(3.0))
+    terrain.bounds[:] = 0
+    np.testing.assert_array_equal(terrain.bounds, [[0, 0, 3], [10, 10, 3]])
+
+
+@pytest.mark.parametrize(
+    ("xy", "options", "message"),
+    [
+        ([[0, 0, 0]], {}, r"xy: expected shape \(n, 2\), got \(1, 3\)"),
+        ([0, 0], {}, r"xy: expected shape \(n, 2\), got \(2,\)"),
+        ([[0, 0], [np.nan, 0]], {}, r"xy: expected finite numbers, got nan at index \(1, 0\)"),
+        ([[np.inf, 0]], {}, r"xy: expected finite numbers, got inf"),
+        ([[0, 0]], {"threads": 0}, r"threads: expected at least 1, got 0"),
+    ],
+)
+def test_wrong_calls_are_named(xy, options, message):
+    with pytest.raises(ValueError, match=message):
+        Terrain(sheet(0.0)).top_hits(xy, **options)
+
+
+def test_an_unknown_method_is_named():
+    with pytest.raises((ValueError, TypeError), match="method"):
+        Terrain(sheet(0.0)).top_hits([[0, 0]], method="fast")
+
+
+def test_coordinates_out_of_all_proportion_are_refused():
+    with pytest.raises(ValueError, match="mesh 'mesh': expected coordinates within 1e30 m"):
+        Terrain(sheet(0.0, high=1e31))
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-30, 1e29])
+def test_ground_of_any_size_is_answered(scale):
+    mesh = hills(3)
+    mesh = Mesh(mesh.vertices * scale, mesh.faces)
+    xy = np.random.default_rng(3).uniform(-1, 4, (40, 2)) * scale
+    exact = exact_tops(mesh, xy)
+    assert Terrain(mesh).top_hits(xy).face.tolist() == [-1 if t is None else t.face for t in exact]
