@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-import shutil
-import tempfile
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from filelock import FileLock
-
-from assets.bundle import FORMAT, load_scenery, load_vehicle
-from geometry.errors import AssetError
-from planning.config import Config, hdri_paths
+from assets.bundle import load_scenery, load_vehicle
+from geometry.errors import AssetError, ConfigError
+from planning.config import Config, hdri_paths, parse_config
 from planning.inputs import AssetFile, Assets
+from planning.plan_file import Plan
 from planning.schema import SceneryEntry, VehicleEntry
 from render.build import Options
-from render.export import Exported, export
-from render.formats import format_of
+from render.export import Exported
 from render.report import FileReport
-
-EXPORTER = 1  # raised whenever the same file would be read as something else
-CHUNK = 1 << 20
+from render.store import cached, sha256
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -119,9 +109,53 @@ def load_library(
         hdris=tuple(hdris),
         vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in config.assets.vehicles},
         scenery_files={e.name: AssetFile(e.path, sceneries[e.name][1]) for e in config.assets.sceneries},
-        hdri_files={name: AssetFile(_as_given(path, config), _sha256(path)) for name, path in hdris.items()},
+        hdri_files={name: AssetFile(_as_given(path, config), sha256(path)) for name, path in hdris.items()},
     )
     return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()})
+
+
+def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> Assets:
+    """The assets that a plan was made from.
+
+    Parameters
+    ----------
+    plan
+        The plan; its header names the config and the files.
+    progress
+        Called with a file's path before it is exported.
+
+    Raises
+    ------
+    ConfigError
+        If a file is not what it was when the plan was made.
+    AssetError
+        If a file cannot be read.
+    """
+    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
+    # Only the folder of the config counts: what the file said is in the header.
+    config = parse_config(plan.header["config"], path=root / plan.path.name)
+    assets = load_library(config, progress=progress).assets
+    refuse_changed(plan, assets)
+    return assets
+
+
+def refuse_changed(plan: Plan, assets: Assets) -> None:
+    """Raise if one of the files that the plan was made from has changed.
+
+    Raises
+    ------
+    ConfigError
+        Naming the first that has.
+    """
+    now = {"vehicles": assets.vehicle_files, "sceneries": assets.scenery_files, "hdris": assets.hdri_files}
+    for kind, files in now.items():
+        for name, was in plan.header[kind].items():
+            if name not in files or (was["sha256"] and was["sha256"] != files[name].sha256):
+                raise ConfigError(
+                    f"{kind}: {name!r} ({was['path']}) is not what it was when this was planned",
+                    path=plan.path,
+                    remedy="plan again with `hulldown plan`, or bring the old file back",
+                )
 
 
 def vehicle_options(entry: VehicleEntry) -> Options:
@@ -159,121 +193,6 @@ def refuse_missing(reports: Sequence[FileReport]) -> None:
                 path=report.path,
                 remedy="put the file there, pack it into the .blend, or go on without --strict",
             )
-
-
-def cached(
-    path: Path | str,
-    cache: Path | str,
-    *,
-    kind: str,
-    options: Options,
-    progress: Callable[[str], None] | None = None,
-) -> tuple[Exported, str]:
-    """What reading `path` leaves behind, out of `cache` if it is there, and the SHA-256 of the file.
-
-    An entry counts if file, options and exporter are the same and every texture and library that the file refers to
-    is as it was.
-
-    Parameters
-    ----------
-    path
-        The asset's file.
-    cache
-        Folder; made if missing.
-    kind
-        "vehicle" or "scenery".
-    options
-        How to read it.
-    progress
-        Called with the path if it has to be exported.
-
-    Raises
-    ------
-    AssetError
-        If the file cannot be read.
-    """
-    path, cache = Path(path), Path(cache)
-    format_of(path)  # before it is hashed: a folder or nothing at all has no content
-    digest = _sha256(path)
-    key = hashlib.sha256(json.dumps([EXPORTER, FORMAT, kind, asdict(options), digest]).encode()).hexdigest()[:24]
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
-    # Two plans at a time must not export the same file into each other's feet.
-    with FileLock(cache / f"{key}.lock"):
-        entry = cache / key
-        exported = _entry(entry, path)
-        if exported is None:
-            if progress:
-                progress(str(path))
-            _export_into(entry, path, kind, options)
-            exported = _entry(entry, path)
-            assert exported is not None, f"{entry}: an export just written cannot be read back"
-    return exported, digest
-
-
-def _export_into(entry: Path, path: Path, kind: str, options: Options) -> None:
-    unfinished = Path(tempfile.mkdtemp(prefix=f".{entry.name}.", dir=entry.parent))
-    try:
-        exported = export(path, unfinished, kind=kind, options=options)
-        note = {
-            "path": str(path.resolve()),
-            "report": exported.report.to_json(),
-            "files": {file: _print_of(Path(file)) for file in exported.files},
-        }
-        (unfinished / "entry.json").write_text(json.dumps(note, indent=1), encoding="utf-8")
-        if entry.exists():
-            shutil.rmtree(entry)
-        os.replace(unfinished, entry)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def _entry(entry: Path, path: Path) -> Exported | None:
-    """The entry, if it is whole and nothing that it was made from has changed."""
-    bundle, tidy = entry / "bundle.npz", entry / "tidy.blend"
-    try:
-        note = json.loads((entry / "entry.json").read_text(encoding="utf-8"))
-        report = FileReport.from_json({**note["report"], "path": str(path)})
-        files: Mapping[str, Any] = note["files"]
-        # Relative paths of textures mean something else in another folder.
-        if (files or report.missing) and note["path"] != str(path.resolve()):
-            return None
-        if not all(_unchanged(Path(file), was) for file, was in files.items()) or not tidy.is_file():
-            return None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    if not zipfile.is_zipfile(bundle):
-        return None
-    return Exported(report, bundle, tidy, tuple(files))
-
-
-def _print_of(file: Path) -> list[Any] | None:
-    """Size, time and content of a file; None if it is not there."""
-    try:
-        stat = file.stat()
-        return [stat.st_size, stat.st_mtime_ns, _sha256(file)] if file.is_file() else None
-    except OSError:
-        return None
-
-
-def _unchanged(file: Path, was: list[Any] | None) -> bool:
-    try:
-        stat = file.stat()
-    except OSError:
-        return was is None
-    if was is None:
-        return not file.is_file()
-    return [stat.st_size, stat.st_mtime_ns] == was[:2] or (stat.st_size == was[0] and _sha256(file) == was[2])
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
 
 
 def _as_given(path: Path, config: Config) -> str:

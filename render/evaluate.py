@@ -1,8 +1,4 @@
-"""Everything that a file's scene draws, as the renderer sees it: render-level modifiers, instances, particles.
-
-The scene is rendered once by an engine that paints nothing and writes down what it is given. So the meshes are those
-that Cycles would get, not those of the viewport: there is no other way to ask Blender for them.
-"""
+"""Everything that a file's scene draws, as the renderer sees it: render-level modifiers, instances, particles."""
 
 from __future__ import annotations
 
@@ -11,13 +7,13 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-import bpy
 import numpy as np
 from jaxtyping import Float
 
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply
+from render.capture import OUR_CAMERA, visit_render
 from render.cleanup import Link, Piece
 from render.poses import Poses
 
@@ -28,7 +24,6 @@ UNREAD = {
     "VOLUME": "a volume has no faces",
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
-OUR_CAMERA = "hulldown camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,52 +58,6 @@ class Evaluated:
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
-
-
-class _Capture(bpy.types.RenderEngine):
-    """Hands the depsgraph of a render over instead of rendering it."""
-
-    bl_idname = "HULLDOWN_CAPTURE"
-    bl_label = "hulldown capture"
-    bl_use_preview = False
-
-    visit: Callable[[Any], None] | None = None
-    error: BaseException | None = None
-
-    def render(self, depsgraph: Any) -> None:
-        """Called by Blender, which prints exceptions and goes on; so they are carried out by hand."""
-        try:
-            if _Capture.visit:
-                _Capture.visit(depsgraph)
-        except BaseException as error:
-            _Capture.error = error
-
-
-def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
-    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame.
-
-    The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
-    """
-    if not _Capture.is_registered:
-        bpy.utils.register_class(_Capture)
-    render = scene.render
-    render.engine = _Capture.bl_idname
-    render.resolution_x = render.resolution_y = render.resolution_percentage = 16
-    render.use_compositing = render.use_sequencer = render.use_freestyle = render.use_multiview = False
-    layers = list(scene.view_layers)
-    chosen = next((layer for layer in layers if layer.use), layers[0])
-    for layer in layers:
-        layer.use = layer == chosen
-    if scene.camera is None:
-        scene.camera = bpy.data.objects.new(OUR_CAMERA, bpy.data.cameras.new(OUR_CAMERA))
-        scene.collection.objects.link(scene.camera)
-    _Capture.visit, _Capture.error = visit, None
-    try:
-        bpy.ops.render.render(scene=scene.name)
-        if _Capture.error:
-            raise _Capture.error
-    finally:
-        _Capture.visit = _Capture.error = None
 
 
 def evaluate(

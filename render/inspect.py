@@ -1,10 +1,10 @@
-"""`hulldown inspect`: what a file would be used as, as data, as lines of a table, and as a picture from four sides."""
+"""`hulldown inspect`: what a file would be used as, as data and as a picture from four sides."""
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,11 @@ from PIL import Image, ImageDraw, ImageFont
 from assets.bundle import load_scenery, load_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from render.build import Options
+from render.cache import refuse_missing
 from render.export import DEFAULTS, export
 from render.report import FileReport
 
@@ -36,25 +38,14 @@ Caster = Callable[
 ]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Inspection:
-    """A file, read: its report, and the vehicle or the scenery that it holds."""
-
-    report: FileReport
-    asset: VehicleShape | Scenery
-
-    def picture(self, size: int = 480) -> Image.Image:
-        """The geometry shaded from four sides, parts (or ground and obstacles) in colours.
-
-        Parameters
-        ----------
-        size
-            Width and height of each of the four views in pixels.
-        """
-        return picture(self.asset, size=size)
-
-
-def inspect_file(path: Path | str, *, kind: str | None = None, options: Options = DEFAULTS) -> Inspection:
+def inspect_file(
+    path: Path | str,
+    *,
+    kind: str | None = None,
+    options: Options = DEFAULTS,
+    strict: bool = False,
+    picture: Path | str | None = None,
+) -> FileReport:
     """Read the file `path` afresh and say what it would be used as.
 
     Parameters
@@ -65,60 +56,47 @@ def inspect_file(path: Path | str, *, kind: str | None = None, options: Options 
         "vehicle" or "scenery"; None to judge by what is in it.
     options
         How to read it.
+    strict
+        Refuse a file whose textures or libraries are missing.
+    picture
+        Where to write what it looks like (see `draw`), if anywhere.
 
     Raises
     ------
     AssetError
-        If the file cannot be read.
+        If the file cannot be read, or the picture not written.
     """
     with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
         exported = export(path, folder, kind=kind, options=options)
-        load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
-        return Inspection(exported.report, load(exported.bundle))
+        if strict:
+            refuse_missing([exported.report])
+        if picture is not None:
+            load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
+            _write(draw(load(exported.bundle)), Path(picture))
+        return exported.report
 
 
-def headlines(report: FileReport) -> list[str]:
-    """What a person wants to know first, a line each."""
-    x, y, z = report.size
-    lines = [f"{report.kind}, {report.written_by}, {x:.2f} x {y:.2f} x {z:.2f} m, {report.triangles:,} triangles"]
-    if report.unit != 1.0 or report.up != "z":
-        lines.append(f"1 unit is {report.unit:g} m, {report.up} is up")
-    if any(report.origin):
-        lines.append("origin " + ", ".join(f"{v:.0f}" for v in report.origin) + " m")
-    for part in report.parts:
-        at = ", ".join(f"{v:.3f}" for v in part.pivot)
-        axis = ", ".join(f"{v:.3g}" for v in part.axis)
-        low, high = np.degrees(part.limits)
-        lines.append(
-            f"{part.name} on {part.parent}: pivot ({at}) m, axis ({axis}), {low:.0f} to {high:.0f} degrees; {part.why}"
-        )
-    return lines
+def _write(image: Image.Image, path: Path) -> None:
+    unfinished = path.with_name(f".{os.getpid()}.{path.name}")
+    try:
+        image.save(unfinished)
+        unfinished.replace(path)
+    except (OSError, ValueError) as error:
+        raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
+    finally:
+        unfinished.unlink(missing_ok=True)
 
 
-def table(report: FileReport) -> list[tuple[str, ...]]:
-    """Every object of the file as cells of text; the first row is the heading."""
-    heading = ("object", "type", "used as", "why", "count", "triangles", "size (m)")
-    order = {"dropped": 2, "backdrop": 1}
-    rows = sorted(report.rows, key=lambda row: (order.get(row.use, 0), row.use != "ground"))
-    return [
-        heading,
-        *(
-            (
-                row.name,
-                row.kind.lower(),
-                row.use,
-                row.why,
-                f"{row.count:,}",
-                f"{row.triangles:,}",
-                " x ".join(f"{s:.3g}" for s in row.size) if row.triangles else "",
-            )
-            for row in rows
-        ),
-    ]
+def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
+    """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colours; pivots marked.
 
-
-def picture(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
-    """A vehicle or scenery shaded from four sides; see `Inspection.picture`."""
+    Parameters
+    ----------
+    asset
+        What to draw.
+    size
+        Width and height of each of the four views in pixels.
+    """
     if isinstance(asset, VehicleShape):
         cast, bounds, names, colours = _vehicle_caster(asset)
     else:
@@ -131,10 +109,10 @@ def picture(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
             _mark_pivots(tile, view, asset)
         _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         sheet.paste(tile, (i % 2 * size, i // 2 * size))
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for i, name in enumerate(names):
-        draw.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in colours[i]))
-        draw.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
+        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in colours[i]))
+        pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
     return sheet
 
 
@@ -212,22 +190,22 @@ class _View:
 
 
 def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
-    draw = ImageDraw.Draw(tile)
+    pen = ImageDraw.Draw(tile)
     reach = 0.15 * float(shape.size_xyz.max())
     for pivot, axis in zip(shape.part_pivot[1:], shape.part_axis[1:], strict=True):
         ends = [view.pixel(pivot + s * reach * axis) for s in (-1, 1)]
         x, y = view.pixel(pivot)
-        draw.line(ends, fill=(0, 0, 0), width=1)
-        draw.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
+        pen.line(ends, fill=(0, 0, 0), width=1)
+        pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
 
 
 def _caption(tile: Image.Image, view: _View, title: str) -> None:
     """Name the view and draw a bar of a round number of metres."""
-    draw, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
-    draw.text((10, 8), title, fill=(0, 0, 0), font=font)
+    pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
+    pen.text((10, 8), title, fill=(0, 0, 0), font=font)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))
     bar *= next(f for f in (5.0, 2.0, 1.0) if f * bar <= room)
     low = view.size - 12
-    draw.line((10, low, 10 + bar * view.scale, low), fill=(0, 0, 0), width=2)
-    draw.text((10, low - 20), f"{bar:g} m", fill=(0, 0, 0), font=font)
+    pen.line((10, low, 10 + bar * view.scale, low), fill=(0, 0, 0), width=2)
+    pen.text((10, low - 20), f"{bar:g} m", fill=(0, 0, 0), font=font)

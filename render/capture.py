@@ -1,0 +1,60 @@
+"""The depsgraph of a render: what Cycles would be given, not what the viewport shows.
+
+The scene is rendered once by an engine that paints nothing and hands over what it is given; Blender has no other way to
+ask for the meshes of a render.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+OUR_CAMERA = "hulldown camera"
+
+
+class _Capture(bpy.types.RenderEngine):
+    """Hands the depsgraph of a render over instead of rendering it."""
+
+    bl_idname = "HULLDOWN_CAPTURE"
+    bl_label = "hulldown capture"
+    bl_use_preview = False
+
+    visit: Callable[[Any], None] | None = None
+    error: BaseException | None = None
+
+    def render(self, depsgraph: Any) -> None:
+        """Called by Blender, which prints exceptions and goes on; so they are carried out by hand."""
+        try:
+            if _Capture.visit:
+                _Capture.visit(depsgraph)
+        except BaseException as error:
+            _Capture.error = error
+
+
+def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
+    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame.
+
+    The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
+    """
+    if not _Capture.is_registered:
+        bpy.utils.register_class(_Capture)
+    render = scene.render
+    render.engine = _Capture.bl_idname
+    render.resolution_x = render.resolution_y = render.resolution_percentage = 16
+    render.use_compositing = render.use_sequencer = render.use_freestyle = render.use_multiview = False
+    layers = list(scene.view_layers)
+    chosen = next((layer for layer in layers if layer.use), layers[0])
+    for layer in layers:
+        layer.use = layer == chosen
+    if scene.camera is None:
+        scene.camera = bpy.data.objects.new(OUR_CAMERA, bpy.data.cameras.new(OUR_CAMERA))
+        scene.collection.objects.link(scene.camera)
+    _Capture.visit, _Capture.error = visit, None
+    try:
+        bpy.ops.render.render(scene=scene.name)
+        if _Capture.error:
+            raise _Capture.error
+    finally:
+        _Capture.visit = _Capture.error = None
