@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from annotate.clipping import Frustum, extremes_of_points, extremes_of_triangles, union
+from annotate.clipping import Frustum, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
 from annotate.posing import PosedParts, move
 from camera.projection import NEAR
 
+SMALL = 30_000  # triangles: so many are clipped sooner than they are chosen from
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
 GROUP = 32  # clusters in a group, whose bounds are asked first
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
@@ -55,6 +56,9 @@ class ClusteredSurface:
         best = extremes_of_points(frustum.project(first[:, outside == 0]))
         if np.bitwise_and.reduce(outside) or (not frustum.frame and not outside.any()):
             return best
+        if len(parts.faces) <= SMALL:
+            points = move(parts.vertices, parts.vertex_slices, camera_from_parts[None])[:, 0]
+            return extremes_of_mesh(points, parts.faces, frustum)
         groups = self._groups.within(frustum, best, camera_from_parts, np.arange(len(self._groups)))
         left = _ranges(self._members[groups], self._members[groups + 1])
         left = self._leaves.within(frustum, best, camera_from_parts, left)
@@ -63,10 +67,10 @@ class ClusteredSurface:
             chosen = np.ones(len(left), dtype=bool)
             if len(left) > 4 * count:
                 # What lies far beyond a side is likely to move it most, and so to rule out others.
-                functions = np.concatenate([_sides(best, frustum), [[0.0, 0.0, 1.0, 0.0]]])
-                *gain, depth = self._leaves.reach(functions, camera_from_parts, left)
+                depth = self._leaves.reach(np.array([[0.0, 0.0, 1.0, 0.0]]), camera_from_parts, left)
+                gain = self._leaves.gain(best, frustum, camera_from_parts, left) / np.maximum(depth, NEAR)
                 chosen[:] = False
-                chosen[np.argpartition(gain / np.maximum(depth, NEAR), -count, axis=1)[:, -count:]] = True
+                chosen[np.argpartition(gain, -count, axis=1)[:, -count:]] = True
             best = union(best, self._look(left[chosen], camera_from_parts, frustum))
             left, count = self._leaves.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
         return best
@@ -100,10 +104,24 @@ class _Bounds:
         which: Int[np.ndarray, " m"],
     ) -> Int[np.ndarray, " l"]:
         """Those of `which` that may reach into the frustum and beyond a side of the best box."""
-        planes = frustum.planes
-        reach = self.reach(np.concatenate([planes, _sides(best, frustum)]), camera_from_parts, which)
-        inside, beyond = (reach[: len(planes)] >= 0.0).all(axis=0), (reach[len(planes) :] > 0.0).any(axis=0)
-        return which[inside & beyond]
+        inside = (self.reach(frustum.planes, camera_from_parts, which) >= 0.0).all(axis=0)
+        which = which[inside]
+        return which[(self.gain(best, frustum, camera_from_parts, which) > 0.0).any(axis=0)]
+
+    def gain(
+        self,
+        best: Float[np.ndarray, "4"],
+        frustum: Frustum,
+        camera_from_parts: Float[np.ndarray, "p 3 4"],
+        which: Int[np.ndarray, " m"],
+    ) -> Float[np.ndarray, "4 m"]:
+        """At least how far what is in front of the near plane reaches beyond each side of the best box, scaled."""
+        sides = _sides(best, frustum)
+        reach = self.reach(sides, camera_from_parts, which)
+        # Where depth takes away, the near plane is as good as it gets: this is what bounds boxes that lie across it.
+        falling = sides[:, 2] < 0.0
+        sides[falling, 3], sides[falling, 2] = sides[falling, 2] * NEAR, 0.0
+        return np.minimum(reach, self.reach(sides, camera_from_parts, which))
 
     def reach(
         self,
@@ -120,8 +138,9 @@ class _Bounds:
         for pose, place in zip(camera_from_parts, _slices(np.searchsorted(which, self.ends)), strict=True):
             turned, apart = normals @ pose[:, :3], normals @ pose[:, 3] + offsets
             rounding = np.abs(normals) @ (self._size + np.abs(pose[:, 3])) + np.abs(offsets)
-            greatest[:, place] = turned @ self._centre[:, which[place]]
-            greatest[:, place] += np.abs(turned) @ self._half[:, which[place]]
+            # Not a matrix product: one this small and wide is handed to threads, which cost more than they save.
+            greatest[:, place] = np.einsum("hj,jm->hm", turned, self._centre[:, which[place]])
+            greatest[:, place] += np.einsum("hj,jm->hm", np.abs(turned), self._half[:, which[place]])
             greatest[:, place] += (apart + SLACK * rounding)[:, None]
         return greatest
 

@@ -68,8 +68,8 @@ def test_another_vehicle_hides():
 
 def test_nothing_nearer_than_the_near_plane_is_seen():
     close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR / 2.0, 0.0]))
-    # The near face is cut away, the far one fills a smaller part.
-    assert mask_box(vehicle_mask(HERE, close)).tolist() == [0.0, 0.0, 200.0, 100.0]
+    # The near face is cut away; the walls behind it fill the image.
+    assert area(vehicle_mask(HERE, close)) == 200 * 100
     away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR / 2.0, 0.0]))
     assert area(vehicle_mask(HERE, away)) == 0
 
