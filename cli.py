@@ -57,7 +57,6 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from render.cache import refuse_missing
     from render.inspect import headlines, inspect_file, table
 
     if arguments.output and len(arguments.files) > 1:
@@ -65,18 +64,14 @@ def _inspect(arguments: argparse.Namespace) -> int:
     reports = []
     for path in arguments.files:
         with STDERR.status(f"reading {escape(str(path))}"):
-            inspection = inspect_file(path, kind=arguments.kind)
-        reports.append(inspection.report)
-        if arguments.output:
-            inspection.picture().save(arguments.output)
+            report = inspect_file(path, kind=arguments.kind, strict=arguments.strict, picture=arguments.output)
+        reports.append(report.to_json())
         if not arguments.json:
-            _print_table(table(inspection.report))
-            for line in headlines(inspection.report):
+            _print_table(table(report))
+            for line in headlines(report):
                 STDOUT.print(escape(line), soft_wrap=True)
     if arguments.json:
-        _print_json([report.to_json() for report in reports])
-    if arguments.strict:
-        refuse_missing(reports)
+        _print_json(reports)
     return DONE
 
 
