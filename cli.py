@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -57,7 +58,7 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from render.inspect import headlines, inspect_file, table
+    from render.inspect import inspect_file
 
     if arguments.output and len(arguments.files) > 1:
         raise HulldownError(f"-o {arguments.output}: one picture, {len(arguments.files)} files", remedy="name one file")
@@ -67,9 +68,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
             report = inspect_file(path, kind=arguments.kind, strict=arguments.strict, picture=arguments.output)
         reports.append(report.to_json())
         if not arguments.json:
-            _print_table(table(report))
-            for line in headlines(report):
-                STDOUT.print(escape(line), soft_wrap=True)
+            _print_report(report)
     if arguments.json:
         _print_json(reports)
     return DONE
@@ -262,12 +261,26 @@ def _demo(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _print_table(lines: Sequence[Sequence[str]]) -> None:
-    """The first line is the head of the table."""
-    table = Table(*lines[0])
-    for line in lines[1:]:
-        table.add_row(*map(escape, line))
+def _print_report(report: Any) -> None:
+    table = Table(title=f"{report.path}: {report.kind}", title_justify="left")
+    for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
+        table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
+    for row in report.rows:
+        size = " x ".join(f"{x:.2f}" for x in row.size)
+        table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
     STDOUT.print(table)
+    size = " x ".join(f"{x:.2f}" for x in report.size)
+    STDOUT.print(f"size {size} m, {report.triangles:,} triangles, {report.up} up, 1 unit = {report.unit:g} m")
+    for part in report.parts:
+        low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
+        pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
+        turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
+        STDOUT.print(f"{part.name} on {part.parent}: {turns}; {escape(part.why)}", soft_wrap=True)
+    for missing in report.missing:
+        wanted_by = ", ".join(missing.wanted_by)
+        STDOUT.print(f"missing: {escape(missing.path)}, wanted by {escape(wanted_by)}", soft_wrap=True)
+    for doubt in report.doubts:
+        STDOUT.print(f"doubt: {escape(doubt)}", soft_wrap=True)
 
 
 def _say(line: str) -> None:
