@@ -1,0 +1,234 @@
+"""The cache of exports, with an exporter that needs no Blender."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import render.store
+from assets.bundle import save_scenery, save_vehicle
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError, ConfigError
+from geometry.meshes import Mesh
+from planning.config import Config, parse_config
+from planning.plan_file import Plan
+from render.build import Options
+from render.cache import load_assets, load_library, load_planned_assets
+from render.export import Exported
+from render.report import FileReport, Missing
+from render.store import cached
+
+BLEND = b"BLENDER17-01v0500"
+MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+
+
+class Exporter:
+    """Stands in for Blender: writes a bundle, and says what files the asset refers to."""
+
+    def __init__(self) -> None:
+        self.read: list[str] = []
+        self.files: tuple[str, ...] = ()
+        self.missing: tuple[Missing, ...] = ()
+
+    def __call__(self, path: Path, folder: Path, *, kind: str, options: Options) -> Exported:
+        self.read.append(path.name)
+        folder = Path(folder)
+        if kind == "vehicle":
+            one = np.zeros((1, 3))
+            limits = np.zeros((1, 2))
+            shape = VehicleShape(
+                path.stem,
+                MESH,
+                np.zeros(3, int),
+                ("hull",),
+                np.array([-1]),
+                one,
+                np.array([[0, 0, 1.0]]),
+                limits,
+                np.eye(4),
+            )
+            save_vehicle(folder / "bundle.npz", shape)
+        else:
+            none = np.zeros(0, int)
+            scenery = Scenery(
+                path.stem, np.zeros(3), MESH, ("g",), np.zeros(1, int), (), none, np.zeros((0, 4, 4)), (), np.eye(4)
+            )
+            save_scenery(folder / "bundle.npz", scenery)
+        (folder / "tidy.blend").write_bytes(BLEND)
+        report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=("odd",))
+        return Exported(report, folder / "bundle.npz", folder / "tidy.blend", self.files)
+
+
+@pytest.fixture
+def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
+    stand_in = Exporter()
+    monkeypatch.setattr(render.store, "export", stand_in)
+    return stand_in
+
+
+@pytest.fixture
+def blend(tmp_path: Path) -> Path:
+    path = tmp_path / "tank.blend"
+    path.write_bytes(BLEND + b" content")
+    return path
+
+
+@pytest.fixture
+def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]:
+    """Reads through the cache and says whether the file had to be exported."""
+
+    def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
+        before, said = len(exporter.read), []
+        exported, digest = cached(path, tmp_path / "cache", kind=kind, options=Options(**options), progress=said.append)
+        assert len(digest) == 64
+        assert exported.bundle.is_file()
+        assert exported.report.path == str(path)
+        new = len(exporter.read) > before
+        assert said == [str(path)] * new
+        return new
+
+    return run
+
+
+def test_a_file_is_exported_once(read: Callable[..., bool]) -> None:
+    assert [read(), read(), read()] == [True, False, False]
+
+
+def test_other_content_options_and_kind_are_other_entries(read: Callable[..., bool], blend: Path) -> None:
+    assert [read(), read(scale=0.01), read(keep=("a",)), read(kind="scenery")] == [True] * 4
+    blend.write_bytes(BLEND + b" altered")
+    assert read()
+    blend.write_bytes(BLEND + b" content")
+    assert not read(), "the older content is still known"
+
+
+def test_a_copy_elsewhere_is_the_same_asset(read: Callable[..., bool], blend: Path, tmp_path: Path) -> None:
+    read()
+    (tmp_path / "copy.blend").write_bytes(blend.read_bytes())
+    assert not read(tmp_path / "copy.blend")
+
+
+def test_textures_and_libraries_count(
+    read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path
+) -> None:
+    there, gone = tmp_path / "there.png", tmp_path / "gone.png"
+    there.write_bytes(b"red")
+    exporter.files = (str(there), str(gone))
+    assert [read(), read()] == [True, False]
+    there.write_bytes(b"red")
+    assert not read(), "written anew, but the same"
+    there.write_bytes(b"sea")
+    assert [read(), read()] == [True, False]
+    gone.write_bytes(b"found")
+    assert [read(), read()] == [True, False]
+    there.unlink()
+    assert [read(), read()] == [True, False]
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "tank.blend").write_bytes(blend.read_bytes())
+    assert read(tmp_path / "other" / "tank.blend"), "its relative paths mean other files there"
+
+
+@pytest.mark.parametrize("harm", ["bundle.npz", "tidy.blend", "entry.json"])
+def test_a_harmed_entry_is_made_again(read: Callable[..., bool], tmp_path: Path, harm: str) -> None:
+    read()
+    (victim,) = (tmp_path / "cache").glob(f"*/{harm}")
+    if harm == "tidy.blend":
+        victim.unlink()
+    else:
+        victim.write_bytes(victim.read_bytes()[:40])
+    assert [read(), read()] == [True, False]
+
+
+def test_a_failed_export_leaves_nothing_behind(
+    read: Callable[..., bool], exporter: Exporter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise AssetError("broken")
+
+    monkeypatch.setattr(render.store, "export", fail)
+    with pytest.raises(AssetError, match="broken"):
+        read()
+    assert [p.suffix for p in (tmp_path / "cache").iterdir()] == [".lock"]
+    monkeypatch.setattr(render.store, "export", exporter)
+    assert read()
+
+
+def config_in(folder: Path, **more: object) -> Config:
+    for file in ("a.blend", "b.blend", "field.blend"):
+        (folder / file).write_bytes(BLEND + file.encode())
+    (folder / "sky.exr").write_bytes(b"sky")
+    data = {
+        "assets": {
+            "hdris": ["*.exr"],
+            "vehicles": [
+                {"path": "b.blend", "category": "truck"},
+                {"path": "a.blend", "category": "tank", "name": "T"},
+            ],
+            "sceneries": [{"path": "field.blend"}],
+        },
+        "budget": {"images_per_class": 1},
+        **more,
+    }
+    return parse_config(data, path=folder / "hulldown.toml")
+
+
+def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
+    said: list[str] = []
+    assets = load_assets(config_in(tmp_path), warn=said.append)
+    assert list(assets.vehicles) == ["b", "T"], "in the order of the config"
+    assert assets.vehicles["T"].name == "T", "called as in the config, whatever the cache calls it"
+    assert assets.categories == {"b": "truck", "T": "tank"}
+    assert list(assets.sceneries) == ["field"]
+    assert assets.hdris == ("sky",)
+    assert assets.vehicle_files["T"].path == "a.blend"
+    assert assets.hdri_files["sky"].path == "sky.exr"
+    assert len(assets.hdri_files["sky"].sha256) == 64
+    assert said == [f"{tmp_path / file}: odd" for file in ("b.blend", "a.blend", "field.blend")]
+    load_assets(config_in(tmp_path))
+    assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]
+
+
+def test_the_ground_patterns_belong_to_the_scenery(exporter: Exporter, tmp_path: Path) -> None:
+    load_library(config_in(tmp_path))
+    load_library(config_in(tmp_path, ground={"include": ["mesh"]}))
+    assert exporter.read.count("field.blend") == 2
+    assert exporter.read.count("a.blend") == 1
+
+
+def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> None:
+    exporter.missing = (Missing("/x/gone.png", ("Hull", "Skirt")), Missing("/x/more.png", ()))
+    load_assets(config_in(tmp_path))
+    with pytest.raises(AssetError) as caught:
+        load_assets(config_in(tmp_path), strict=True)
+    assert "b.blend: /x/gone.png is missing, which Hull, Skirt wants (and 1 more)" in str(caught.value)
+
+
+def test_a_missing_asset_is_one_line(exporter: Exporter, tmp_path: Path) -> None:
+    config = config_in(tmp_path)
+    (tmp_path / "a.blend").unlink()
+    with pytest.raises(AssetError, match=r"a\.blend: does not exist"):
+        load_assets(config)
+
+
+def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
+    config = config_in(tmp_path)
+    assets = load_assets(config)
+    header = {
+        "config": config.model_dump(mode="json"),
+        "root": ".",
+        **{
+            kind: {name: {"path": f.path, "sha256": f.sha256} for name, f in files.items()}
+            for kind, files in (
+                ("vehicles", assets.vehicle_files),
+                ("sceneries", assets.scenery_files),
+                ("hdris", assets.hdri_files),
+            )
+        },
+    }
+    plan = Plan(tmp_path / "plan.jsonl", header)
+    assert list(load_planned_assets(plan).vehicles) == ["b", "T"]
+    (tmp_path / "sky.exr").write_bytes(b"dusk")
+    with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):
+        load_planned_assets(plan)

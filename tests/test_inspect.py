@@ -1,0 +1,170 @@
+"""What `hulldown inspect` says and draws."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+from render.build import Options
+from render.doubts import scenery_doubts, vehicle_doubts
+from render.inspect import COLOURS, draw, inspect_file
+from render.report import FileReport, Missing, PartRow, Row
+
+FILE = """
+import bpy, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.context.scene.unit_settings.scale_length = float(sys.argv[2])
+for name, size, height in (("Hull", 4, 1), ("Turret", 2, 3.5)):
+    bpy.ops.mesh.primitive_cube_add(size=size, location=(0, 0, height + 1))
+    bpy.context.object.name = name
+material = bpy.data.materials.new("paint")
+image = bpy.data.images.new("gone", 1, 1)
+image.source, image.filepath = "FILE", "//gone.png"
+material.node_tree.nodes.new("ShaderNodeTexImage").image = image
+bpy.data.objects["Hull"].data.materials.append(material)
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+
+def box(low: tuple, high: tuple) -> Mesh:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
+    return Mesh(np.array(low) + corners * np.subtract(high, low), np.array(faces))
+
+
+def vehicle() -> VehicleShape:
+    hull, turret = box((-3, -1.5, 0), (3, 1.5, 1)), box((-1, -1, 1), (1, 1, 2))
+    return VehicleShape(
+        name="v",
+        mesh=Mesh(np.concatenate([hull.vertices, turret.vertices]), np.concatenate([hull.faces, turret.faces + 8])),
+        vertex_part=np.repeat([0, 1], 8),
+        part_names=("hull", "turret"),
+        part_parent=np.array([-1, 0]),
+        part_pivot=np.array([[0, 0, 0], [0, 0, 1.0]]),
+        part_axis=np.array([[0, 0, 1.0], [0, 0, 1.0]]),
+        part_limits=np.zeros((2, 2)),
+        vehicle_from_file=np.eye(4),
+    )
+
+
+def scenery(*, ground: bool) -> Scenery:
+    return Scenery(
+        name="s",
+        origin=np.zeros(3),
+        ground=box((-50, -50, -1), (50, 50, 0)) if ground else None,
+        ground_names=("Ground",) if ground else (),
+        face_ground=np.zeros(12 * ground, int),
+        obstacle_meshes=(box((0, 0, 0), (5, 5, 5)),),
+        instance_mesh=np.array([0]),
+        world_from_instance=np.eye(4)[None],
+        instance_names=("Rock",),
+        scenery_from_file=np.eye(4),
+    )
+
+
+def hue_of(pixels: np.ndarray) -> np.ndarray:
+    """Which of the part colours a shaded pixel is, -1 for paper and ink."""
+    length = np.linalg.norm(pixels, axis=-1, keepdims=True)
+    near = (pixels / np.maximum(length, 1)) @ (COLOURS / np.linalg.norm(COLOURS, axis=1, keepdims=True)).T
+    return np.where(near.max(axis=-1) > 0.995, near.argmax(axis=-1), -1)
+
+
+def test_the_picture_shows_each_part_in_its_colour_where_it_is() -> None:
+    size = 200
+    image = np.asarray(draw(vehicle(), size=size)).astype(float)
+    assert image.shape == (2 * size, 2 * size, 3)
+    scale = size / (6 * 1.25)  # pixels a metre in the view from the left: the length fills it
+    left = hue_of(image[:size, :size])
+    middle = left[:, size // 2 + 20]
+    # From above to below: turret (upper metre), hull (lower metre).
+    assert (middle == 1).sum() == pytest.approx(scale, abs=2)
+    assert (middle == 0).sum() == pytest.approx(scale, abs=2)
+    assert np.flatnonzero(middle == 1).max() < np.flatnonzero(middle == 0).min()
+    for view in (image[:size, size:], image[size:, :size], image[size:, size:]):
+        assert {0, 1} <= set(np.unique(hue_of(view)))
+
+
+@pytest.mark.parametrize("ground", [True, False])
+def test_a_scenery_is_drawn_too(ground: bool) -> None:
+    image = np.asarray(draw(scenery(ground=ground), size=120)).astype(float)
+    green = hue_of(image[120:, 120:])[30:, :] == 3
+    assert bool(green.sum() > 1000) is ground
+
+
+def report(**more: object) -> FileReport:
+    return FileReport(
+        kind="vehicle",
+        path="x.blend",
+        size=(7.0, 3.0, 2.0),
+        triangles=12,
+        unit=0.01,
+        up="y",
+        rows=(
+            Row("Hull", "MESH", "hull", "by default", 1, 12, (7.0, 3.0, 2.0)),
+            Row("Sun", "LIGHT", "dropped", "type light"),
+        ),
+        parts=(PartRow("turret", "hull", (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), (-3.0, 3.0), "origin of 'Turret'"),),
+        missing=(Missing("/a.png", ("Hull",)),),
+        doubts=("odd",),
+        written_by="Blender 4.2",
+        **more,
+    )
+
+
+def test_a_report_survives_json() -> None:
+    assert FileReport.from_json(json.loads(json.dumps(report().to_json()))) == report()
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "expected"),
+    [
+        ((700.0, 300.0, 200.0), 1.0, ["the vehicle is 700 m long; set scale = 0.01 (now 1) if that is wrong"]),
+        ((0.04, 0.02, 0.01), 0.01, ["the vehicle is 4 cm long; set scale = 1 (now 0.01) if that is wrong"]),
+        ((3.0, 7.0, 2.0), 1.0, ["it is longer across (7.0 m) than along x (3.0 m); set forward to +y or -y"]),
+        ((2.5, 3.0, 7.0), 1.0, ['it is 7.0 m high and 3.0 m long; set up = "y" if it lies on its side']),
+        ((7.0, 3.0, 2.0), 1.0, []),
+    ],
+)
+def test_doubts_about_a_vehicle(size: tuple, unit: float, expected: list[str]) -> None:
+    assert list(vehicle_doubts(size, (), (), (), unit=unit, options=Options())) == expected
+
+
+def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
+    rows = [Row(f"Thing {i}", "MESH", "obstacle", "by default", 1, 12) for i in range(20)]
+    first, second = scenery_doubts((5.0, 5.0, 1.0), rows, (Missing("/a.png", ()),), unit=1.0, options=Options())[:2]
+    assert first.startswith("NO GROUND")
+    assert first.endswith("'Thing 10', 'Thing 11' and 8 more")
+    assert second == "the scenery is 5 m across; set scale if that is wrong (1 unit is 1 m)"
+
+
+@pytest.mark.blender
+def test_a_file_is_inspected(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.blend"
+    subprocess.run([sys.executable, "-c", FILE, str(path), "0.01"], check=True, capture_output=True)
+    found = inspect_file(path, picture=tmp_path / "tiny.png")
+    assert found.kind == "vehicle"
+    assert found.unit == 0.01
+    assert found.size == pytest.approx((0.04, 0.04, 0.055))
+    assert [(row.name, row.use, row.triangles) for row in found.rows] == [
+        ("Hull", "hull", 12),
+        ("Turret", "turret", 12),
+    ]
+    assert [Path(m.path).name for m in found.missing] == ["gone.png"]
+    assert found.missing[0].wanted_by == ("Hull",)
+    assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt for doubt in found.doubts)
+    with Image.open(tmp_path / "tiny.png") as image:
+        assert image.size == (960, 960)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.blend", "tiny.png"]
+    with pytest.raises(AssetError, match=r"gone\.png is missing, which Hull wants"):
+        inspect_file(path, strict=True)
+    with pytest.raises(AssetError, match="cannot be written"):
+        inspect_file(path, picture=tmp_path / "none" / "x.png")
