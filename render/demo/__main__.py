@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from render.demo import sceneries, skies, vehicles
+from render.demo import hills, skies, steppe, vehicles
 from render.demo.build import BUILT
 from render.demo.catalogue import CATEGORY, SCENERIES, SKIES
+
+SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
 
 def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path | list[Path]]]]:
@@ -20,7 +22,7 @@ def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path | li
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
     for k, name in enumerate(SCENERIES):
         path = folder / "sceneries" / f"{name}.blend"
-        yield name, partial(sceneries.BUILD[name], path, rng=np.random.default_rng([seed, 2, k]))
+        yield name, partial(SCENERY[name], path, rng=np.random.default_rng([seed, 2, k]))
     yield "studio", partial(skies.copy_studio_hdris, folder / "hdris")
     for name in SKIES:
         yield name, partial(skies.write_sky, name, folder / "hdris")

@@ -144,8 +144,8 @@ def sam_rails(m: Model, p: Paints, folder: Path) -> None:
     )
     chassis.lamps(m, p, x=3.0, y=1.2, z=1.36, radius=0.1, tail_x=-3.42, tail_z=1.3)
     m.add("Tow_Hooks", joined(box((0.16, 0.08, 0.2), (x, 0.8, 0.7)).pair() for x in (3.35, -3.4)), p.dark, bevel=0.01)
-    antenna(m, p, (-3.0, 1.2, 1.6), height=2.2)
-    antenna(m, p, (-3.0, -1.2, 1.6), height=2.2)
+    antenna(m, p, (-3.0, 1.2, 1.6), height=1.1)
+    antenna(m, p, (-3.0, -1.2, 1.6), height=1.1)
 
     ring = tube((-0.55, 0, 1.62), (-0.55, 0, 1.92), 0.98, 0.9, sides=26)
     m.pivot_object("turret", (-0.55, 0, 1.62), ring, p.body, bevel=0.02, name="Launcher")
@@ -222,9 +222,9 @@ def sam_turret(m: Model, p: Paints, folder: Path) -> None:
     light = materials.plain("Radar_Grey", "#8b8f86", rough=0.5)
     m.add("Search_Dish", reflector, light, part="turret", bevel=0, smooth=50)
     m.add("Smoke_Launchers", smoke_launchers(0.6, 0.82, 1.9, tubes=3).pair(), p.dark, part="turret", bevel=0)
-    antenna(m, p, (-1.8, 0.6, 3.05), part="turret", height=1.6)
+    antenna(m, p, (-1.8, 0.6, 3.05), part="turret", height=0.8)
     hinge, rise = (-0.3, 0.0, 2.35), -16.0
-    m.pivot("gun", hinge, on="turret", name="Gun_Axis")
+    m.pivot_collection("gun", hinge, on="turret", name="Guns")
     cells, lids, gaps = [], [], []
     for z in (2.02, 2.46):
         for y in (0.92, 1.36):

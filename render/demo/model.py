@@ -47,11 +47,11 @@ class Model:
         mesh_object = self._mesh(name, Shape(shape.vertices - centre, shape.faces), material, bevel)
         self._hang(mesh_object, part, at, "hull")
 
-    def pivot_collection(self, part: str, at: Point, *, name: str) -> None:
-        """A part that is a collection of its own, with an empty in it that marks the pivot."""
+    def pivot_collection(self, part: str, at: Point, *, name: str, on: str = "hull") -> None:
+        """A part that is a collection of its own, in that of `on`, with an empty in it that marks the pivot."""
         self.home[part] = bpy.data.collections.new(name)
-        self.collection.children.link(self.home[part])
-        self._hang(bpy.data.objects.new(f"{name}_Pivot", None), part, at, "hull")
+        self.home[on].children.link(self.home[part])
+        self._hang(bpy.data.objects.new(f"{name}_Pivot", None), part, at, on)
 
     def add(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ Field = Float[np.ndarray, "..."]
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]  # z over x and y
 
 
-def smoothstep(value: Field, low: float, high: float) -> Field:
+def smoothstep(value: Field, low: Any, high: Any) -> Field:
     """0 below `low`, 1 above `high`, smooth between; falling where low > high."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
     return t * t * (3 - 2 * t)
@@ -81,10 +82,9 @@ def quads(rows: int, columns: int) -> np.ndarray:
     return np.stack([first, first + columns, first + columns + 1, first + 1], axis=-1)
 
 
-def ribbon(course: Course, z: Field, across: Sequence[float], rise: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def ribbon(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
     """A strip along a course: at each offset to the left a rise above the course's profile z."""
-    sideways = np.array(across, float)
-    xy = course.xy[:, None] + course.left[:, None] * sideways[None, :, None]
-    height = z[:, None] + np.array(rise, float)[None]
+    xy = course.xy[:, None] + course.left[:, None] * across[None, :, None]
+    height = z[:, None] + rise[None]
     vertices = np.concatenate([xy, height[..., None]], axis=-1).reshape(-1, 3)
-    return vertices, quads(len(course.xy), len(sideways))
+    return vertices, quads(len(course.xy), len(across))

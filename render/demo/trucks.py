@@ -214,7 +214,7 @@ def truck_canvas(m: Model, p: Paints, folder: Path) -> None:
     drop_side_bed(m, p, x0=-3.75, x1=-0.25, z=1.18, half=1.22, side=0.6)
     canopy(m, p, x0=-3.72, x1=-0.28, z0=1.85, z1=2.95, half=1.21)
     chassis.mudguards(m, p, axles[1:], y=1.0, radius=0.58)
-    antenna(m, p, (0.4, 0.95, 2.6), height=1.4)
+    antenna(m, p, (0.4, 0.95, 2.6), height=0.7)
 
 
 def truck_cargo(m: Model, p: Paints, folder: Path) -> None:
@@ -271,7 +271,7 @@ def truck_cargo(m: Model, p: Paints, folder: Path) -> None:
     )
     m.add("Rear_Bumper", box((0.14, 2.3, 0.2), (-3.5, 0, 0.75)), p.dark, bevel=0.02)
     m.add("Tail_Lamps", box((0.06, 0.24, 0.1), (-3.58, 0.95, 0.8)), p.red, mirror=True, bevel=0.01)
-    antenna(m, p, (1.6, -1.0, 2.74), height=1.6)
+    antenna(m, p, (1.6, -1.0, 2.74), height=0.8)
 
 
 def truck_tanker(m: Model, p: Paints, folder: Path) -> None:

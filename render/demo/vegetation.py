@@ -100,10 +100,10 @@ def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, 
         branch = base + (tip - base) * bow + np.array([0, 0, 0.10 * height]) * bow * (1 - bow)
         plant.limb(branch, height * 0.010 * np.linspace(1.0, 0.3, 4), sides=5)
         size = spread * rng.uniform(0.36, 0.5) * np.array([1, 1, 0.72])
-        _foliage(plant, tip, size, 230, 0.045 * height**0.5 * 1.9, rng)
+        _foliage(plant, tip, size, 400, 0.053 * height**0.5, rng)
     for z in (0.72, 0.86):
         top = trunk[-1] * [1, 1, 0] + [0, 0, height * z] + [*rng.normal(0, 0.12 * spread, 2), 0]
-        _foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 330, 0.045 * height**0.5 * 1.9, rng)
+        _foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 600, 0.053 * height**0.5, rng)
     return plant.mesh(name, materials)
 
 
@@ -112,7 +112,7 @@ def conifer(name: str, materials: list[Any], *, height: float, spread: float, rn
     plant = Plant()
     t = np.linspace(-0.03, 1, 5)
     plant.limb(np.stack([0 * t, 0 * t, height * t], axis=-1), height * 0.016 * (1.03 - t) + 0.01)
-    levels = int(height * 1.7)
+    levels = int(height * 2.1)
     for k in range(levels):
         rise = k / levels
         z0, reach = height * (0.10 + 0.88 * rise), spread * (1 - rise) ** 0.85 * rng.uniform(0.85, 1.1) + 0.12
@@ -121,15 +121,15 @@ def conifer(name: str, materials: list[Any], *, height: float, spread: float, rn
             angle = 2 * np.pi * (j + 0.5 * (k % 2)) / fronds + rng.normal(0, 0.12)
             out = np.array([np.cos(angle), np.sin(angle), 0.0])
             side = np.array([-np.sin(angle), np.cos(angle), 0.0])
-            n = max(int(4 + 9 * (1 - rise)), 4)
+            n = int(6 + 11 * (1 - rise))
             s = np.linspace(0.12, 1, n)[:, None]
             length = reach * rng.uniform(0.85, 1.1)
             droop = -0.30 * length * s**1.3 + 0.10 * length * s**3
             stem = out * length * s + [0, 0, 1] * (z0 + droop)
-            width = (0.30 * length + 0.18) * (1.12 - s) * rng.uniform(0.8, 1.2, (n, 1))
+            width = (0.26 * length + 0.16) * (1.15 - s) * rng.uniform(0.6, 1.3, (n, 1))
             for sign in (-1, 1):
-                along = (side * sign * 0.85 + out * 0.5 + [0, 0, -0.25]) * width * 0.55
-                plant.sprays(stem + along * 0.8, along, (out * 0.55 + [0, 0, 0.12]) * length / n * 1.5)
+                along = (side * sign * 0.8 + out * 0.55 + [0, 0, -0.45] + rng.normal(0, 0.15, (n, 3))) * width * 0.55
+                plant.sprays(stem + along * 0.8, along, (out * 0.5 + [0, 0, 0.12]) * length / n * 1.2)
     return plant.mesh(name, materials)
 
 
@@ -144,7 +144,9 @@ def bush(
         reach = height * rng.uniform(0.2, 0.6)
         tip = np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.45, 0.78)])
         plant.limb(np.linspace(foot, tip, 3), np.array([0.03, 0.02, 0.008]) * height, sides=4)
-        _foliage(plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 110, leaf * height**0.5, rng)
+        _foliage(
+            plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 170, 0.65 * leaf * height**0.5, rng
+        )
     return plant.mesh(name, materials)
 
 
@@ -179,15 +181,15 @@ def tussock(
 
 
 def boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
-    """A weathered block about a metre in radius, sunk a little, of a coarse mesh meant for subdivision."""
+    """A weathered block about a metre in radius, sunk a little."""
     noise = Noise(rng)
-    lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 10), np.linspace(0, 2 * np.pi, 15)
+    lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0, 2 * np.pi, 25)
     a, b = np.meshgrid(lat, lon[:-1], indexing="ij")
     unit = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], axis=-1)
     # A few random planes cut the ball into facets.
     cuts, depth = _directions(9, rng), rng.uniform(0.62, 0.95, 9)
     reach = np.min(depth / np.maximum(unit @ cuts.T, 0.25), axis=-1)
-    reach = np.minimum(reach, 1.0) + 0.07 * noise(unit[..., 0] + 3 * unit[..., 2], unit[..., 1], 0.45, octaves=2)
+    reach = np.minimum(reach, 1.0) + 0.06 * noise(unit[..., 0] + 3 * unit[..., 2], unit[..., 1], 0.45, octaves=3)
     reach[[0, -1]] = reach[[0, -1]].mean(axis=1, keepdims=True)
     vertices = (unit * reach[..., None]) * [1, 1, flat]
     vertices[..., 2] += 0.3 * flat * smoothstep(vertices[..., 2], -1.0, 1.0)

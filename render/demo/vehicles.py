@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from render.demo import launchers, materials, tanks, trucks
+from render.demo import launchers, materials, tanks_cast, tanks_plated, trucks
 from render.demo.chassis import Paints
 from render.demo.model import Model
 
@@ -19,10 +19,10 @@ SPRING = ("#55633a", "#8d8257", "#30352a")
 DUSTS = {"earth": "#7d6b50", "sand": "#b59b74"}
 
 LOOK = {  # paint colours, dust, size of the patches, file units in a metre
-    "mbt_wedge": (tanks.mbt_wedge, NATO, "earth", 1.0, 1.0),
-    "mbt_dome": (tanks.mbt_dome, OLIVE, "earth", 1.2, 1.0),
-    "mbt_slab": (tanks.mbt_slab, SAND, "sand", 1.0, 1.0),
-    "mbt_classic": (tanks.mbt_classic, STEPPE, "earth", 1.1, 1.0),
+    "mbt_wedge": (tanks_plated.mbt_wedge, NATO, "earth", 1.0, 1.0),
+    "mbt_dome": (tanks_cast.mbt_dome, OLIVE, "earth", 1.2, 1.0),
+    "mbt_slab": (tanks_plated.mbt_slab, SAND, "sand", 1.0, 1.0),
+    "mbt_classic": (tanks_cast.mbt_classic, STEPPE, "earth", 1.1, 1.0),
     "truck_canvas": (trucks.truck_canvas, OLIVE, "earth", 1.3, 1.0),
     "truck_cargo": (trucks.truck_cargo, NATO, "earth", 1.0, 1.0),
     "truck_tanker": (trucks.truck_tanker, SAND, "sand", 1.3, 100.0),
