@@ -1,0 +1,158 @@
+"""The dataset file: what recording one more image costs when there are a thousand, and when there are a million."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from annotate.coco import MERGE_SHARE, CocoDataset
+
+APPENDS = 200
+POSE = np.round(np.random.default_rng(0).normal(size=(4, 4)), 6).tolist()
+
+
+def run(quick: bool) -> dict:
+    """Measure."""
+    sizes = (1_000, 10_000) if quick else (1_000, 100_000, 1_000_000)
+    with tempfile.TemporaryDirectory() as name:
+        return {
+            "appends": APPENDS,
+            "fsync_us": _fsync(Path(name)),
+            "sizes": {str(n): _at(Path(name), n) for n in sizes},
+        }
+
+
+def report(results: dict) -> str:
+    """A Markdown section."""
+    sizes = results["sizes"]
+    rows = {
+        "append one image, us": "append_us",
+        "of which reaches the disk (fsync), us": "fsync_us",
+        "the same 95 %, us": "append_p95_us",
+        "write the whole file after each image (the paper's way), us": "rewrite_us",
+        "how many times as much": "ratio",
+        "open the dataset, s": "open_s",
+        "merge into annotations.json, s": "merge_s",
+        "annotations.json, MB": "megabytes",
+    }
+    lines = [
+        "## COCO files",
+        "",
+        "Recording one finished image, one annotation with pose and run lengths; mean of "
+        f"{results['appends']} appends. An append is one line in a journal and an fsync "
+        f"({results['fsync_us']:.0f} us on this disk when idle); merging takes at most {MERGE_SHARE:.0%} of a run's "
+        "time, however large the file.",
+        "",
+        "| images there already | " + " | ".join(f"{int(n):,}" for n in sizes) + " |",
+        "|---|" + "---:|" * len(sizes),
+    ]
+    for label, key in rows.items():
+        lines.append(f"| {label} | " + " | ".join(f"{size[key]:,.4g}" for size in sizes.values()) + " |")
+    return "\n".join(lines)
+
+
+def plots(results: dict, folder: Path) -> list[Path]:
+    """Cost of one image against the images there already."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    sizes = [int(n) for n in results["sizes"]]
+    for key, label in (("rewrite_us", "rewrite the file"), ("append_us", "journal (hulldown)")):
+        axes.plot(sizes, [size[key] for size in results["sizes"].values()], marker="o", label=label)
+    axes.set(xscale="log", yscale="log", xlabel="images there already", ylabel="microseconds an image")
+    axes.legend()
+    path = folder / "coco.png"
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def _at(folder: Path, n: int) -> dict[str, float]:
+    dataset = folder / str(n)
+    _fill(dataset, n)
+    started = time.perf_counter()
+    opened = CocoDataset.open(dataset)
+    open_s = time.perf_counter() - started
+    spent = []
+    for i in range(APPENDS):
+        image, annotations = _image(n + i), [_annotation(n + i)]
+        started = time.perf_counter()
+        opened.append(image, annotations)
+        spent.append(time.perf_counter() - started)
+    started = time.perf_counter()
+    opened.close()
+    merge_s = time.perf_counter() - started
+    path = dataset / "annotations.json"
+    rewrite_s = _rewrite(path)
+    result = {
+        "append_us": 1e6 * float(np.mean(spent)),
+        "append_p95_us": 1e6 * float(np.quantile(spent, 0.95)),
+        "fsync_us": _fsync(dataset),
+        "open_s": open_s,
+        "merge_s": merge_s,
+        "rewrite_us": 1e6 * rewrite_s,
+        "ratio": rewrite_s / float(np.mean(spent)),
+        "megabytes": path.stat().st_size / 1e6,
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+    shutil.rmtree(dataset)
+    return result
+
+
+def _rewrite(path: Path) -> float:
+    """Seconds to write the whole dictionary with the standard library, as the simplest program does; no fsync."""
+    coco = json.loads(path.read_bytes())
+    started = time.perf_counter()
+    with (path.parent / "again.json").open("w") as file:
+        file.write(json.dumps(coco))
+    return time.perf_counter() - started
+
+
+def _fsync(folder: Path) -> float:
+    """Microseconds the disk takes to make a line safe."""
+    spent = []
+    with (folder / "probe").open("ab", buffering=0) as file:
+        for _ in range(APPENDS):
+            file.write(b"x" * 900)
+            started = time.perf_counter()
+            os.fsync(file.fileno())
+            spent.append(time.perf_counter() - started)
+    (folder / "probe").unlink()
+    return 1e6 * float(np.mean(spent))
+
+
+def _fill(folder: Path, n: int) -> None:
+    """A dataset of n images, written at once."""
+    folder.mkdir()
+    with (folder / "annotations.json").open("w") as file:
+        file.write('{"categories": [{"id": 1, "name": "tank", "supercategory": "vehicle"}],\n"images": [\n')
+        file.writelines(f"{',' if i else ''}{json.dumps({'id': i + 1, **_image(i)})}\n" for i in range(n))
+        file.write('],\n"annotations": [\n')
+        for i in range(n):
+            record = {"id": i + 1, "image_id": i + 1, "category_id": 1, **_annotation(i)}
+            file.write(f"{',' if i else ''}{json.dumps(record)}\n")
+        file.write("]}\n")
+
+
+def _image(i: int) -> dict:
+    return {
+        "file_name": f"images/{i + 1:08d}.png", "width": 1920, "height": 1080, "scenery": "hills",
+        "position": i // 5, "shot": i % 5, "world_from_camera": POSE, "fov_x_deg": 50.0,
+    }  # fmt: skip
+
+
+def _annotation(i: int) -> dict:
+    return {
+        "category": "tank", "bbox": [812.25, 403.5, 180.125 + i % 7, 96.75],
+        "bbox_amodal": [812.25, 403.5, 181.0, 96.75],
+        "visible_fraction": 0.93, "truncated_fraction": 0.0, "vehicle": "tank_a", "world_from_vehicle": POSE,
+        "articulation": {"turret": 0.5}, "area": 9000, "iscrowd": 0,
+        "segmentation": {"size": [1080, 1920], "counts": "Xi_h0" * 60},
+    }  # fmt: skip
