@@ -178,9 +178,9 @@ def report(results: dict) -> str:
     lines = [
         "## Cameras: the size that was asked for",
         f"Height of the tight box over the requested {FRACTION:.0%} of the image height (for diagonal and area: the "
-        "box's diagonal or root of area over the same length), cameras 3 to 60 degrees up, all around. The paper's distance "
-        "(equation 6) takes the smallest side of the bounding box for an upright, face-on height; the solve takes the "
-        "vertices.",
+        "box's diagonal or root of area over the same length), cameras 3 to 60 degrees up, all around. The paper's "
+        "distance (equation 6) takes the smallest side of the bounding box for an upright, face-on height; the solve "
+        "takes the vertices.",
         "",
         "| vehicle | distance | 5 % | median | 95 % | largest error |",
         "|---|---|---|---|---|---|",

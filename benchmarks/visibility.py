@@ -1,0 +1,326 @@
+"""Visible share: error against a per-pixel reference and against time, for more and more rays, and beside peers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.camera import HD, vehicles
+from camera.framing import frame_target
+from camera.projection import Camera, project
+from camera.shell import camera_pose, draw_azimuth, draw_elevation
+from camera.target import VehicleTarget
+from camera.visibility import error_bound, visible_fraction
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh, merge
+from geometry.rays import RayCaster
+from geometry.transforms import apply, rigid, rotation_z
+
+RAYS = (64, 256, 1024, 4096, 16384, 65536)
+SIZE = 600.0  # metres of ground to each side of the middle
+
+
+class World:
+    """Waves of ground, a wood on it, a tank in many places, and cameras that look at it."""
+
+    def __init__(self, n: int, *, cells: int, trees: int) -> None:
+        rng = np.random.default_rng(7)
+        self.ground = _waves(cells)
+        self.ground_rays = RayCaster(self.ground)
+        self.tree = _tree()
+        at = rng.uniform(-SIZE, SIZE, (trees, 2))
+        scale = rng.uniform(0.7, 1.6, trees)
+        poses = rigid(rotation_z(rng.uniform(0, 6, trees)), np.c_[at, _height(*at.T)])
+        poses[:, :3, :3] *= scale[:, None, None]
+        self.wood = InstancedScene([self.tree], np.zeros(trees, dtype=int), poses)
+        self.shape = vehicles(fine=6)["tank"]
+        self.target = VehicleTarget(self.shape)
+        self.articulation = [{"turret": float(a), "gun": 0.1} for a in rng.uniform(-3, 3, n)]
+        spot = rng.uniform(-0.8 * SIZE, 0.8 * SIZE, (n, 2))
+        self.world_from_vehicle = rigid(rotation_z(rng.uniform(0, 6, n)), np.c_[spot, _height(*spot.T)])
+        centre = self.world_from_vehicle[:, :3, 3] + [0, 0, 1.0]
+        poses = camera_pose(
+            centre,
+            rng.uniform(15, 120, n),
+            draw_azimuth(n, rng=rng),
+            draw_elevation(n, (math.radians(3), math.radians(35)), rng=rng),
+        )
+        hull = apply(self.world_from_vehicle, self.target.hull_points({}))
+        self.world_from_camera = frame_target(poses, hull, HD, rng=rng).world_from_camera
+        above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
+        self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
+
+    def fraction(self, rows: slice, rays: int, seed: int = 0, *, wood: bool = True) -> np.ndarray:
+        """What hulldown answers."""
+        return visible_fraction(
+            self.target,
+            self.world_from_vehicle[rows],
+            self.world_from_camera[rows],
+            intrinsics=HD,
+            articulation=self.articulation[rows],
+            ground=self.ground_rays,
+            obstacles=self.wood if wood else None,
+            rays=rays,
+            seed=seed,
+        ).fraction
+
+    def placed(self, i: int) -> Mesh:
+        """The vehicle of view i, turned, in the world."""
+        vertices = apply(self.world_from_vehicle[i], self.shape.vertices_at(self.articulation[i]))
+        return Mesh(vertices, self.shape.mesh.faces)
+
+    def by_pixels(self, i: int, pixels: np.ndarray, vehicle: RayCaster) -> tuple[int, int]:
+        """Rays through pixels of view i that meet the vehicle, and that meet it first, by nothing that is timed."""
+        camera = Camera(HD, self.world_from_camera[i])
+        along = camera.ray_directions(pixels)
+        origin = np.broadcast_to(camera.position, along.shape)
+        distance = vehicle.cast(origin, along).distance
+        met = np.isfinite(distance)
+        reach = distance[met] - 1e-3
+        hidden = self.ground_rays.cast(origin[met], along[met]).distance < reach
+        hidden |= self.wood.occluded(origin[met], along[met], max_distance=reach)
+        return int(met.sum()), int((~hidden).sum())
+
+
+def _height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    hills = 4.0 * np.sin(x / 25) * np.cos(y / 31 + 1)
+    return hills + 0.8 * np.sin(x / 6 + y / 9) + 0.1 * np.sin(x * 1.3) * np.sin(y * 1.1)
+
+
+def _waves(cells: int) -> Mesh:
+    x, y = np.meshgrid(*[np.linspace(-SIZE, SIZE, cells + 1)] * 2)
+    i = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, 1:].ravel(), i[1:, :-1].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return Mesh(np.stack([x.ravel(), y.ravel(), _height(x.ravel(), y.ravel())], 1), faces)
+
+
+def _tree() -> Mesh:
+    """A trunk and 3,000 leaves: occluders with holes."""
+    rng = np.random.default_rng(1)
+    around = np.linspace(0, 2 * math.pi, 9)
+    ring = np.stack([0.15 * np.cos(around), 0.15 * np.sin(around)], 1)
+    trunk = np.concatenate([np.c_[ring, np.full(9, -0.3)], np.c_[ring, np.full(9, 3.0)]])
+    sides = np.array([[i, i + 1, i + 10] for i in range(8)] + [[i, i + 10, i + 9] for i in range(8)])
+    middle = rng.normal(size=(3000, 3)) * [0.9, 0.9, 1.2] + [0, 0, 3.4]
+    leaves = (middle[:, None] + rng.normal(size=(3000, 3, 3)) * 0.12).reshape(-1, 3)
+    return merge([Mesh(trunk, sides), Mesh(leaves, np.arange(9000).reshape(-1, 3))])[0]
+
+
+def run(quick: bool) -> dict:
+    """Measure."""
+    views, rounds = (12, 3) if quick else (120, 7)
+    world = World(max(views, 256 if quick else 2048), cells=250 if quick else 700, trees=2000 if quick else 10_000)
+    result = {
+        "faces": {
+            "vehicle": len(world.shape.mesh.faces), "ground": len(world.ground.faces), "tree": len(world.tree.faces)
+        },
+        "trees": len(world.wood.bounds),
+        "views": views,
+    }  # fmt: skip
+    result["error"] = _errors(world, views, quick)
+    result["cost"] = _costs(world, rounds, quick)
+    return result
+
+
+def _errors(world: World, views: int, quick: bool) -> dict:
+    """Per contender and number of rays: errors over all views, in shares of the silhouette; nan where none is told."""
+    truth, hits, boxes, casters = np.full(views, np.nan), np.zeros(views), [], []
+    for i in range(views):
+        vehicle = world.placed(i)
+        pixels = project(HD, world.world_from_camera[i], vehicle.vertices).pixels
+        low, high = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0))
+        low, high = np.maximum(low, 0), np.minimum(high, [HD.width, HD.height])
+        # At least 400 points across, so that small targets have an exact reference too.
+        step = min(1.0, float((high - low).max()) / 400)
+        u, v = np.meshgrid(np.arange(low[0] + step / 2, high[0], step), np.arange(low[1] + step / 2, high[1], step))
+        casters.append(RayCaster(vehicle))
+        hits[i], seen = world.by_pixels(i, np.stack([u.ravel(), v.ravel()], 1), casters[i])
+        truth[i] = seen / hits[i]
+        boxes.append((low, high))
+    rng = np.random.default_rng(3)
+
+    def random_in_box(i: int, rays: int) -> float:
+        low, high = boxes[i]
+        met, seen = world.by_pixels(i, low + rng.random((rays, 2)) * (high - low), casters[i])
+        return seen / met if met else math.nan
+
+    def grid_in_frame(i: int, rays: int) -> float:
+        k = math.isqrt(rays)
+        u, v = np.meshgrid((np.arange(k) + 0.5) / k * HD.width, (np.arange(k) + 0.5) / k * HD.height)
+        met, seen = world.by_pixels(i, np.stack([u.ravel(), v.ravel()], 1), casters[i])
+        return seen / met if met else math.nan
+
+    rows = slice(0, views)
+    ours_is, random_is, grid_is = "one a cell of the target's box (default)", "random in the box", "grid over the frame"
+    out: dict[str, dict] = {ours_is: {}, random_is: {}, grid_is: {}}
+    for rays in RAYS[:4] if quick else RAYS:
+        seeds = 3 if quick else 5
+        ours = np.concatenate([world.fraction(rows, rays, seed=s) - truth for s in range(seeds)])
+        out[ours_is][str(rays)] = _summary(ours)
+        if rays <= 4096:
+            out[random_is][str(rays)] = _summary(np.array([random_in_box(i, rays) for i in range(views)]) - truth)
+            out[grid_is][str(rays)] = _summary(np.array([grid_in_frame(i, rays) for i in range(views)]) - truth)
+    bound = {str(rays): float(error_bound(rays * np.median(_fill(world, rows)))) for rays in RAYS}
+    partly = float(((truth > 0.02) & (truth < 0.98)).mean())
+    return {"contenders": out, "bound": bound, "partly_hidden": partly, "mean_visible": float(truth.mean())}
+
+
+def _fill(world: World, rows: slice) -> np.ndarray:
+    """Share of the rays that meet the target."""
+    seen = visible_fraction(
+        world.target,
+        world.world_from_vehicle[rows],
+        world.world_from_camera[rows],
+        intrinsics=HD,
+        articulation=world.articulation[rows],
+        rays=1024,
+    )
+    return seen.hits / 1024
+
+
+def _summary(error: np.ndarray) -> dict:
+    told = np.abs(error[~np.isnan(error)])
+    if not len(told):
+        return {"rms": math.nan, "p95": math.nan, "max": math.nan, "untold": 1.0}
+    return {
+        "rms": float(np.sqrt((told**2).mean())),
+        "p95": float(np.percentile(told, 95)),
+        "max": float(told.max()),
+        "untold": float(np.isnan(error).mean()),
+    }
+
+
+def _costs(world: World, rounds: int, quick: bool) -> dict:
+    """Microseconds a pose, one thread."""
+    n = len(world.world_from_camera)
+    every = slice(0, n)
+    work: dict[str, tuple[Callable[[], object], int]] = {}
+    for rays in RAYS[:3] if quick else RAYS:
+        some = slice(0, max(8, min(n, n * 256 // rays)))
+        work[f"{rays} rays"] = (lambda r=rays, s=some: world.fraction(s, r), some.stop)
+    work["256 rays, no wood"] = (lambda: world.fraction(every, 256, wood=False), n)
+    work["256 rays, one pose a call"] = (lambda: [world.fraction(slice(i, i + 1), 256) for i in range(16)], 16)
+    if (peer := _blender_peer(world)) is not None:
+        work["peer: 100 rays over the frame in Blender"] = (lambda: [peer(i) for i in range(8)], 8)
+    spent: dict[str, list[float]] = {name: [] for name in work}
+    for _ in range(rounds):
+        for name, (do, _) in work.items():
+            started = time.perf_counter()
+            do()
+            spent[name].append(time.perf_counter() - started)
+    return {name: float(np.median(spent[name])) * 1e6 / poses for name, (_, poses) in work.items()}
+
+
+def _blender_peer(world: World) -> Callable[[int], set[str]] | None:
+    """The way of BlenderProc's `visible_objects`: 10 x 10 rays over the frame, scene.ray_cast one by one.
+
+    References
+    ----------
+    Denninger et al., BlenderProc2, Journal of Open Source Software 8(82), 2023; python/camera/CameraValidation.py.
+    """
+    try:
+        import bpy
+        from mathutils import Matrix, Vector
+    except ImportError:
+        return None
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+
+    def data_of(mesh: Mesh, name: str) -> object:
+        data = bpy.data.meshes.new(name)
+        data.from_pydata(mesh.vertices.tolist(), [], mesh.faces.tolist())
+        return data
+
+    scene.collection.objects.link(bpy.data.objects.new("ground", data_of(world.ground, "ground")))
+    tree = data_of(world.tree, "tree")
+    for i, pose in enumerate(world.wood.world_from_instance):
+        instance = bpy.data.objects.new(f"tree{i}", tree)
+        instance.matrix_world = Matrix(pose.tolist())
+        scene.collection.objects.link(instance)
+    vehicle = bpy.data.objects.new("vehicle", data_of(world.shape.mesh, "vehicle"))
+    scene.collection.objects.link(vehicle)
+    bpy.context.view_layer.update()
+    pixels = np.stack(np.meshgrid(np.linspace(0, HD.width, 10), np.linspace(0, HD.height, 10)), -1).reshape(-1, 2)
+
+    def visible_objects(i: int) -> set[str]:
+        vehicle.matrix_world = Matrix(world.world_from_vehicle[i].tolist())
+        bpy.context.view_layer.update()
+        graph = bpy.context.evaluated_depsgraph_get()
+        camera = Camera(HD, world.world_from_camera[i])
+        origin = Vector(camera.position)
+        found = set()
+        for direction in camera.ray_directions(pixels):
+            hit, _, _, _, met, _ = scene.ray_cast(graph, origin, Vector(direction))
+            if hit:
+                found.add(met.name)
+        return found
+
+    visible_objects(0)
+    return visible_objects
+
+
+def report(results: dict) -> str:
+    """A Markdown section."""
+    error, cost, faces = results["error"], results["cost"], results["faces"]
+    told = f"{faces['vehicle']:,} triangles of vehicle in three turned parts, {faces['ground']:,} of ground"
+    lines = [
+        "## Visible share: error against rays",
+        f"{results['views']} views of a tank ({told}, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
+        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of the "
+        "target's box, or 400 across it for small ones, in the world. Errors are in shares of the silhouette; "
+        "a view in which no ray meets the target is untold.",
+        "",
+        "| rays | placed | RMS | 95 % | max | untold | stated bound, 95 % | us a pose |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, by_rays in error["contenders"].items():
+        for rays, s in by_rays.items():
+            stated = f"{error['bound'][rays]:.3f}" if "default" in name else ""
+            spent = f"{cost[f'{rays} rays']:.0f}" if "default" in name and f"{rays} rays" in cost else ""
+            lines.append(
+                f"| {rays} | {name} | {s['rms']:.4f} | {s['p95']:.4f} | {s['max']:.3f} | {s['untold']:.0%} "
+                f"| {stated} | {spent} |"
+            )
+    lines += ["", "| what else | us a pose |", "|---|---|"]
+    lines += [f"| {name} | {us:.0f} |" for name, us in cost.items() if not name[:-5].isdigit()]
+    peer = cost.get("peer: 100 rays over the frame in Blender")
+    if peer:
+        ratio = peer / cost["256 rays"]
+        lines += ["", f"256 rays at the target take 1/{ratio:.0f} of the time of 100 rays over the frame in Blender."]
+    return "\n".join(lines)
+
+
+def plots(results: dict, folder: Path) -> list[Path]:
+    """Error against time, with the default marked."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    error, cost = results["error"], results["cost"]
+    for name, by_rays in error["contenders"].items():
+        known = [(int(r), s["rms"]) for r, s in by_rays.items() if s["rms"] == s["rms"] and s["rms"] > 0]
+        left.plot(*zip(*known, strict=True), marker="o", markersize=4, label=name)
+    bound = error["bound"]
+    left.plot([int(r) for r in bound], list(bound.values()), "k--", linewidth=1, label="stated bound (95 %)")
+    left.set(xscale="log", yscale="log", xlabel="rays", ylabel="error of the visible share (RMS)")
+    left.legend(fontsize=7)
+    ours = next(iter(error["contenders"].values()))
+    timed = [(cost[f"{r} rays"], s["rms"], int(r)) for r, s in ours.items() if f"{r} rays" in cost]
+    right.plot([t[0] for t in timed], [t[1] for t in timed], marker="o", markersize=4)
+    for us, rms, rays in timed:
+        right.annotate(f"{rays}", (us, rms), textcoords="offset points", xytext=(5, 4), fontsize=7)
+        if rays == 256:
+            right.plot([us], [rms], marker="*", markersize=15, color="tab:red", linestyle="none", label="default")
+    right.set(xscale="log", yscale="log", xlabel="microseconds a pose (one thread)", ylabel="RMS error")
+    right.legend(fontsize=8)
+    path = folder / "visibility.png"
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+    return [path]
