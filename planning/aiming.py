@@ -45,10 +45,32 @@ class Shots:
     visible_fraction: Float[np.ndarray, " n"]
     refusal: UInt8[np.ndarray, " n"]
 
+    def of(self, rows: Int[np.ndarray, " k"]) -> Shots:
+        """Some of the rows."""
+        return Shots(*(getattr(self, f.name)[rows] for f in fields(self)))
+
     def put(self, rows: Int[np.ndarray, " k"], other: Shots, taken: Int[np.ndarray, " k"]) -> None:
         """Overwrite some of the rows with some of another's."""
         for f in fields(self):
             getattr(self, f.name)[rows] = getattr(other, f.name)[taken]
+
+
+@dataclass(frozen=True, slots=True)
+class Glimpse:
+    """What one camera sees of one companion.
+
+    Parameters
+    ----------
+    bbox, bbox_amodal
+        Boxes; None where nothing of it is in the frame, or in front of the camera.
+    visible_fraction, truncated_fraction
+        Shares; of what is out of the frame 0 and 1.
+    """
+
+    bbox: list[float] | None
+    bbox_amodal: list[float] | None
+    visible_fraction: float
+    truncated_fraction: float
 
 
 def no_shots(n: int) -> Shots:
@@ -119,25 +141,72 @@ def try_cameras(
     shots.truncated_fraction[rows] = boxes.truncated_fraction
     shots.refusal[rows] = box_refusal(boxes.xywh, boxes.truncated_fraction, limits)
 
-    on = shots.refusal[rows] == Refusal.NONE
-    rows = rows[on]
-    seen = visible_fraction(
-        target.model.target,
-        target.world_from_vehicle[rows],
+    rows = rows[shots.refusal[rows] == Refusal.NONE]
+    shots.visible_fraction[rows] = visible_shares(
+        site,
+        target.rows(rows),
+        [other.rows(rows) for other in others],
         shots.world_from_camera[rows],
-        intrinsics=[i for i, keep in zip(intrinsics, on.tolist(), strict=True) if keep],
-        articulation=target.rows(rows).articulation,
-        ground=site.ground,
-        obstacles=site.obstacles,
-        others=[other.rows(rows).standing for other in others],
+        intrinsics=intrinsics_of(render, shots.fov_x_deg[rows]),
         rays=limits.visibility_rays,
     )
-    # No ray met a target that is thinner than the rays are apart: nothing of it is known to be visible.
-    shots.visible_fraction[rows] = np.nan_to_num(seen.fraction)
     low, high = limits.visible_fraction
     shots.refusal[rows[shots.visible_fraction[rows] < low]] = Refusal.HIDDEN
     shots.refusal[rows[shots.visible_fraction[rows] > high]] = Refusal.EXPOSED
     return shots
+
+
+def glimpse(
+    site: Site, vehicle: Placed, others: list[Placed], shots: Shots, limits: CameraSection, render: RenderSection
+) -> list[Glimpse]:
+    """What each shot's camera sees of another vehicle than its target."""
+    intrinsics = intrinsics_of(render, shots.fov_x_deg)
+    boxes = vehicle.model.boxes.boxes(
+        vehicle.world_from_vehicle, shots.world_from_camera, intrinsics, vehicle.articulation
+    )
+    visible = visible_shares(
+        site, vehicle, others, shots.world_from_camera, intrinsics=intrinsics, rays=limits.visibility_rays
+    )
+    return [
+        Glimpse(
+            bbox=None if bbox[0] != bbox[0] else bbox,
+            bbox_amodal=None if amodal[0] != amodal[0] else amodal,
+            visible_fraction=share,
+            truncated_fraction=truncated,
+        )
+        for bbox, amodal, share, truncated in zip(
+            boxes.xywh.tolist(),
+            boxes.amodal.tolist(),
+            visible.tolist(),
+            boxes.truncated_fraction.tolist(),
+            strict=True,
+        )
+    ]
+
+
+def visible_shares(
+    site: Site,
+    vehicle: Placed,
+    others: list[Placed],
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    *,
+    intrinsics: list[Intrinsics],
+    rays: int,
+) -> Float[np.ndarray, " n"]:
+    """Visible share of each vehicle's outline; 0 where it is out of the frame."""
+    seen = visible_fraction(
+        vehicle.model.target,
+        vehicle.world_from_vehicle,
+        world_from_camera,
+        intrinsics=intrinsics,
+        articulation=vehicle.articulation,
+        ground=site.ground,
+        obstacles=site.obstacles,
+        others=[other.standing for other in others],
+        rays=rays,
+    )
+    # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
+    return np.nan_to_num(seen.fraction)
 
 
 def intrinsics_of(render: RenderSection, fov_x_deg: Float[np.ndarray, " n"]) -> list[Intrinsics]:

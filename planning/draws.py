@@ -34,6 +34,7 @@ class Purpose(IntEnum):
     LIGHT = 6
     SAMPLE_SEED = 7
     FRAMING = 8
+    COMPANY = 9
 
 
 class Draws:

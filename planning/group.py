@@ -6,13 +6,15 @@ are numbered, each draws its own numbers, and the first that passes everything i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Int
 
 from geometry.errors import ConfigError
-from planning.aiming import Shots, no_shots, try_cameras
+from planning.aiming import Glimpse, Shots, glimpse, no_shots, try_cameras
+from planning.company import Company
 from planning.draws import Draws, Purpose
 from planning.placing import Stands, nowhere, try_places
 from planning.refusal import AIMING, KINDS, PLACING, Refusal, sentence, tally
@@ -34,6 +36,8 @@ class Group:
     ----------
     site, model
         Where, and what.
+    models
+        All vehicles that companions are drawn from.
     position
         (n,) their numbers.
     shots
@@ -44,6 +48,7 @@ class Group:
 
     site: Site
     model: Model
+    models: list[Model]
     position: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
@@ -78,6 +83,10 @@ class Planned:
         (n,) places tried at each position, the taken one included.
     shots
         Of the m images.
+    companions
+        Of the n positions; those of one position share its number.
+    glimpses
+        For each of the m images what its camera sees of each companion.
     rejected
         (m, kinds) how often each refusal was met; a position's own are with its first image.
     """
@@ -86,6 +95,8 @@ class Planned:
     articulation: list[dict[str, float]]
     tries: Int[np.ndarray, " n"]
     shots: Shots
+    companions: Company
+    glimpses: list[list[Glimpse]]
     rejected: Int[np.ndarray, "m kinds"]
 
 
@@ -113,19 +124,31 @@ class _Search:
             self.articulation: list[dict[str, float]] = [{}] * n
         else:
             self.articulation = articulations(group.model.shape, uniform)
+        self.company = Company(group.site, group.models, config.placement, draws, group.position)
+        self.glimpses: list[list[Glimpse]] = [[] for _ in range(len(group.image))]
 
     def run(self) -> Planned:
         pending = np.arange(len(self.group.position))
         while len(pending):
             self._find_places(pending)
-            blind = self._aim(pending)
+            roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
+            self.place_refusals[pending[~roomy], Refusal.COMPANION] += 1
+            self._give_up_if_placeless(pending[~roomy])
+            blind = self._aim(pending[roomy])
             self.place_refusals[blind, Refusal.NO_VIEW] += 1
-            self._give_up_if_hopeless(blind)
-            pending = blind
+            self._give_up_if_blind(blind)
+            pending = np.union1d(pending[~roomy], blind)
+        if self.company.slots:
+            self._glimpse()
         rejected = self.camera_refusals
         first = np.cumsum(self.group.shots) - self.group.shots
         rejected[first] += self.place_refusals
-        return Planned(self.stands, self.articulation, self.tries, self.shots, rejected)
+        return Planned(self.stands, self.articulation, self.tries, self.shots, self.company, self.glimpses, rejected)
+
+    def _targets(self, rows: Int[np.ndarray, " p"]) -> Placed:
+        """Where the vehicles of these positions, which may repeat, stand now."""
+        articulation = [self.articulation[i] for i in rows.tolist()]
+        return Placed(self.group.model, self.stands.world_from_vehicle[rows], articulation)
 
     def _find_places(self, pending: Int[np.ndarray, " p"]) -> None:
         """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
@@ -165,32 +188,46 @@ class _Search:
         pending = np.flatnonzero(waiting[owner])
         for attempt in range(limits.max_tries):
             refused = []
-            for start in range(0, len(pending), CAMERAS):
-                rows = pending[start : start + CAMERAS]
-                target = Placed(
-                    group.model,
-                    self.stands.world_from_vehicle[owner[rows]],
-                    [self.articulation[i] for i in owner[rows].tolist()],
-                )
+            for rows in self._batches(pending):
+                positions = owner[rows]
                 found = try_cameras(
                     group.site,
-                    target,
+                    self._targets(positions),
                     limits,
                     self.config.render,
                     draws=self.draws,
                     image=image[rows],
                     # Numbered through all places of the position, so that a new place gets new cameras.
-                    attempt=self.tries[owner[rows]] * limits.max_tries + attempt,
-                    others=[],
+                    attempt=self.tries[positions] * limits.max_tries + attempt,
+                    others=self.company.placed(positions),
                 )
                 good = found.refusal == Refusal.NONE
                 self.shots.put(rows[good], found, np.flatnonzero(good))
                 np.add.at(self.camera_refusals, (rows[~good], found.refusal[~good]), 1)
                 refused.append(rows[~good])
-            pending = np.concatenate(refused) if refused else pending
+            pending = np.concatenate(refused) if refused else pending[:0]
             if not len(pending):
                 break
         return np.unique(owner[pending])
+
+    def _batches(self, images: Int[np.ndarray, " p"]) -> Iterator[Int[np.ndarray, " q"]]:
+        """These images, cut into batches whose positions have the same companions."""
+        for part in self.company.together(self.group.owner[images]):
+            for start in range(0, len(part), CAMERAS):
+                yield images[part[start : start + CAMERAS]]
+
+    def _glimpse(self) -> None:
+        """What the cameras see of the companions, once all of both have their places."""
+        owner = self.group.owner
+        for rows in self._batches(np.arange(len(owner))):
+            vehicles = [self._targets(owner[rows]), *self.company.placed(owner[rows])]
+            for k in range(1, len(vehicles)):
+                others = vehicles[:k] + vehicles[k + 1 :]
+                seen = glimpse(
+                    self.group.site, vehicles[k], others, self.shots.of(rows), self.config.camera, self.config.render
+                )
+                for i, one in zip(rows.tolist(), seen, strict=True):
+                    self.glimpses[i].append(one)
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
         limit = self.config.placement.max_tries
@@ -200,7 +237,7 @@ class _Search:
                 "finds no place to stand", {r: int(counts[r]) for r in PLACING}, "widen the limits in [placement]"
             )
 
-    def _give_up_if_hopeless(self, rows: Int[np.ndarray, " p"]) -> None:
+    def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
         if (self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES).any():
             counts = self.camera_refusals.sum(axis=0)
             raise self._hopeless(

@@ -59,6 +59,7 @@ class Planner:
             group = Group(
                 site=self._stage.sites[s],
                 model=self._stage.models[self.budget.vehicles[v]],
+                models=list(self._stage.models.values()),
                 position=position[mine],
                 shots=held.shots[mine],
                 first_image=held.first_image[mine],

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
+
+import numpy as np
 
 from planning.group import Group, Planned
 from planning.light import Lights
@@ -35,6 +38,7 @@ def rows_of(
         lights.visibility_m.tolist(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
+        _companions(group, planned),
         strict=True,
     )
     width, height = config.render.width, config.render.height
@@ -67,11 +71,38 @@ def rows_of(
             "gap": gap[i],
             "penetration": penetration[i],
             "tries": tries[i],
-            "companions": [],
+            "companions": companions,
             "rejected": {kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
         }
         for (
             i, shot, image, camera, fov, bbox, amodal, visible, truncated,
-            hdri, yaw, strength, visibility, seed, rejected,
+            hdri, yaw, strength, visibility, seed, rejected, companions,
         ) in columns
     ]  # fmt: skip
+
+
+def _companions(group: Group, planned: Planned) -> list[list[dict[str, Any]]]:
+    """For each image of a group the records of its companions."""
+    company = planned.companions
+    if not company.slots:
+        return [[] for _ in range(len(group.image))]
+    standing: list[list[dict[str, Any]]] = [[] for _ in range(len(group.position))]
+    for slot in company.slots:
+        for i in np.flatnonzero(slot.model >= 0).tolist():
+            model = company.models[int(slot.model[i])]
+            standing[i].append(
+                {
+                    "vehicle": model.shape.name,
+                    "category": model.category,
+                    "world_from_vehicle": slot.stands.world_from_vehicle[i].tolist(),
+                    "articulation": slot.articulation[i],
+                    "slope_deg": float(slot.stands.slope_deg[i]),
+                    "gap": float(slot.stands.gap[i]),
+                    "penetration": float(slot.stands.penetration[i]),
+                    "tries": int(slot.tries[i]),
+                }
+            )
+    return [
+        [{**one, **asdict(seen)} for one, seen in zip(standing[i], glimpses, strict=True)]
+        for i, glimpses in zip(group.owner.tolist(), planned.glimpses, strict=True)
+    ]
