@@ -28,13 +28,18 @@ def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [row, *row["companions"]]
 
 
+def labelled(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Those that the image is labelled with: the target, and the companions of which something is seen."""
+    return [row, *(c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0)]
+
+
 def image_record(row: Mapping[str, Any]) -> dict[str, Any]:
     """What `annotations.json` says about a row's image, but for id and file name."""
     return {key: row[key] for key in ("width", "height", *IMAGE_KEYS, *LIGHT_KEYS)}
 
 
 def annotation_records(row: Mapping[str, Any], segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What it says about each of the row's vehicles, but for the id."""
+    """What it says about each labelled vehicle of a row, but for the id."""
     return [
         {
             "category": target["category"],
@@ -42,7 +47,7 @@ def annotation_records(row: Mapping[str, Any], segmentations: Sequence[Mapping[s
             **segmentation,
             **{key: target[key] for key in TARGET_KEYS},
         }
-        for target, segmentation in zip(targets(row), segmentations, strict=True)
+        for target, segmentation in zip(labelled(row), segmentations, strict=True)
     ]
 
 
@@ -61,15 +66,16 @@ class Segmenter:
         self._occluders: tuple[str, list[Occluder]] = ("", [])  # of the scenery last asked for: rows come sorted
 
     def segmentations(self, row: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """`segmentation` (compressed run lengths) and `area` (pixels) of each vehicle of a row."""
+        """`segmentation` (compressed run lengths) and `area` (pixels) of each labelled vehicle of a row."""
         camera = Camera(
             Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"])
         )
-        standing = [self._standing(target) for target in targets(row)]
+        standing = [(target, self._standing(target)) for target in targets(row)]
         occluders = self._hiding(row["scenery"])
         found = []
-        for i, (vehicle, target) in enumerate(zip(standing, targets(row), strict=True)):
-            others = standing[:i] + standing[i + 1 :]
+        for target in labelled(row):
+            (vehicle,) = (mine for whose, mine in standing if whose is target)
+            others = [other for whose, other in standing if whose is not target]
             mask = vehicle_mask(vehicle, camera, xywh=target["bbox"], occluders=occluders, others=others)
             found.append({"segmentation": encode(mask), "area": area(mask)})
         return found

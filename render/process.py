@@ -101,10 +101,14 @@ class WorkerProcess:
             lines = file.read().decode("utf-8", "replace").strip().splitlines()
         return f"{how}; its last words: {lines[-1][:300]}" if lines else how
 
-    def stop(self) -> None:
-        """Let it end by itself, if it is idle."""
+    def close_stdin(self) -> None:
+        """Tell it that there is nobody any more: it ends, in the middle of a job too."""
         assert self._process.stdin is not None
         self._process.stdin.close()
+
+    def stop(self) -> None:
+        """Let it end by itself, if it is idle."""
+        self.close_stdin()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(STOP_S)
         self.kill()

@@ -23,7 +23,7 @@ from PIL import Image, UnidentifiedImageError
 from annotate.coco import CocoDataset, Run
 from geometry.errors import ConfigError, DatasetError
 from planning.plan_file import Plan, is_inside
-from render.annotations import Segmenter, annotation_records, image_record, targets
+from render.annotations import Segmenter, annotation_records, image_record, labelled
 from render.jobs import RenderAssets, job
 from render.pool import Pool
 
@@ -64,7 +64,7 @@ class Todo:
 
     def __init__(self, plan: Plan, dataset: CocoDataset, wanted: int) -> None:
         rows = [
-            (row["scenery"], row["vehicle"], row["hdri"], row["index"], len(targets(row)), row["file_name"])
+            (row["scenery"], row["vehicle"], row["hdri"], row["index"], len(labelled(row)), row["file_name"])
             for row in plan
         ]
         _check_names([row[5] for row in rows], plan)

@@ -1,0 +1,177 @@
+"""Makes the small files that the render tests render; run as a script, with a folder to write into."""
+
+import math
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+EVIL = """
+import pathlib
+pathlib.Path({path!r}).write_text("a script of the file has run")
+"""
+
+
+def fresh():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save(path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+
+
+def glowing(name, color):
+    """Looks the same from everywhere in any light, so that a picture can be taken apart by colour."""
+    material = bpy.data.materials.new(name)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    glow, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    glow.inputs["Color"].default_value = (*color, 1.0)
+    links.new(glow.outputs["Emission"], output.inputs["Surface"])
+    return material
+
+
+def matt(name, color):
+    material = bpy.data.materials.new(name)
+    material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*color, 1.0)
+    material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 1.0
+    return material
+
+
+def box(name, size, location, material, parent=None):
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=location)
+    obj = bpy.context.object
+    obj.name, obj.scale = name, size
+    obj.data.materials.append(material)
+    if parent is not None:
+        obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_world.inverted()
+    bpy.context.view_layer.update()
+    return obj
+
+
+def tank(path):
+    fresh()
+    pink = glowing("pink", (1.0, 0.0, 1.0))
+    box("hull", (6.0, 3.0, 1.5), (1.0, 0.5, 0.75), pink)
+    turret = box("turret", (2.6, 2.0, 0.9), (0.6, 0.5, 1.95), pink)
+    box("gun", (4.0, 0.4, 0.4), (3.9, 0.5, 1.95), pink, turret)
+    bpy.ops.mesh.primitive_plane_add(size=80.0)
+    bpy.context.object.name = "floor"
+    save(path)
+
+
+def field(path, *, unit=1.0, centre=(0.0, 0.0, 0.0), drape=None):
+    """Rolling ground of 80 m and some boulders, in a unit and at a place of one's choice."""
+    fresh()
+    bpy.context.scene.unit_settings.scale_length = unit
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=40, y_subdivisions=40, size=80.0)
+    ground = bpy.context.object
+    ground.name = "ground"
+    for vertex in ground.data.vertices:
+        vertex.co.z = 1.2 * math.sin(vertex.co.x / 9.0) * math.cos(vertex.co.y / 7.0)
+    ground.data.materials.append(matt("soil", (0.3, 0.25, 0.15)))
+    rng = np.random.default_rng(0)
+    for x, y in rng.uniform(-35.0, 35.0, (12, 2)):
+        box("boulder", (3.0, 2.0, 2.5), (x, y, 1.0), matt("stone", (0.4, 0.4, 0.4)))
+    root = bpy.data.objects.new("all", None)
+    bpy.context.scene.collection.objects.link(root)
+    for obj in list(bpy.context.scene.objects):
+        if obj is not root and obj.parent is None:
+            obj.parent = root
+    root.scale = (1.0 / unit,) * 3
+    root.location = centre
+    bpy.ops.object.camera_add(location=(0.0, 0.0, 5.0))
+    bpy.ops.object.light_add(type="SUN")
+    if drape:
+        drape()
+    save(path)
+
+
+def leaking():
+    """Every setting of a file that could change pictures which are not its own."""
+    scene = bpy.context.scene
+    render = scene.render
+    render.resolution_percentage, render.film_transparent, render.use_border = 50, True, True
+    render.use_crop_to_border, render.border_max_x = True, 0.5
+    render.pixel_aspect_x, render.use_stamp, render.use_motion_blur = 2.0, True, True
+    render.use_simplify, render.simplify_subdivision_render = True, 0
+    render.image_settings.file_format, render.image_settings.color_mode = "JPEG", "BW"
+    render.use_multiview, render.dither_intensity, render.filter_size = True, 2.0, 9.0
+    scene.cycles.film_exposure, scene.cycles.filter_width, scene.cycles.max_bounces = 5.0, 8.0, 0
+    scene.cycles.sample_clamp_direct, scene.cycles.use_fast_gi = 0.1, True
+    scene.view_settings.exposure, scene.view_settings.gamma, scene.view_settings.view_transform = 3.0, 2.0, "Raw"
+    scene.view_settings.use_curve_mapping = True
+    layer = scene.view_layers[0]
+    layer.material_override, layer.samples = matt("override", (1.0, 0.0, 0.0)), 1
+    scene.view_layers.new("second")
+    marker = scene.timeline_markers.new("cut", frame=1)
+    marker.camera = next(o for o in scene.objects if o.type == "CAMERA")
+    scene.world = bpy.data.worlds.new("theirs")
+    tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
+    scene.compositing_node_group = tree  # an empty one makes black pictures
+    scene.background_set = bpy.data.scenes.new("set")
+
+
+def evil(folder):
+    """Scripts and drivers that would leave a file behind if they ran."""
+
+    def drape():
+        text = bpy.data.texts.new("evil.py")
+        text.write(EVIL.format(path=str(folder / "registered")))
+        text.use_module = True
+        ground = bpy.data.objects["ground"]
+        call = f"__import__('pathlib').Path({str(folder / 'driven')!r}).write_text('x')"
+        for owner, prop in ((ground, "location"), (ground, "rotation_euler")):
+            driver = owner.driver_add(prop, 2).driver
+            driver.type, driver.expression = "SCRIPTED", call
+        world = bpy.data.worlds.new("evil")
+        bpy.context.scene.world = world
+        driver = world.driver_add("color", 0).driver
+        driver.type, driver.expression = "SCRIPTED", call
+
+    return drape
+
+
+def sky(path, width=256):
+    """An even grey sky with one bright patch at azimuth 0, 20 degrees up."""
+    image = bpy.data.images.new(path.stem, width, width // 2, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    pixels = np.full((width // 2, width, 4), 0.5, dtype=np.float32)
+    row = round((20.0 + 90.0) / 180.0 * (width // 2))
+    pixels[row - 2 : row + 2, width // 2 - 2 : width // 2 + 2, :3] = 40.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
+    image.save()
+
+
+def grey(path):
+    image = bpy.data.images.new(path.stem, 64, 32, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(np.full(64 * 32 * 4, 0.5, dtype=np.float32))
+    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
+    image.save()
+
+
+def targets(path):
+    """Black walls, 20, 60 and 150 m from the origin, for the law of fog."""
+    fresh()
+    black = glowing("black", (0.0, 0.0, 0.0))
+    for x, y in ((20.0, -8.0), (60.0, 0.0), (150.0, 70.0)):
+        box("wall", (0.5, 12.0 * x / 60.0, 12.0 * x / 60.0), (x, y, 0.0), black)
+    save(path)
+
+
+def main(folder):
+    tank(folder / "tank.blend")
+    field(folder / "field.blend")
+    field(folder / "centimetres.blend", unit=0.01)
+    field(folder / "map.blend", centre=(512_000.0, 5_403_000.0, 300.0))
+    field(folder / "leaking.blend", drape=leaking)
+    field(folder / "evil.blend", drape=evil(folder))
+    targets(folder / "walls.blend")
+    sky(folder / "sky.exr")
+    grey(folder / "grey.exr")
+
+
+main(Path(sys.argv[1]))

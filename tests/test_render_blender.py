@@ -1,0 +1,286 @@
+"""Pictures by Cycles: is in them what was planned, and nothing that a file wanted otherwise?"""
+
+import math
+import queue
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from annotate.masks import iou, mask_box, vehicle_mask
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from camera.target import Standing, VehicleTarget
+from geometry.instances import InstancedScene
+from geometry.rays import RayCaster
+from planning.config import load_config
+from planning.write import write_plan
+from render.annotations import targets
+from render.cache import load_assets
+from render.jobs import SceneryFile, job, mask_job, render_assets
+from render.masks import cycles_masks
+from render.pool import Pool
+from render.process import WORKER, WorkerProcess, worker_command
+from render.supervisor import render_plan
+
+pytestmark = pytest.mark.blender
+WORLDS = Path(__file__).with_name("render_worlds.py")
+SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
+CONFIG = """
+seed = 5
+[assets]
+hdris = ["grey.exr", "sky.exr"]
+vehicles = [{path = "tank.blend", category = "tank"}]
+sceneries = [{path = "field.blend"}, {path = "centimetres.blend"}, {path = "map.blend"}]
+[budget]
+images_per_class = 8
+images_per_position = 1
+[camera]
+target_fraction = [0.3, 0.6]
+visible_fraction = [0.2, 1.0]
+truncated_fraction = [0.0, 0.6]
+framing = 1.0
+[placement]
+vehicles_per_image = [1, 2]
+companion_distance = [9.0, 20.0]
+[light]
+hdris = ["grey"]
+[render]
+width = 128
+height = 72
+samples = 4
+denoise = false
+bounces = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("worlds")
+    subprocess.run([sys.executable, "-P", str(WORLDS), str(made)], check=True, capture_output=True)
+    (made / "hulldown.toml").write_text(CONFIG)
+    return made
+
+
+@pytest.fixture(scope="module")
+def plan(folder):
+    config = load_config(folder / "hulldown.toml")
+    return write_plan(config, load_assets(config), folder / "plan.jsonl")
+
+
+@pytest.fixture(scope="module")
+def assets(plan):
+    return render_assets(plan)
+
+
+@pytest.fixture(scope="module")
+def dataset(plan, assets, folder):
+    report = render_plan(plan.path, folder / "dataset", assets=assets)
+    assert report.complete
+    return folder / "dataset"
+
+
+def camera_of(row):
+    return Camera(
+        Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"])
+    )
+
+
+def standing(assets, target):
+    shape = assets.vehicles[target["vehicle"]].shape
+    return Standing(VehicleTarget(shape), np.array(target["world_from_vehicle"])[None], target["articulation"])
+
+
+def pixels(path):
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB")).astype(np.float64)
+
+
+def pink(picture):
+    return (picture[..., 0] > picture[..., 1] + 60) & (picture[..., 2] > picture[..., 1] + 60)
+
+
+def draw(folder, messages):
+    """Pictures of a worker of our own, in the order of the messages."""
+    with Pool(folder / "logs", workers=1) as pool:
+        failures = {}
+        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
+    assert failures == {}
+    return [pixels(message["output"]) for message in messages]
+
+
+def test_cycles_and_embree_see_the_same_pixels(plan, assets):
+    masks = cycles_masks(plan, range(len(plan)), assets)
+    assert {plan[m.index]["scenery"] for m in masks} == {"field", "centimetres", "map"}
+    assert any(plan[m.index]["companions"] for m in masks)
+    assert any(plan[m.index]["truncated_fraction"] > 0 for m in masks)
+    for found in masks:
+        row = plan[found.index]
+        camera = camera_of(row)
+        for target, alone in zip(targets(row), found.alone, strict=True):
+            expected = vehicle_mask(standing(assets, target), camera)
+            assert iou(alone, expected) >= 0.99
+        # Everything on the tank is thicker than a pixel, so the outermost pixel centres are within one of the box.
+        assert np.abs(corners(mask_box(found.alone[0])) - corners(row["bbox"])).max() <= 1.0
+
+
+def corners(xywh):
+    x, y, w, h = xywh
+    return np.array([x, y, x + w, y + h])
+
+
+def test_what_is_planned_is_in_the_picture(dataset, plan, assets):
+    """The tank glows pink in a grey world: its pixels are counted in the pictures themselves."""
+    for row in plan:
+        camera = camera_of(row)
+        expected = np.zeros((row["height"], row["width"]), dtype=bool)
+        site = assets.sceneries[row["scenery"]].scenery
+        hiding = [
+            RayCaster(site.ground),
+            InstancedScene(site.obstacle_meshes, site.instance_mesh, site.world_from_instance),
+        ]
+        for target in targets(row):
+            expected |= vehicle_mask(standing(assets, target), camera, occluders=hiding)
+        # Antialiased edges: a pixel less or more all around.
+        assert iou(pink(pixels(dataset / row["file_name"])), expected) > 0.8
+
+
+def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
+    order = [3, 0, 3]
+    messages = [job(plan[i], assets, SETTINGS, tmp_path / f"{n}.png") for n, i in enumerate(order)]
+    pictures = draw(tmp_path, messages)
+    assert np.array_equal(pictures[0], pictures[2])
+    for picture, i in zip(pictures, order, strict=True):
+        assert np.array_equal(picture, pixels(dataset / plan[i]["file_name"]))
+
+
+def test_another_seed_is_another_noise(plan, assets, tmp_path):
+    row = plan[0]
+    messages = [job({**row, "sample_seed": s}, assets, SETTINGS, tmp_path / f"{s}.png") for s in (1, 2)]
+    one, two = draw(tmp_path, messages)
+    assert not np.array_equal(one, two)
+    assert np.abs(one - two).mean() < 20
+
+
+def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
+    """A row's camera that looks from `at` into a direction."""
+    z = np.array(
+        [
+            math.cos(math.radians(elevation_deg)) * math.cos(math.radians(azimuth_deg)),
+            math.cos(math.radians(elevation_deg)) * math.sin(math.radians(azimuth_deg)),
+            math.sin(math.radians(elevation_deg)),
+        ]
+    )
+    x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, at
+    return {"world_from_camera": pose.tolist(), "width": width, "height": height, "fov_x_deg": fov_x_deg}
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 75.0, -120.0])
+def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, tmp_path, yaw_deg):
+    row = {**plan[0], **looking(yaw_deg, 20.0), "hdri": "sky", "hdri_yaw_deg": yaw_deg, "companions": []}
+    (picture,) = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / "sky.png")])
+    bright = np.argwhere(picture.min(axis=2) > 230)
+    assert len(bright) > 4
+    assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
+
+
+def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path):
+    """Half size, cropped, raw, over-exposed, overridden, composited to black: none of it shows."""
+    field = assets.sceneries["field"]
+    leaking = replace(field, path=folder / "leaking.blend")
+    other = replace(assets, sceneries={"field": leaking})
+    row = {**next(row for row in plan if row["scenery"] != "map"), "scenery": "field"}
+    messages = [job(row, a, SETTINGS, tmp_path / f"{n}.png") for n, a in enumerate((assets, other))]
+    clean, leaked = draw(tmp_path, messages)
+    assert np.array_equal(clean, leaked)
+
+
+def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, tmp_path):
+    evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
+    row = {**plan[0], "scenery": "field"}
+    messages = [
+        job({**row, "sample_seed": n}, replace(assets, sceneries={"field": evil}), SETTINGS, tmp_path / f"{n}.png")
+        for n in (1, 2)
+    ]
+    draw(tmp_path, messages)
+    assert not (folder / "registered").exists()
+    assert not (folder / "driven").exists()
+
+
+@pytest.mark.parametrize("visibility", [50.0, 200.0])
+def test_fog_follows_koschmieders_law(plan, assets, folder, tmp_path, visibility):
+    """Black walls in fog look as bright as a clear sky of 1 - exp(-3.912 d / visibility) the strength."""
+    walls = SceneryFile(folder / "walls.blend", np.eye(4), assets.sceneries["field"].scenery)
+    assets = replace(assets, sceneries={"walls": walls})
+    sunk = np.eye(4)
+    sunk[2, 3] = -500.0
+    row = {
+        **plan[0],
+        **looking(0.0, 0.0, fov_x_deg=90.0, at=(0.0, 0.0, 0.0)),
+        **{"scenery": "walls", "world_from_vehicle": sunk.tolist(), "companions": [], "strength": 1.0},
+    }
+    fog = {**row, "weather": {"visibility_m": visibility}}
+    messages = [job(fog, assets, SETTINGS, tmp_path / "fog.png")]
+    centres = [(19.75, -8.0), (59.75, 0.0), (149.75, 70.0)]
+    for i, centre in enumerate(centres):
+        strength = 1.0 - math.exp(-3.912 * math.hypot(*centre) / visibility)
+        messages.append(job({**row, "strength": strength}, assets, SETTINGS, tmp_path / f"{i}.png"))
+    foggy, *clear = draw(tmp_path, messages)
+    for (x, y), sky in zip(centres, clear, strict=True):
+        column = round(64.0 - 64.0 * y / x)
+        assert np.abs(foggy[35:37, column - 1 : column + 1] - sky[0, 0]).max() <= 2.0
+
+
+class Conversation:
+    """A worker that is spoken to directly."""
+
+    def __init__(self, command, log):
+        self.answers = queue.SimpleQueue()
+        self.worker = WorkerProcess(command, log, lambda _, answer: self.answers.put(answer))
+        assert "ready" in self.hear()
+        assert self.ask({"do": "start", "device": "cpu", "index": 0, "threads": 0})["done"] == "start"
+
+    def hear(self):
+        return self.answers.get(timeout=120)
+
+    def ask(self, message):
+        self.worker.send(message)
+        return self.hear()
+
+
+def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
+    """An installed Blender has no more: every other distribution is hidden from the worker."""
+    hidden = ["jaxtyping", "scipy", "orjson", "pydantic", "psutil", "PIL", "filelock", "rich", "trimesh", "embreex"]
+    code = (
+        f"import runpy, sys; sys.modules.update(dict.fromkeys({hidden!r}));"
+        f"sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
+    )
+    talk = Conversation([sys.executable, "-P", "-c", code], tmp_path / "log")
+    assert talk.ask(job(plan[0], assets, SETTINGS, tmp_path / "0.png"))["done"] == "render"
+    assert talk.ask(mask_job(plan[0], assets, tmp_path / "0.npy"))["done"] == "mask"
+    talk.worker.stop()
+
+
+def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
+    talk = Conversation(worker_command(None), tmp_path / "log")
+    good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
+    bad = {**good, "light": {**good["light"], "hdri": str(tmp_path / "nowhere.exr")}}
+    assert "nowhere.exr" in talk.ask(bad)["failed"]
+    assert talk.ask(good)["done"] == "render"
+    talk.worker.stop()
+
+
+def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
+    talk = Conversation(worker_command(None), tmp_path / "log")
+    talk.worker.send(job(plan[0], assets, {**SETTINGS, "samples": 1_000_000}, tmp_path / "0.png"))
+    time.sleep(1.0)
+    talk.worker.close_stdin()
+    assert talk.answers.get(timeout=30) is None
+    talk.worker.kill()
