@@ -1,0 +1,186 @@
+"""Top hits: how fast, how wrong, how long to build and how much memory, beside every peer that is installed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import top_hits_peers as peers
+from benchmarks.top_hits_cases import cases, errors
+
+DEFAULT = "hulldown certified"
+RAW = "raw embreex"
+SLOW = ("Blender scene.ray_cast", "mathutils BVHTree")  # one Python call a ray: fewer rays, the same rate
+TERRAIN = "map coordinates (5e5, 5.4e6)"  # the case whose error the plot shows
+
+
+def run(quick: bool) -> dict:
+    """Measure."""
+    sizes = (20_000, 200_000) if quick else (20_000, 500_000, 2_000_000, 8_000_000)
+    rays, rounds = (100_000, 3) if quick else (1_000_000, 7)
+    return {
+        "rays": rays,
+        "speed": {str(n): _speed(n, rays, rounds) for n in sizes},
+        "build": {str(n): _build(n, 1 if quick else 3) for n in (sizes if quick else sizes[1:3])},
+        "errors": _errors(300 if quick else 2_000),
+    }
+
+
+def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
+    """Rays a second, and the median of each round's ratio to raw embreex in that round."""
+    mesh = peers.hills(faces)
+    xy = peers.points(mesh, rays)
+    queries: dict[str, Callable] = {RAW: peers.raw_embreex(mesh), **peers.ours(mesh)}
+    for peer in (peers.trimesh_peer, peers.open3d_peer, peers.blender_peer):
+        try:
+            queries |= peer(mesh)
+        except ImportError:
+            continue
+    seconds: dict[str, list[float]] = {name: [] for name in queries}
+    for warming in [True] + [False] * rounds:
+        for name, query in queries.items():
+            some = xy[: len(xy) // 50] if name in SLOW else xy
+            start = time.perf_counter()
+            query(some)
+            if not warming:
+                seconds[name].append((time.perf_counter() - start) * len(xy) / len(some))
+    base = np.array(seconds[RAW])
+    return {
+        name: {"rays_per_s": rays / float(np.median(took)), "ratio": float(np.median(base / np.array(took)))}
+        for name, took in seconds.items()
+    }
+
+
+def _build(faces: int, rounds: int) -> dict[str, dict[str, float]]:
+    taken: dict[str, list[dict[str, float]]] = {}
+    for _ in range(rounds):
+        for name in peers.BUILDERS:
+            cost = peers.cost_of_building(name, faces)
+            if cost is not None:
+                taken.setdefault(name, []).append(cost)
+    return {
+        name: {key: float(np.median([cost[key] for cost in costs])) for key in ("seconds", "peak_mb")}
+        for name, costs in taken.items()
+    }
+
+
+def _errors(n: int) -> dict[str, dict[str, dict[str, float]]]:
+    try:
+        import bpy  # noqa: F401  # only whether it is there
+    except ImportError:
+        blender = None
+    else:
+        blender = lambda mesh: peers.blender_peer(mesh)["Blender scene.ray_cast"]  # noqa: E731
+    return {name: errors(mesh, xy, blender) for name, mesh, xy in cases(n)}
+
+
+def report(results: dict) -> str:
+    """A Markdown section."""
+    sizes = list(results["speed"])
+    lines = [
+        "## Top hits",
+        f"{results['rays']:,} random points, in random order, over hilly terrain; everything counted (sorting, "
+        "certifying, repairing, writing out). Multiples are of raw embreex on one thread in the same round.",
+        _row("", *(f"{int(n):,} triangles" for n in sizes)),
+        _row(*["---"] * (len(sizes) + 1)),
+    ]
+    table = [
+        _row(_bold(name), *(_rate(results["speed"][n].get(name)) for n in sizes)) for name in results["speed"][sizes[0]]
+    ]
+    gains = [_gain(results["speed"][n]) for n in sizes]
+    table.append(_row("certified: gain from two threads", *(f"{g:.2f} ×" for g in gains)))
+    table.append(_row("certified, as a multiple of scene.ray_cast", *(_beside(results["speed"][n]) for n in sizes)))
+    lines[-1] = "\n".join([lines.pop(-2), lines[-1], *table])
+    lines += ["### Building", _build_table(results["build"])]
+    lines += [
+        "### Errors against rational arithmetic",
+        "Missed / false hit / wrong surface in per cent of the points; then the largest error of height in metres and "
+        "of the normal in degrees, where both hit. `·` is zero.",
+        _error_table(results["errors"]),
+    ]
+    return "\n\n".join(lines)
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _bold(name: str) -> str:
+    return f"**{name}** (default)" if name == DEFAULT else name
+
+
+def _rate(figures: dict[str, float] | None) -> str:
+    return f"{figures['rays_per_s'] / 1e6:.2f} M/s, {figures['ratio']:.2f} ×" if figures else ""
+
+
+def _gain(speed: dict[str, dict[str, float]]) -> float:
+    return speed[f"{DEFAULT}, 2 threads"]["ratio"] / speed[DEFAULT]["ratio"]
+
+
+def _beside(speed: dict[str, dict[str, float]]) -> str:
+    blender = speed.get(SLOW[0])
+    return f"{speed[DEFAULT]['ratio'] / blender['ratio']:.0f} ×" if blender else ""
+
+
+def _build_table(build: dict[str, dict[str, dict[str, float]]]) -> str:
+    rows = [_row("", *(f"{int(n):,} triangles" for n in build)), _row(*["---"] * (len(build) + 1))]
+    for name in next(iter(build.values())):
+        cells = []
+        for figures in build.values():
+            own, base = figures[name], figures[RAW]
+            cells.append(
+                f"{own['seconds']:.2f} s ({own['seconds'] / base['seconds']:.2f} ×), "
+                f"{own['peak_mb']:.0f} MB ({own['peak_mb'] / max(base['peak_mb'], 1e-3):.2f} ×)"
+            )
+        rows.append(_row(name, *cells))
+    return "\n".join(rows)
+
+
+def _error_table(found: dict[str, dict[str, dict[str, float]]]) -> str:
+    methods = list(next(iter(found.values())))
+    rows = [_row("case", *(_bold(m) for m in methods)), _row(*["---"] * (len(methods) + 1))]
+    rows += [_row(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
+    return "\n".join(rows)
+
+
+def _errors_of(e: dict[str, float]) -> str:
+    rates = " / ".join(f"{100 * e[key]:.2g}" if e[key] else "·" for key in ("missed", "false", "wrong"))
+    return f"{rates}; {e['height']:.1e} m; {e['normal_deg']:.1e}°"
+
+
+def plots(results: dict, folder: Path) -> list[Path]:
+    """Error on one axis, time on the other, the default marked; and the speeds by size."""
+    from matplotlib.figure import Figure
+
+    size = "2000000" if "2000000" in results["speed"] else list(results["speed"])[-1]
+    speed, error = results["speed"][size], results["errors"]
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for i, method in enumerate(error[TERRAIN]):
+        x = 1e6 / speed[RAW if method not in speed else method]["rays_per_s"]
+        ordinary = max(error[TERRAIN][method]["height"], 1e-16)
+        worst = min(max(by_method[method]["height"] for by_method in error.values()), 1e3)
+        marker, size_ = ("*", 14) if method == DEFAULT else ("o", 7)
+        left.plot([x, x], [ordinary, worst], color=f"C{i}", lw=1, ls=":")
+        left.plot(x, worst, marker, ms=size_, mfc="none", color=f"C{i}")
+        left.plot(x, ordinary, marker, ms=size_, color=f"C{i}", label=method + (" (default)" * (method == DEFAULT)))
+    left.set(
+        xscale="log", yscale="log", xlabel=f"microseconds a point, {int(size):,} triangles",
+        ylabel="largest height error, m", title="filled: at map coordinates; hollow: worst hard case",
+    )  # fmt: skip
+    left.grid(alpha=0.3)
+    left.legend(fontsize=7, loc="center right")
+    sizes = [int(n) for n in results["speed"]]
+    for name in speed:
+        rates = [results["speed"][str(n)][name]["rays_per_s"] for n in sizes]
+        right.plot(sizes, rates, marker="*" if name == DEFAULT else ".", lw=2.5 if name == DEFAULT else 1, label=name)
+    right.set(xscale="log", yscale="log", xlabel="triangles", ylabel="points a second", title="Speed by size")
+    right.grid(alpha=0.3)
+    right.set_ylim(top=right.get_ylim()[1] * 6)
+    right.legend(fontsize=6.5, ncols=2)
+    path = folder / "top_hits.png"
+    figure.savefig(path, dpi=120)
+    return [path]
