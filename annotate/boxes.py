@@ -21,7 +21,8 @@ from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
 from geometry.arrays import checked
 
-BLOCK = 1 << 15  # numbers a step works on in a batch: what stays in the second-level cache
+POSES = 4096  # poses of a batch whose matrices are held at a time
+BLOCK = 1 << 15  # points moved at a time: what stays in the second-level cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -147,9 +148,8 @@ class VehicleBoxes:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = self._parts.angles(turned)
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
-        step = max(1, BLOCK // self._parts.extreme.shape[1])
-        for start in range(0, n, step):
-            rows = slice(start, min(start + step, n))
+        for start in range(0, n, POSES):
+            rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
             framed, extremes = self._framed(camera_from_parts, each[rows])
             xywh[rows][framed, :2] = amodal[rows][framed, :2] = extremes[framed, :2]
@@ -166,17 +166,23 @@ class VehicleBoxes:
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
         """Which poses are wholly inside the frustum, and the extremes in pixels of those."""
         f, width, height = np.array([(i.f_px, i.width, i.height) for i in intrinsics]).T
-        x, y, z = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts)
-        in_front = z.min(axis=1) >= NEAR
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            x /= z
-            y /= z
-        # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
-        extremes = np.stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)], axis=1)
+        n = len(camera_from_parts)
+        nearest, extremes = np.empty(n), np.empty((n, 4))
+        step = max(1, BLOCK // self._parts.extreme.shape[1])
+        for start in range(0, n, step):
+            rows = slice(start, start + step)
+            x, y, z = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[rows])
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                x /= z
+                y /= z
+            nearest[rows] = z.min(axis=1)
+            # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
+            for column, found in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
+                extremes[rows, column] = found
         extremes *= f[:, None]
         extremes += np.stack([width, height, width, height], axis=1) / 2.0
         u0, v0, u1, v1 = extremes.T
-        return in_front & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes
+        return (nearest >= NEAR) & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:

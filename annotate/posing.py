@@ -110,14 +110,16 @@ def move(
     rounds differently with the number of points beside it.
     """
     moved = np.empty((3, len(b_from_parts), points.shape[1]))
+    scratch = np.empty(moved.shape[1:])
     for part, place in enumerate(slices):
         x, y, z = points[:, place]
+        term = scratch[:, place]
         for row in range(3):
             a, b, c, d = b_from_parts[:, part, row, :].T[:, :, None]
             out = moved[row, :, place]
             np.multiply(a, x, out=out)
-            out += b * y
-            out += c * z
+            out += np.multiply(b, y, out=term)
+            out += np.multiply(c, z, out=term)
             out += d
     return moved
 
