@@ -39,7 +39,7 @@ def share_out(
     images: Sequence[Mapping[str, Any]],
     annotations: Mapping[int, Sequence[Mapping[str, Any]]],
     *,
-    shares: tuple[float, float, float] = (0.7, 0.2, 0.1),
+    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
 ) -> dict[int, str]:
     """A split for every image id, whole groups at a time, classes in proportion.
@@ -53,13 +53,13 @@ def share_out(
         COCO image records.
     annotations
         Image id -> its COCO annotation records.
-    shares
+    fractions
         Shares of train, valid and test; they add up to 1.
     seed
         Another seed, another split.
     """
-    if len(shares) != 3 or min(shares) < 0.0 or abs(sum(shares) - 1.0) > 1e-6:
-        raise ValueError(f"shares: expected three that are not negative and add up to 1, got {shares}")
+    if len(fractions) != 3 or min(fractions) < 0.0 or abs(sum(fractions) - 1.0) > 1e-6:
+        raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
     groups: dict[str, list[int]] = {}
     for image in images:
         groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image["id"])
@@ -68,7 +68,7 @@ def share_out(
     order = sorted(groups, key=lambda name: (-len(groups[name]), _shuffled(name, seed)))
     have: dict[str, dict[int, int]] = {split: {} for split in SPLITS}
     split_of: dict[int, str] = {}
-    open_splits = [(split, share) for split, share in zip(SPLITS, shares, strict=True) if share > 0.0]
+    open_splits = [(split, share) for split, share in zip(SPLITS, fractions, strict=True) if share > 0.0]
     for name in order:
         mine = counts[name]
         split, _ = min(open_splits, key=lambda choice: _filled(have[choice[0]], mine) / choice[1])
@@ -78,12 +78,12 @@ def share_out(
     return split_of
 
 
-def export_dataset(
+def export(
     dataset: Path | str,
     out: Path | str,
     *,
-    form: str = "coco",
-    shares: tuple[float, float, float] = (0.7, 0.2, 0.1),
+    layout: str = "coco",
+    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
@@ -95,10 +95,10 @@ def export_dataset(
         The folder of a COCO dataset.
     out
         A folder that does not exist or is empty.
-    form
+    layout
         ``"coco"``: ``train/_annotations.coco.json`` with the images beside it, as RF-DETR and Roboflow have it.
         ``"yolo"``: ``images/train``, ``labels/train`` and ``data.yaml``, as Ultralytics has it.
-    shares, seed
+    fractions, seed
         See `share_out`.
     progress
         Told (done, all) after each image.
@@ -112,8 +112,8 @@ def export_dataset(
     DatasetError
         If the dataset cannot be read, an image of it is missing, or `out` has something in it.
     """
-    if form not in ("coco", "yolo"):
-        raise ValueError(f"form: expected 'coco' or 'yolo', got {form!r}")
+    if layout not in ("coco", "yolo"):
+        raise ValueError(f"layout: expected 'coco' or 'yolo', got {layout!r}")
     dataset, out = Path(dataset), Path(out)
     coco = read_coco(dataset)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -122,21 +122,21 @@ def export_dataset(
     for annotation in coco["annotations"]:
         if annotation["image_id"] in boxes:
             boxes[annotation["image_id"]].append(annotation)
-    split_of = share_out(coco["images"], boxes, shares=shares, seed=seed)
+    split_of = share_out(coco["images"], boxes, fractions=fractions, seed=seed)
     names = _flat_names(coco["images"])
     numbers = class_numbers(coco["categories"])
-    for folder in [part for split in SPLITS for part in _folders(out, form, split)]:
+    for folder in [part for split in SPLITS for part in _folders(out, layout, split)]:
         folder.mkdir(parents=True, exist_ok=True)
     for done, image in enumerate(coco["images"], start=1):
-        pictures, texts = _folders(out, form, split_of[image["id"]])
+        pictures, texts = _folders(out, layout, split_of[image["id"]])
         name = names[image["id"]]
         _link(dataset / image["file_name"], pictures / name)
-        if form == "yolo":
+        if layout == "yolo":
             lines = label_lines(boxes[image["id"]], numbers, image["width"], image["height"])
             (texts / f"{PurePosixPath(name).stem}.txt").write_text("".join(f"{line}\n" for line in lines))
         if progress is not None:
             progress(done, len(coco["images"]))
-    if form == "yolo":
+    if layout == "yolo":
         write_data_file(out / "data.yaml", coco["categories"], SPLITS)
     else:
         for split in SPLITS:
@@ -155,9 +155,9 @@ def _filled(have: Mapping[int, int], more: Mapping[int, int]) -> int:
     return sum(n * (have.get(label, 0) + n) for label, n in more.items())
 
 
-def _folders(out: Path, form: str, split: str) -> tuple[Path, Path]:
+def _folders(out: Path, layout: str, split: str) -> tuple[Path, Path]:
     """Where pictures and labels of a split go."""
-    if form == "coco":
+    if layout == "coco":
         return out / split, out / split
     return out / "images" / split, out / "labels" / split
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from annotate.coco import CocoDataset
-from annotate.split import SPLITS, export_dataset, share_out
+from annotate.split import SPLITS, export, share_out
 from annotate.yolo import label_lines
 from geometry.errors import DatasetError
 
@@ -65,7 +65,7 @@ def test_shots_of_one_position_stay_together(dataset, seed):
 
 def test_every_class_has_its_share_in_every_split(dataset):
     images, boxes = grouped(dataset)
-    split_of = share_out(images, boxes, shares=(0.7, 0.2, 0.1))
+    split_of = share_out(images, boxes, fractions=(0.7, 0.2, 0.1))
     for category, total in ((1, 200), (2, 100), (None, 20)):
         mine = [split_of[i] for i, found in boxes.items() if (found[0]["category_id"] if found else None) == category]
         for split, share in zip(SPLITS, (0.7, 0.2, 0.1), strict=True):
@@ -80,18 +80,18 @@ def test_the_split_depends_on_the_seed_and_on_nothing_else(dataset):
 
 def test_a_share_of_nothing_gets_nothing(dataset):
     images, boxes = grouped(dataset)
-    assert set(share_out(images, boxes, shares=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
+    assert set(share_out(images, boxes, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
 
 
-@pytest.mark.parametrize("shares", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
-def test_shares_that_do_not_add_up_are_refused(shares):
-    with pytest.raises((ValueError, TypeError), match=r"shares"):
-        share_out([], {}, shares=shares)
+@pytest.mark.parametrize("fractions", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
+def test_shares_that_do_not_add_up_are_refused(fractions):
+    with pytest.raises((ValueError, TypeError), match=r"fractions"):
+        share_out([], {}, fractions=fractions)
 
 
 def test_coco_folders(dataset, tmp_path):
     out = tmp_path / "out"
-    counts = export_dataset(dataset, out)
+    counts = export(dataset, out)
     assert sum(counts.values()) == 320
     annotated = 0
     for split in SPLITS:
@@ -107,7 +107,7 @@ def test_coco_folders(dataset, tmp_path):
 
 def test_yolo_folders(dataset, tmp_path):
     out = tmp_path / "out"
-    counts = export_dataset(dataset, out, form="yolo")
+    counts = export(dataset, out, layout="yolo")
     for split in SPLITS:
         pictures = sorted(path.stem for path in (out / "images" / split).iterdir())
         labels = sorted(path.stem for path in (out / "labels" / split).iterdir())
@@ -143,7 +143,7 @@ def test_equal_names_in_different_folders_are_kept_apart(tmp_path):
             (folder / name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (4 + i, 4)).save(folder / name)
             dataset.append({"file_name": name, "width": 4 + i, "height": 4}, [])
-    export_dataset(folder, tmp_path / "out", shares=(1.0, 0.0, 0.0))
+    export(folder, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     coco = json.loads((tmp_path / "out" / "train" / "_annotations.coco.json").read_text())
     assert len({image["file_name"] for image in coco["images"]}) == 3
     for image in coco["images"]:
@@ -156,16 +156,16 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     out.mkdir()
     (out / "mine.txt").write_text("")
     with pytest.raises(DatasetError, match="has something in it already; name an empty"):
-        export_dataset(dataset, out)
+        export(dataset, out)
 
 
 def test_a_missing_image_is_named(tmp_path):
     with CocoDataset.open(tmp_path / "dataset") as dataset:
         dataset.append({"file_name": "images/7.png", "width": 4, "height": 4}, [])
     with pytest.raises(DatasetError, match=r"7\.png: cannot be exported"):
-        export_dataset(tmp_path / "dataset", tmp_path / "out")
+        export(tmp_path / "dataset", tmp_path / "out")
 
 
 def test_no_dataset_is_named(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
-        export_dataset(tmp_path, tmp_path / "out")
+        export(tmp_path, tmp_path / "out")
