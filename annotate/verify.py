@@ -122,7 +122,9 @@ def _check_counts(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
             next(file)
             for line in file:
                 row = orjson.loads(line)
-                planned.update(target["category"] for target in (row, *row["companions"]))
+                # What is wholly hidden or out of the picture gets no label.
+                seen = [c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0]
+                planned.update(target["category"] for target in (row, *seen))
     except (OSError, StopIteration, orjson.JSONDecodeError, KeyError, TypeError) as error:
         raise DatasetError(f"cannot be read as a plan ({error})", path=plan, remedy="name the plan's file") from error
     names = {category["id"]: category.get("name") for category in coco["categories"]}

@@ -96,9 +96,11 @@ def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: 
     for of in ("render", "cycles", "view_settings", "display_settings", "cycles_curves"):
         _reset(getattr(scene, of), getattr(fresh, of))
     _reset(scene.render.image_settings, fresh.render.image_settings)
-    for other in scene.view_layers[1:]:
+    # The one that would be rendered, and that the geometry was read from.
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    for other in [other for other in scene.view_layers if other != layer]:
         scene.view_layers.remove(other)
-    _reset(scene.view_layers[0], fresh.view_layers[0])
+    _reset(layer, fresh.view_layers[0])
     bpy.data.scenes.remove(fresh)
     render.engine = "CYCLES"
     _plain_output(scene)

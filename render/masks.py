@@ -1,20 +1,175 @@
-"""Cycles' own masks of planned vehicles, for checking annotations against what is rendered."""
+"""Cycles' own masks of planned vehicles, and how far a dataset's annotations are from them."""
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
+from rich.table import Table
 
-from geometry.errors import HulldownError
-from planning.plan_file import Plan
-from render.jobs import RenderAssets, mask_job
+from annotate.document import read_coco
+from annotate.masks import mask_box
+from annotate.records import Finding
+from annotate.verify import compare
+from geometry.errors import DatasetError, HulldownError
+from planning.plan_file import Plan, read_plan
+from render.annotations import labelled, targets
+from render.jobs import RenderAssets, mask_job, render_assets
 from render.pool import Pool
+
+ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
+SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges
+FEW_PIXELS = 2  # that may differ in masks so small that one pixel is more than that
+
+
+@dataclass(frozen=True, slots=True)
+class MaskRow:
+    """One annotation beside what Cycles renders.
+
+    Parameters
+    ----------
+    file_name, vehicle
+        Which.
+    pixels
+        Of the rendered visible mask.
+    box_error
+        Largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels.
+    outside
+        How far that reaches out of the annotated box.
+    mask_iou
+        Overlap of annotated and rendered visible mask.
+    """
+
+    file_name: str
+    vehicle: str
+    pixels: int
+    box_error: float
+    outside: float
+    mask_iou: float
+
+
+@dataclass(frozen=True, slots=True)
+class MaskReport:
+    """What `verify_masks` has measured, and what of it is wrong."""
+
+    rows: tuple[MaskRow, ...]
+    findings: tuple[Finding, ...]
+
+    def table(self) -> Table:
+        """A row for each annotation."""
+        table = Table(title="annotations against masks rendered by Cycles", title_justify="left")
+        for column in ("image", "vehicle", "pixels", "box error (px)", "mask IoU"):
+            table.add_column(column, justify="left" if column in ("image", "vehicle") else "right")
+        for row in self.rows:
+            table.add_row(row.file_name, row.vehicle, f"{row.pixels:,}", f"{row.box_error:.2f}", f"{row.mask_iou:.4f}")
+        return table
+
+
+def verify_masks(
+    dataset: Path | str,
+    plan_path: Path | str,
+    *,
+    count: int,
+    assets: RenderAssets | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> MaskReport:
+    """Render the masks of some images of a dataset and hold its annotations against them.
+
+    Parameters
+    ----------
+    dataset
+        Its folder.
+    plan_path
+        The plan it was rendered from.
+    count
+        How many images, spread evenly over those that are finished.
+    assets
+        The plan's files; those that its header names if not given.
+    progress
+        Called with the images done and their number.
+
+    Raises
+    ------
+    HulldownError
+        If dataset, plan or assets cannot be used, or the dataset is not of this plan.
+    """
+    plan = read_plan(plan_path)
+    coco = read_coco(dataset)
+    with plan.path.open("rb") as file:
+        key = hashlib.file_digest(file, "sha256").hexdigest()
+    runs = coco.get("info", {}).get("hulldown_runs", [])
+    run = next((run for run in runs if run["key"] == key), None)
+    if run is None:
+        raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
+    names = {image["id"]: image["file_name"] for image in coco["images"]}
+    finished = [i for i in range(len(plan)) if run["image_offset"] + i + 1 in names]
+    chosen = sorted(
+        {finished[i] for i in np.linspace(0, len(finished) - 1, min(count, len(finished))).round().astype(int)}
+    )
+    of_image: dict[int, list[dict[str, Any]]] = {}
+    for annotation in coco["annotations"]:
+        of_image.setdefault(annotation["image_id"], []).append(annotation)
+    masks = cycles_masks(plan, chosen, assets or render_assets(plan), progress=progress)
+    rows: list[MaskRow] = []
+    findings: list[Finding] = []
+    for found in masks:
+        image_id = run["image_offset"] + found.index + 1
+        for row, finding in _compared(plan[found.index], found, names[image_id], of_image.get(image_id, [])):
+            rows.append(row)
+            findings += [finding] if finding else []
+    return MaskReport(tuple(rows), tuple(findings))
+
+
+def _compared(
+    row: Mapping[str, Any], found: RowMasks, name: str, annotations: Sequence[Mapping[str, Any]]
+) -> list[tuple[MaskRow, Finding | None]]:
+    at = {id(target): i for i, target in enumerate(targets(row))}
+    wanted = labelled(row)
+    if len(annotations) != len(wanted):
+        problem = f"has {len(annotations)} annotations, {len(wanted)} were planned"
+        return [(MaskRow(name, "", 0, np.inf, np.inf, 0.0), Finding("error", name, problem))]
+    compared = []
+    for target, annotation in zip(wanted, sorted(annotations, key=lambda a: a["id"]), strict=True):
+        alone, visible = found.alone[at[id(target)]], found.visible[at[id(target)]]
+        result = compare(annotation["bbox"], alone, segmentation=annotation["segmentation"], visible=visible)
+        measured = MaskRow(
+            name,
+            target["vehicle"],
+            int(visible.sum()),
+            result.box_error,
+            _outside(annotation["bbox"], alone),
+            result.mask_iou,
+        )
+        compared.append((measured, _judged(measured, float(annotation["area"]))))
+    return compared
+
+
+def _outside(bbox: Sequence[float], alone: Bool[np.ndarray, "h w"]) -> float:
+    rendered = mask_box(alone)
+    if rendered is None:
+        return 0.0
+    low, size = np.array(bbox[:2]), np.array(bbox[2:])
+    return float(max((low - rendered[:2]).max(), (rendered[:2] + rendered[2:] - low - size).max(), 0.0))
+
+
+def _judged(row: MaskRow, area: float) -> Finding | None:
+    where = f"{row.file_name}, {row.vehicle}"
+    if row.outside > ONE_PIXEL:
+        return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
+    different = (1 - row.mask_iou) * max(area, row.pixels)
+    if row.mask_iou < SAME and different > FEW_PIXELS:
+        return Finding("error", where, f"annotated and rendered mask overlap by {row.mask_iou:.3f} only")
+    if row.box_error > ONE_PIXEL:
+        return Finding(
+            "warning", where, f"box is {row.box_error:.1f} px larger than Cycles' mask: a detail thinner than a pixel"
+        )
+    return None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,7 +192,13 @@ class RowMasks:
 
 
 def cycles_masks(
-    plan: Plan, rows: Sequence[int], assets: RenderAssets, *, device: str = "auto", blender: str | None = None
+    plan: Plan,
+    rows: Sequence[int],
+    assets: RenderAssets,
+    *,
+    device: str = "auto",
+    blender: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[RowMasks]:
     """Render the masks of all vehicles in some rows of a plan, the target first, then its companions.
 
@@ -51,6 +212,8 @@ def cycles_masks(
         The plan's files; see `render.jobs.render_assets`.
     device, blender
         As of `render.supervisor.render_plan`.
+    progress
+        Called with the rows done and their number.
 
     Raises
     ------
@@ -69,6 +232,8 @@ def cycles_masks(
             numbers = np.arange(1, len(maps))[:, None, None]
             # Alone, a vehicle still has its own number.
             found[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
+            if progress:
+                progress(len(found), len(rows))
 
         def failed(index: int, reasons: list[str]) -> None:
             raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)

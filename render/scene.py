@@ -17,6 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from assets.naming import BACKDROPS, says
 from render.blender_frames import pose, world_from_blender_camera
 from render.light import Fog, HdriWorld
 
@@ -39,6 +40,7 @@ class Stage:
         self.file_from_scenery = np.linalg.inv(scenery_from_file)
         self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
+        _hide_backdrops(self.scene)
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -146,3 +148,13 @@ def _delete_delivered() -> None:
     """Remove the file's own cameras (paper, 2.1.3) and its lamps: the HDRI is the light, and one sun is enough."""
     unwanted = [obj for obj in bpy.data.objects if obj.type in ("CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER")]
     bpy.data.batch_remove(unwanted)
+
+
+def _hide_backdrops(scene: Any) -> None:
+    """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing."""
+    layer = scene.view_layers[0]
+    for obj in scene.objects:
+        names = (obj.name, obj.data.name) if obj.type == "MESH" else (obj.name,)
+        cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
+        if cut or (obj.type in ("MESH", "VOLUME") and any(says(name, BACKDROPS) for name in names)):
+            obj.hide_render = True

@@ -23,7 +23,7 @@ from planning.write import write_plan
 from render.annotations import targets
 from render.cache import load_assets
 from render.jobs import SceneryFile, job, mask_job, render_assets
-from render.masks import cycles_masks
+from render.masks import cycles_masks, verify_masks
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
@@ -284,3 +284,11 @@ def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
     talk.worker.close_stdin()
     assert talk.answers.get(timeout=30) is None
     talk.worker.kill()
+
+
+def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
+    report = verify_masks(dataset, plan.path, count=5, assets=assets)
+    assert len({row.file_name for row in report.rows}) == 5
+    assert not [finding for finding in report.findings if finding.severity == "error"]
+    assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
+    assert report.table().row_count == len(report.rows)
