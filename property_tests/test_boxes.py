@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from fractions import Fraction
+from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+import annotate.clusters
 from annotate.boxes import VehicleBoxes, surface_box
 from annotate.clipping import Frustum, extremes_of_clipped, extremes_of_mesh
 from annotate.masks import mask_box, vehicle_mask
@@ -184,15 +186,33 @@ def test_the_rule_is_exact_clipping(seed: int, frame: bool) -> None:
 @given(st.integers(0, 2**32), st.booleans())
 def test_the_fast_answer_is_the_rule(seed: int, frame: bool) -> None:
     shape, pose, camera, articulation = random_view(seed)
+    found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
+    assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
+
+
+@given(st.integers(0, 2**32), st.booleans(), st.integers(1, 8), st.integers(1, 4), st.integers(1, 4))
+def test_branch_and_bound_is_the_rule(seed: int, frame: bool, leaf: int, group: int, count: int) -> None:
+    shape, pose, camera, articulation = random_view(seed)
+    with mock.patch.multiple(annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
+        found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
+    assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
+
+
+def assert_is_the_rule(
+    found: np.ndarray | None,
+    shape: VehicleShape,
+    pose: np.ndarray,
+    camera: Camera,
+    articulation: dict[str, float],
+    *,
+    frame: bool,
+) -> None:
     vertices_world = apply(pose, shape.vertices_at(articulation))
     expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
-    found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
     # Coordinates of 1e4 m carry 1e-12 m of rounding, which a long lens close by turns into pixels.
     far = 1e-15 * np.abs(vertices_world).max() * camera.intrinsics.f_px / NEAR
-    if expected is None or found is None:
-        assert expected is None
-        assert found is None
-    else:
+    assert (expected is None) == (found is None)
+    if expected is not None and found is not None:
         tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
         assert np.abs(found - expected).max() <= tolerance
 
