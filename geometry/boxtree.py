@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 FANOUT = 8
-VISITS = 1 << 15  # (query, node) pairs expanded at a time: bounds memory, stays in cache
+VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,14 +70,18 @@ class BoxTree:
         entries: list[np.ndarray] = []
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-            start, along = origins[query], inverse[query]
-            entry, leave = np.zeros((len(query), 1)), max_distance[query][:, None]
-            with np.errstate(over="ignore"):
-                for axis in range(3):
-                    a = (boxes[:, axis] - start[:, axis, None]) * along[:, axis, None]
-                    b = (boxes[:, axis + 3] - start[:, axis, None]) * along[:, axis, None]
-                    entry = np.maximum(entry, np.minimum(a, b))
-                    leave = np.minimum(leave, np.maximum(a, b))
+            entry = np.zeros((len(query), FANOUT))
+            leave = np.repeat(max_distance[query][:, None], FANOUT, axis=1)
+            for axis in range(3):
+                start, along = origins[query, axis][:, None], inverse[query, axis][:, None]
+                a, b = boxes[:, axis], boxes[:, axis + 3]
+                for side in (a, b):
+                    side -= start
+                    side *= along
+                near = np.minimum(a, b)
+                np.maximum(entry, near, out=entry)
+                np.maximum(a, b, out=near)
+                np.minimum(leave, near, out=leave)
             crossed = (entry <= leave) & (entry < np.inf)
             entries[:] = [entry[crossed]]
             return crossed
@@ -100,7 +104,10 @@ class BoxTree:
     def _descend(
         self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]], extra: list[np.ndarray]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Walks all queries down. What `touch` leaves in `extra` at the leaves is gathered along with the pairs."""
+        """Walks all queries down; `touch` may overwrite the boxes it is given.
+
+        What it leaves in `extra` at the leaves is gathered along with the pairs.
+        """
         found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
@@ -122,12 +129,15 @@ class BoxTree:
 
 
 def _morton_order(bounds: Float[np.ndarray, "k 2 3"]) -> Int[np.ndarray, " k"]:
-    """Boxes along a Morton curve through their centres, 1024 cells an axis."""
+    """Boxes along a Morton curve through their centres, in cubes of a 1024th of the widest axis.
+
+    Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbours along the curve.
+    """
     if not len(bounds):
         return np.zeros(0, dtype=np.int64)
     centre = bounds.mean(axis=1)
-    extent = np.ptp(centre, axis=0)
-    cell = ((centre - centre.min(axis=0)) * (1023.0 / np.where(extent > 0, extent, 1.0))).astype(np.int64)
+    extent = np.ptp(centre, axis=0).max()
+    cell = ((centre - centre.min(axis=0)) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
     key = np.zeros(len(bounds), dtype=np.int64)
     for axis in range(3):
         for bit in range(10):

@@ -24,6 +24,8 @@ from geometry.transforms import apply
 RAYS = 1 << 16  # rays whose crossings are held at a time
 # Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
 FLATTEST = 1e-6
+# From so many instances on, Embree first tells which rays cross no box at all.
+MANY = 16
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -97,6 +99,8 @@ class InstancedScene:
         used = set(self.traced.tolist())
         self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
         self._tree = BoxTree(_padded(self.bounds))
+        self._boxes = RayCaster(_box_mesh(self.bounds)) if len(poses) >= MANY else None
+        self._widest = float(np.linalg.norm(np.ptp(self.bounds, axis=1), axis=1).max(initial=0.0))
 
     def cast(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
@@ -163,8 +167,7 @@ class InstancedScene:
         threads: int,
         hits: InstanceHits,
     ) -> None:
-        queue = self._queue(start, along, reach)
-        for ray, instance, entry in queue.rounds():
+        for ray, instance, entry in self._queue(start, along, reach, threads).rounds():
             on = entry <= reach[ray]
             ray, instance = ray[on], instance[on]
             distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
@@ -187,17 +190,22 @@ class InstancedScene:
         threads: int,
         blocked: Bool[np.ndarray, " n"],
     ) -> None:
-        for ray, instance, _ in self._queue(start, along, reach).rounds():
+        for ray, instance, _ in self._queue(start, along, reach, threads).rounds():
             on = ~blocked[ray]
             ray, instance = ray[on], instance[on]
             for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
                 met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
                 blocked[ray[rows[met]]] = True
 
-    def _queue(self, start: np.ndarray, along: np.ndarray, reach: np.ndarray) -> _Queue:
-        crossings = self._tree.crossed(start, along, reach)
+    def _queue(self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, threads: int) -> _Queue:
+        rows = np.arange(len(start))
+        if self._boxes is not None:
+            # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
+            far = (reach + self._widest) * (1 + 1e-4)
+            rows = np.flatnonzero(self._boxes.occluded(start, along, max_distance=far, threads=threads))
+        crossings = self._tree.crossed(start[rows], along[rows], reach[rows])
         order = np.lexsort((crossings.box, crossings.entry, crossings.ray))
-        return _Queue(crossings.ray[order], crossings.box[order], crossings.entry[order])
+        return _Queue(rows[crossings.ray[order]], crossings.box[order], crossings.entry[order])
 
     def _moved(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
@@ -275,6 +283,17 @@ def _extreme_points(mesh: Mesh) -> Float[np.ndarray, "e 3"]:
         return used[ConvexHull(used - used.mean(axis=0)).vertices]
     except QhullError:
         return used
+
+
+def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
+    """The sides of all boxes, larger by more than float32 can take away at the scale of the scene."""
+    pad = 1e-5 * (np.ptp(bounds.reshape(-1, 3), axis=0).max() + 1e-3)
+    low, high = bounds[:, 0] - pad, bounds[:, 1] + pad
+    corners = np.stack([np.where([b & 1, b & 2, b & 4], high, low) for b in range(8)], axis=1)
+    sides = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
+    faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    every = (np.arange(len(bounds)) * 8)[:, None, None] + faces
+    return Mesh(corners.reshape(-1, 3), every.reshape(-1, 3), "instance boxes")
 
 
 def _padded(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:

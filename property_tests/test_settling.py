@@ -88,6 +88,22 @@ def test_the_averaged_rule_is_the_mean_of_heights_and_normals(seed):
         np.testing.assert_allclose(settled.world_from_vehicle[i, 2, 3], hits.z.mean(), atol=CLOSE * 50)
 
 
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 9), offset=vectors(-2, 2, 2))
+def test_gap_and_penetration_are_the_extremes_over_the_tilted_underside(seed, n, offset):
+    mesh = rough_mesh(seed)
+    terrain = Terrain(mesh)
+    xy, yaw = candidates_on(mesh, seed, n=5)
+    box = np.array([[-2.0, -1.0], [2.0, 1.0]]) + offset
+    settled = settle(terrain, SIZE, xy, yaw, max_slope=1.4, contact_n=n, footprint=box, rule="least_squares")
+    share = np.linspace(0, 1, n) if n > 1 else np.array([0.5])
+    grid = np.stack(np.meshgrid(*(low + share * (high - low) for low, high in box.T)), -1).reshape(-1, 2)
+    for i in np.flatnonzero(settled.ok):
+        underside = apply(settled.world_from_vehicle[i], np.column_stack([grid, np.zeros(len(grid))]))
+        above = underside[:, 2] - terrain.top_hits(underside[:, :2]).z
+        np.testing.assert_allclose(settled.gap[i], max(np.nanmax(above), 0), atol=1e-11)
+        np.testing.assert_allclose(settled.penetration[i], max(-np.nanmin(above), 0), atol=1e-11)
+
+
 @given(yaw=finite(-10, 10), tilt=finite(0, 1.5), toward=finite(-4, 4), at=vectors(-1e4, 1e4, 3))
 def test_the_contact_point_never_moves_under_tilt_and_the_heading_stays(yaw, tilt, toward, at):
     up = np.array([math.sin(tilt) * math.cos(toward), math.sin(tilt) * math.sin(toward), math.cos(tilt)])
