@@ -16,7 +16,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     """Meadows, a wooded hill with a steep flank, a crest to hide behind, a dirt road, 500 m square."""
     land, noise, half = Land(), Noise(rng), 250.0
     soil = earth.Soil(
-        cover=("#3f4c25", "#5a5f33", "#857c4c"),
+        cover=("#465427", "#676b38", "#958a58"),
         bare=("#6b5335", "#85704d"),
         rock=("#6e6a60", "#8d8778"),
         haze="#a9b9c6",
@@ -140,7 +140,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     scatter.by_nodes(wooded, shrub, density=0.012, seed=int(rng.integers(1000)), scale=(0.5, 1.1))
     blades = earth.leaves("Grass_Blades", ("#5d6a2a", "#968b4e"))
     tufts = [
-        vegetation.tussock(f"Grass_Tuft_{k}", [blades], height=h, blades=260, radius=1.1, rng=rng)
+        vegetation.tussock(f"Grass_Tuft_{k}", [blades], height=h, blades=1100, radius=2.4, rng=rng)
         for k, h in enumerate((0.16, 0.28))
     ]
 
@@ -150,7 +150,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     scatter.copies(
         land.collection("Grass"),
         tufts,
-        scatter.spots(half, 9000, meadows, gap=1.3, rng=rng),
+        scatter.spots(half, 2400, meadows, gap=3.0, rng=rng),
         top,
         scale=(0.7, 1.3),
         sink=0.02,

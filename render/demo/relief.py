@@ -43,7 +43,7 @@ class Noise:
 class Course:
     """A winding line across the scenery, for a road or a dry river, and the distance of points from it."""
 
-    def __init__(self, corners: Sequence[tuple[float, float]], *, step: float = 2.0) -> None:
+    def __init__(self, corners: Sequence[tuple[float | int, float | int]], *, step: float = 2.0) -> None:
         points = np.array(corners, float)
         for _ in range(5):  # Chaikin's corner cutting
             a, b = points[:-1], points[1:]

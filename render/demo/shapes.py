@@ -8,12 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
 from geometry.transforms import rotation_about
 
-Point = Sequence[float]  # (x, y, z)
-Outline = Sequence[tuple[float, float]]  # corners of a plane polygon, in order
+Number = float | int
+Point = Sequence[Number]  # (x, y, z)
+Outline = Sequence[tuple[Number, Number]]  # corners of a plane polygon, in order
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,17 +28,17 @@ class Shape:
     def __add__(self, other: Shape) -> Shape:
         return joined([self, other])
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Shape:
+    def moved(self, x: Number = 0.0, y: Number = 0.0, z: Number = 0.0) -> Shape:
         """The shape shifted."""
         return Shape(self.vertices + np.array([x, y, z], float), self.faces)
 
-    def turned(self, axis: str, degrees: float, about: Point = (0.0, 0.0, 0.0)) -> Shape:
+    def turned(self, axis: str, degrees: Number, about: Point = (0.0, 0.0, 0.0)) -> Shape:
         """The shape turned about an axis ("x", "y" or "z") through a point."""
         rotation = rotation_about(np.eye(3)["xyz".index(axis)], np.radians(degrees))
         centre = np.asarray(about, float)
         return Shape((self.vertices - centre) @ rotation.T + centre, self.faces)
 
-    def scaled(self, x: float, y: float, z: float) -> Shape:
+    def scaled(self, x: Number, y: Number, z: Number) -> Shape:
         """The shape stretched about the origin; a mirror image keeps its faces outward."""
         faces = self.faces if x * y * z > 0 else tuple(face[::-1] for face in self.faces)
         return Shape(self.vertices * np.array([x, y, z], float), faces)
@@ -54,7 +56,7 @@ def joined(shapes: Iterable[Shape]) -> Shape:
     return Shape(np.concatenate([part.vertices for part in parts]), tuple(faces))
 
 
-def loft(rings: Sequence[Sequence[Point]]) -> Shape:
+def loft(rings: ArrayLike) -> Shape:
     """Rings of equally many corners joined by quads, closed by the first and the last ring."""
     corners = np.array(rings, float)
     n, m = corners.shape[:2]
@@ -78,12 +80,12 @@ def box(size: Point, at: Point) -> Shape:
     return block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
 
 
-def stack(levels: Sequence[tuple[float, Outline]]) -> Shape:
+def stack(levels: Sequence[tuple[Number, Outline]]) -> Shape:
     """A solid whose horizontal outline (x, y) at each height z is given."""
     return loft([[(x, y, z) for x, y in outline] for z, outline in levels])
 
 
-def prism(outline: Outline, y0: float, y1: float) -> Shape:
+def prism(outline: Outline, y0: Number, y1: Number) -> Shape:
     """A side profile (x, z) drawn out from y0 to y1."""
     return loft([[(x, y, z) for x, z in outline] for y in (y0, y1)])
 
@@ -126,7 +128,7 @@ def hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float
     return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]
 
 
-def shell(rows: Sequence[Sequence[Point]], *, thickness: float) -> Shape:
+def shell(rows: ArrayLike, *, thickness: float) -> Shape:
     """A sheet through rows of points, as a thin solid: each strip of it is drawn inward (down) by the thickness."""
     outer = np.array(rows, float)
     centre = outer.mean(axis=(0, 1))

@@ -14,7 +14,7 @@ import numpy as np
 from render.demo.catalogue import STUDIO_HDRIS
 
 WIDTH = 2048  # pixels around the horizon
-SUN_SIZE = np.radians(0.9)  # wider than the real sun: five pixels, and half floats can hold its brightness
+SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Sky:
 
 
 SKIES = {
-    "sky_noon": Sky(54.0, 0.80, (1.0, 0.96, 0.90), 1.2, (0.53, 0.68), (1.0, 1.0, 1.0), 1.0),
-    "sky_morning": Sky(26.0, 0.74, (1.0, 0.87, 0.70), 1.6, (0.50, 0.72), (1.0, 0.96, 0.90), 0.8),
-    "sky_evening": Sky(11.0, 0.60, (1.0, 0.70, 0.44), 2.0, (0.52, 0.70), (1.0, 0.84, 0.70), 0.55),
-    "sky_overcast": Sky(40.0, 0.0, (1.0, 1.0, 1.0), 3.0, (0.15, 0.38), (0.96, 0.98, 1.0), 0.65),
+    "sky_noon": Sky(54.0, 0.80, (1.0, 0.96, 0.90), 1.2, (0.53, 0.68), (1.0, 1.0, 1.0), 2.0),
+    "sky_morning": Sky(26.0, 0.74, (1.0, 0.87, 0.70), 1.6, (0.50, 0.72), (1.0, 0.96, 0.90), 1.5),
+    "sky_evening": Sky(11.0, 0.60, (1.0, 0.70, 0.44), 2.0, (0.52, 0.70), (1.0, 0.84, 0.70), 1.0),
+    "sky_overcast": Sky(40.0, 0.0, (1.0, 1.0, 1.0), 3.0, (0.15, 0.38), (0.96, 0.98, 1.0), 1.1),
 }
 
 

@@ -139,11 +139,11 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     small.scale = (0.35, 0.35, 0.35)
     scatter.by_nodes(plain_mesh, [small], density=0.004, seed=int(rng.integers(1000)), scale=(0.4, 1.2))
     straw = earth.leaves("Dry_Grass_Blades", ("#9c8756", "#c4b07c"))
-    tufts = [vegetation.tussock("Grass_Dry_Tuft", [straw], height=0.3, blades=110, radius=0.3, rng=rng)]
+    tufts = [vegetation.tussock("Grass_Dry_Tuft", [straw], height=0.3, blades=260, radius=0.7, rng=rng)]
     scatter.copies(
         land.collection("Grass"),
         tufts,
-        scatter.spots(half, 4500, dry, gap=1.0, rng=rng),
+        scatter.spots(half, 1500, dry, gap=2.0, rng=rng),
         top,
         scale=(0.6, 1.3),
         sink=0.02,

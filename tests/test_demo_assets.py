@@ -1,0 +1,269 @@
+"""The demo assets: what they are, that they are read as meant, and that a seed makes them again."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.errors import AssetError, ConfigError
+from render.demo import build, project
+from render.demo.catalogue import CATEGORY, HDRI_FILES, LAUNCHER, SCENERIES, SCENERY_FILES, SKIES, TRUCK, VEHICLE_FILES
+from render.demo.relief import Course, Noise, ribbon, sheet, smoothstep
+from render.demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism, stack, track, tube
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Prints what the files draw: for each object its pose and its evaluated points, hashed, rounding nothing.
+FINGERPRINT = """
+import hashlib, json, sys
+import bpy, numpy as np
+for path in sys.argv[1:]:
+    bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+    digest, kinds, count = hashlib.sha256(), {}, 0
+    seen = set()
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        thing = instance.object
+        kinds[thing.type] = kinds.get(thing.type, 0) + 1
+        count += instance.is_instance
+        digest.update(np.array(instance.matrix_world).tobytes() + thing.name.encode())
+        if thing.type in ("MESH", "CURVES") and thing.data.name not in seen:
+            seen.add(thing.data.name)
+            points = thing.data.attributes["position"].data
+            xyz = np.empty(3 * len(points), np.float32)
+            points.foreach_get("vector", xyz)
+            digest.update(xyz.tobytes())
+    print("FILE " + json.dumps({"digest": digest.hexdigest(), "kinds": kinds, "instances": count}))
+"""
+
+
+def _child(*arguments: object) -> str:
+    ran = subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert ran.returncode == 0, ran.stdout[-2000:] + ran.stderr[-2000:]
+    return ran.stdout
+
+
+def _build(folder: Path, *names: str, seed: int = 0) -> Path:
+    _child("-m", "render.demo", folder, "--seed", seed, "--only", *names)
+    return folder
+
+
+def _fingerprints(*paths: Path) -> list[dict]:
+    lines = _child("-c", FINGERPRINT, *paths).splitlines()
+    return [json.loads(line[5:]) for line in lines if line.startswith("FILE ")]
+
+
+def _volume(shape: Shape) -> float:
+    """Signed volume: positive for a closed shape whose faces look outward."""
+    total = 0.0
+    for face in shape.faces:
+        p = shape.vertices[list(face)]
+        total += sum(np.linalg.det(p[[0, j, j + 1]]) for j in range(1, len(p) - 1)) / 6
+    return total
+
+
+@pytest.fixture(scope="module")
+def vehicles(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _build(tmp_path_factory.mktemp("demo"), *CATEGORY)
+
+
+@pytest.fixture(scope="module")
+def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _build(tmp_path_factory.mktemp("land"), *SCENERIES)
+
+
+def test_ten_vehicles_in_three_classes():
+    assert len(CATEGORY) == 10
+    assert sorted(list(CATEGORY.values()).count(c) for c in set(CATEGORY.values())) == [3, 3, 4]
+    assert len(build.FILES) == len(VEHICLE_FILES) + len(SCENERY_FILES) + len(HDRI_FILES)
+
+
+@pytest.mark.parametrize(
+    ("shape", "volume", "tolerance"),
+    [
+        (block((0, 0, 0), (1, 2, 3)), 6.0, 1e-12),
+        (block((0, 0, 0), (1, 2, 3)).scaled(1, -1, 1), 6.0, 1e-12),
+        (block((0, 0, 0), (1, 1, 1)).pair(), 2.0, 1e-12),
+        (prism([(0, 0), (2, 0), (0, 1)], -1, 1), 2.0, 1e-12),
+        (prism([(0, 0), (0, 1), (2, 0)], 1, -1), 2.0, 1e-12),
+        (stack([(0, [(0, 0), (1, 0), (1, 1), (0, 1)]), (2, [(0, 0), (1, 0), (1, 1), (0, 1)])]), 2.0, 1e-12),
+        (tube((0, 0, 0), (0, 0, 2), 1.0, sides=64), 2 * np.pi, 0.02),
+        (tube((1, 2, 3), (4, 6, 3), 0.5, sides=64), 5 * np.pi / 4, 0.02),
+        (lathe([(1, 0), (1, 2)], sides=64), 2 * np.pi, 0.02),
+        (ellipsoid((1, 2, 3), (5, 5, 5), sides=48, rings=48), 8 * np.pi, 0.2),
+    ],
+)
+def test_shapes_enclose_their_volume_and_face_outward(shape, volume, tolerance):
+    assert _volume(shape) == pytest.approx(volume, abs=tolerance)
+
+
+def test_turning_and_shifting_keep_volume_and_move_corners():
+    bar = block((0, -1, 0), (4, 1, 1)).turned("z", 90).moved(z=2)
+    assert _volume(bar) == pytest.approx(8)
+    np.testing.assert_allclose([bar.vertices.min(0), bar.vertices.max(0)], [[-1, 0, 2], [1, 4, 3]], atol=1e-12)
+
+
+def test_track_links_go_round_all_wheels():
+    belt = track([(-2.0, 0.4, 0.4), (0.0, 0.4, 0.4), (2.0, 0.7, 0.3)], 1.0, 0.5, pitch=0.15, sag=0.0)
+    low, high = belt.vertices.min(0), belt.vertices.max(0)
+    np.testing.assert_allclose([low[1], high[1]], [0.75, 1.25], atol=1e-12)
+    assert low[0] == pytest.approx(-2.4, abs=0.1)
+    assert high[0] == pytest.approx(2.3, abs=0.1)
+    assert _volume(belt) > 0
+
+
+def test_bars_through_points_have_a_piece_for_each_stretch():
+    bent = path_tube([(0, 0, 0), (1, 0, 0), (1, 1, 0)], 0.1, sides=6)
+    assert len(bent.faces) == 2 * 8
+    assert len(joined([bent, bent]).vertices) == 2 * len(bent.vertices)
+
+
+def test_noise_is_the_same_for_the_same_seed_and_bounded():
+    x, y = np.meshgrid(np.linspace(-300, 300, 50), np.linspace(-300, 300, 40))
+    one, two, other = (Noise(np.random.default_rng(seed))(x, y, 40.0, octaves=3) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one, two)
+    assert np.abs(one - other).max() > 0.1
+    assert np.abs(one).max() <= 1 + 0.5 + 0.25
+
+
+def test_noise_has_no_steps_at_its_lattice():
+    x = np.array([40.0, -80.0, 0.0])
+    noise = Noise(np.random.default_rng(0))
+    np.testing.assert_allclose(noise(x - 1e-9, x, 40.0), noise(x + 1e-9, x, 40.0), atol=1e-7)
+
+
+def test_smoothstep_rises_and_falls():
+    np.testing.assert_allclose(smoothstep(np.array([0.0, 1.0, 1.5, 2.0, 9.0]), 1.0, 2.0), [0, 0, 0.5, 1, 1])
+    np.testing.assert_allclose(smoothstep(np.array([0.0, 1.5, 9.0]), 2.0, 1.0), [1, 0.5, 0])
+
+
+def test_sheets_and_ribbons_face_up():
+    course = Course([(0, 0), (40, 10), (90, -5)])
+    level = course.profile(lambda x, y: 0 * x + 3.0)
+    np.testing.assert_allclose(level, 3.0)
+    for vertices, faces in (
+        sheet(np.arange(4.0), np.arange(3.0), lambda x, y: x * y),
+        ribbon(course, level, np.array([-2.0, 0.0, 2.0]), np.zeros(3)),
+    ):
+        a, b, c, _ = np.moveaxis(vertices[faces], 1, 0)
+        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
+def test_a_course_knows_how_far_points_are():
+    distance, _ = Course([(0, 0), (100, 0)], step=0.5).nearest(np.array([50.0, 20.0]), np.array([7.0, -3.0]))
+    np.testing.assert_allclose(distance, [7, 3], atol=0.02)
+
+
+def test_building_tells_blenders_last_words(tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "ROOT", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    (tmp_path / "render").mkdir()
+    (tmp_path / "render" / "__init__.py").write_text("raise SystemExit('no display, no cry')\n")
+    with pytest.raises(AssetError, match=r"could not build the demo assets: no display, no cry"):
+        build.build_demo_assets(tmp_path / "out")
+
+
+def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
+    monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: folder.mkdir(parents=True))
+    config = project.create_project(tmp_path / "mine", images_per_class=7)
+    parsed = tomllib.loads(config.read_text(encoding="utf-8"))
+    assert [v["path"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_FILES)
+    assert [v["category"] for v in parsed["assets"]["vehicles"]] == list(CATEGORY.values())
+    assert [s["path"] for s in parsed["assets"]["sceneries"]] == list(SCENERY_FILES)
+    assert parsed["budget"]["images_per_class"] == 7
+    with pytest.raises(ConfigError, match="is there already"):
+        project.create_project(tmp_path / "mine")
+
+
+@pytest.mark.blender
+def test_the_same_seed_makes_the_same_vehicles(vehicles, tmp_path):
+    names = ("mbt_slab", "truck_canvas", "sam_turret")
+    again = _build(tmp_path / "again", *names)
+    files = [f"vehicles/{name}.blend" for name in names]
+    assert _fingerprints(*(vehicles / f for f in files)) == _fingerprints(*(again / f for f in files))
+    texture = "vehicles/textures/desert_blocks.png"
+    assert (vehicles / texture).read_bytes() == (again / texture).read_bytes()
+
+
+@pytest.mark.blender
+def test_sceneries_come_again_with_their_seed_and_change_with_it(sceneries, tmp_path):
+    path = "sceneries/dry_steppe.blend"
+    same, other = (_build(tmp_path / str(seed), "dry_steppe", seed=seed) for seed in (0, 1))
+    one, two, three = _fingerprints(sceneries / path, same / path, other / path)
+    assert one == two
+    assert one["digest"] != three["digest"]
+
+
+@pytest.mark.blender
+def test_sceneries_hold_copies_instances_and_the_litter_of_real_files(sceneries):
+    for found in _fingerprints(*(sceneries / path for path in SCENERY_FILES)):
+        assert found["kinds"]["CAMERA"] == 1
+        assert found["kinds"]["CURVES"] > 1000
+        assert found["instances"] > 2000  # of collections and geometry nodes
+        assert found["kinds"]["MESH"] - found["instances"] > 1500  # copies of one mesh
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("name", CATEGORY)
+def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
+    from assets.bundle import load_vehicle
+    from render.export import export
+
+    exported = export(vehicles / "vehicles" / f"{name}.blend", tmp_path)
+    shape = load_vehicle(exported.bundle)
+    length, width, height = shape.size_xyz
+    assert 6.5 < length < 12
+    assert 2.5 < width < 4.1
+    assert 2.4 < height < 7.5
+    assert length > width  # the nose is along x
+    assert 5_000 <= len(shape.mesh.faces) <= 60_000
+    assert shape.part_names == (("hull",) if CATEGORY[name] == TRUCK else ("hull", "turret", "gun"))
+    assert {row.name for row in exported.report.rows if row.use == "dropped"} >= {"Floor", "Grid", "Camera", "Sun"}
+    assert not exported.report.missing
+    np.testing.assert_allclose(shape.mesh.bounds[0][2], 0, atol=1e-6)
+    if CATEGORY[name] != TRUCK:
+        # A raised gun moves up in front of its pivot and moves nothing else.
+        rest, raised = shape.vertices_at({}), shape.vertices_at({"gun": 0.2})
+        moved = np.abs(raised - rest).max(axis=1) > 1e-9
+        assert moved.any()
+        assert set(shape.vertex_part[moved]) == {shape.part_names.index("gun")}
+        tip = rest[:, 0].argmax() if CATEGORY[name] != LAUNCHER else np.flatnonzero(moved)[rest[moved, 0].argmax()]
+        assert raised[tip, 2] > rest[tip, 2]
+
+
+@pytest.mark.blender
+def test_computed_skies_are_as_bright_as_they_say(tmp_path):
+    code = """
+import sys, json
+import bpy, numpy as np
+from pathlib import Path
+from render.demo import skies
+skies.WIDTH = 512
+for name in sys.argv[2:]:
+    image = bpy.data.images.load(str(skies.write_sky(name, Path(sys.argv[1]))))
+    w, h = image.size
+    light = np.empty(w * h * image.channels, np.float32)
+    image.pixels.foreach_get(light)
+    light = light.reshape(h, w, -1)[..., :3].mean(-1)
+    rise = (np.arange(h) + 0.5) / h * np.pi - np.pi / 2
+    falls = np.maximum(np.sin(rise), 0) * np.cos(rise) * np.pi / h * 2 * np.pi / w
+    row, column = np.unravel_index(light.argmax(), light.shape)
+    sky = skies.SKIES[name]
+    found = (light * falls[:, None]).sum() / np.pi, np.degrees(rise[row]), column / w
+    print("SKY " + json.dumps([*map(float, found), sky.light, sky.sun_elevation_deg]))
+"""
+    names = ("sky_noon", "sky_evening")
+    assert set(names) < set(SKIES)
+    said = [json.loads(line[4:]) for line in _child("-c", code, tmp_path, *names).splitlines() if line[:4] == "SKY "]
+    assert len(said) == len(names)
+    for light, rise, column, wanted_light, wanted_rise in said:
+        assert light == pytest.approx(wanted_light, rel=0.02)
+        assert rise == pytest.approx(wanted_rise, abs=1.0)
+        assert column == pytest.approx(0.5, abs=0.01)
+    assert not list(tmp_path.glob(".*"))
