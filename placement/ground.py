@@ -15,6 +15,8 @@ HEIGHT_ULPS = 8
 # ... and normals within this many radians.
 NORMAL_ERROR = 1e-12
 _CHUNK = 1 << 16  # faces prepared together, so that intermediate arrays stay in cache
+# Areas that lost more than this factor to cancellation have no relative error to speak of.
+_MOST_CANCELLED = 2.0**40
 # Heights below this would lose digits to underflow.
 _SMALLEST = 1e-120
 
@@ -152,5 +154,5 @@ def _prepare(
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
         tame = rounded + 2.0 * EPS * highest <= error
         tame &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
-        tame &= size > 1e-150
+        tame &= (kappa <= _MOST_CANCELLED) & (size > 1e-150)
     return turn, slope_x, slope_y, tame

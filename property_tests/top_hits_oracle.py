@@ -28,14 +28,15 @@ def exact_tops(mesh: Mesh, xy: np.ndarray) -> list[Top | None]:
         p = [Fraction(float(v)) for v in point]
         best = None
         for f in np.flatnonzero(((low <= point) & (point <= high)).all(axis=1)):
-            top = _on_face(int(f), corners[f], p)
+            top = on_face(int(f), corners[f], p)
             if top and (best is None or top.z > best.z):
                 best = top
         tops.append(best)
     return tops
 
 
-def _on_face(face: int, corners: np.ndarray, p: list[Fraction]) -> Top | None:
+def on_face(face: int, corners: np.ndarray, p: list[Fraction]) -> Top | None:
+    """The exact hit on one face, or None beside it or on a face without XY area."""
     a, b, c = ([Fraction(float(v)) for v in corner] for corner in corners)
     u, v = [b[i] - a[i] for i in range(3)], [c[i] - a[i] for i in range(3)]
     n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
