@@ -82,7 +82,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     if arguments.check:
         return _check_plan(arguments)
     if arguments.output is None:
-        raise SystemExit("hulldown plan: -o PLAN is missing: where to write the plan")
+        raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
     config = load_config(arguments.config)
     with STDERR.status("reading assets") as status:
         assets = load_assets(
@@ -177,6 +177,8 @@ def _render(arguments: argparse.Namespace) -> int:
 def _verify(arguments: argparse.Namespace) -> int:
     from annotate.verify import verify
 
+    if arguments.masks and not arguments.plan:
+        raise HulldownError("--masks needs --plan, whose poses are rendered again")
     with STDERR.status("checking records and images"):
         findings = list(verify(arguments.dataset, plan=arguments.plan))
     checked = 0
