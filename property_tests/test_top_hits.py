@@ -187,8 +187,8 @@ def rough(draw):
     return Mesh(np.round(vertices * 256) / 256, faces[kept])
 
 
-def queries(mesh, seed):
-    return np.round(points_on(mesh, np.random.default_rng(seed), n=100) * 2**16) / 2**16
+def queries(mesh, seed, n=100):
+    return np.round(points_on(mesh, np.random.default_rng(seed), n) * 2**16) / 2**16
 
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -218,7 +218,7 @@ def test_winding_carries_no_meaning(mesh, seed):
 
 @given(rough(), SEEDS)
 def test_faces_in_another_order_give_the_same_heights_and_where_no_two_meet_the_same_face(mesh, seed):
-    xy = queries(mesh, seed)
+    xy = queries(mesh, seed, n=25)
     order = np.random.default_rng(seed).permutation(len(mesh.faces))
     hits, other = Terrain(mesh).top_hits(xy), Terrain(Mesh(mesh.vertices, mesh.faces[order])).top_hits(xy)
     assert (hits.hit == other.hit).all()

@@ -65,9 +65,10 @@ def test_an_origin_far_away_costs_no_digits():
     np.testing.assert_allclose(hits.distance[open_], 1e6, rtol=0, atol=1e-5)
 
 
-def test_threads_and_batches_change_nothing():
+def test_threads_and_batches_change_nothing(monkeypatch):
+    monkeypatch.setattr("geometry.rays.BLOCK", 1000)  # several blocks of few rays
     rng = np.random.default_rng(3)
-    n = 2 * BLOCK + 100
+    n = 8005
     origins, directions = rng.uniform(-3, 3, (n, 3)), rng.normal(size=(n, 3))
     caster = RayCaster(HOUSE)
     one, two = caster.cast(origins, directions), caster.cast(origins, directions, threads=2)

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh, merge
-from geometry.rays import BLOCK
 from placement.certificate import EMPTY, SINGLE, UNKNOWN, SheetMap, unbalanced
 from placement.exact import ExactGround
 from placement.ground import Ground
@@ -173,9 +172,10 @@ def test_a_long_border_across_many_cells_is_marked_all_along():
     assert not (sheets.state(*xy.T.copy()) == SINGLE).any()
 
 
-def test_threads_and_batches_change_nothing():
+def test_threads_and_batches_change_nothing(monkeypatch):
+    monkeypatch.setattr("geometry.rays.BLOCK", 1000)  # several blocks of few points
     terrain = Terrain(hills(30))
-    xy = np.random.default_rng(1).uniform(-1, 31, (2 * BLOCK + 5, 2))
+    xy = np.random.default_rng(1).uniform(-1, 31, (8005, 2))
     one, three, few = terrain.top_hits(xy), terrain.top_hits(xy, threads=3), terrain.top_hits(xy[:9])
     for field in ("z", "normal", "face"):
         np.testing.assert_array_equal(getattr(one, field), getattr(three, field))
