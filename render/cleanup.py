@@ -181,7 +181,14 @@ def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclu
     include, exclude
         The user's patterns over object, mesh and collection names, asked before the built-in ones.
     """
-    return [_scenery_role(piece, include, exclude) for piece in pieces]
+    decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
+    roles = []
+    for piece in pieces:
+        asked = (piece.name, piece.data, piece.chain[0].collections, piece.scattered, piece.anonymous, piece.unseen)
+        if asked not in decided:
+            decided[asked] = _scenery_role(piece, include, exclude)
+        roles.append(decided[asked])
+    return roles
 
 
 def _scenery_role(piece: Piece, include: Sequence[str], exclude: Sequence[str]) -> Role:

@@ -106,13 +106,15 @@ class _Reader:
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
         self.unseen: dict[tuple[int, int], str | None] = {}
+        self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
     def read(self) -> None:
         """Go through everything that the depsgraph draws."""
         for instance in self.depsgraph.object_instances:
             kind = instance.object.type
             if kind == "EMPTY":
-                self.result.markers.append(self._chain(instance, self.poses.instance_pose(instance)))
+                pose = self.poses.instance_pose(instance)
+                self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
                 self._leave(instance, "its instances are drawn, but not it itself")
             elif kind == "MESH":
@@ -148,13 +150,12 @@ class _Reader:
         pose = self.poses.instance_pose(instance)
         if self.keep_look:
             self.keep_look(drawn)
-        own = not instance.is_instance or _is_own_surface(instance)
-        scattered = not own and instance.parent.instance_type != "COLLECTION"
+        scattered = _is_scattered(instance)
         seen = apply(self.metres @ pose, self.box[number] if scattered else mesh.vertices[np.unique(mesh.faces)])
         self.result.pieces.append(
             Piece(
                 data=drawn.data.name,
-                chain=self._chain(instance, pose),
+                chain=self._chain(instance, pose, scattered=scattered),
                 mesh=number,
                 pose=pose,
                 bounds=np.stack([seen.min(axis=0), seen.max(axis=0)]),
@@ -192,17 +193,28 @@ class _Reader:
             self.unseen[key] = why_unseen(drawn, self.depsgraph)
         return self.unseen[key]
 
-    def _chain(self, instance: Any, pose: Float[np.ndarray, "4 4"]) -> tuple[Link, ...]:
+    def _chain(self, instance: Any, pose: Float[np.ndarray, "4 4"], *, scattered: bool) -> tuple[Link, ...]:
+        """From the drawn object up; the poses in it are where it is drawn, or its own where it is scattered."""
         if not instance.is_instance:
             return self.poses.chain(instance.object)
-        carrier = self.poses.chain(instance.parent)
         if _carries_itself(instance):
-            return carrier
+            return self.poses.chain(instance.parent)
         inner = instance.instance_object
-        own = self.poses.pose(inner)
-        if abs(np.linalg.det(own)) < 1e-30:
-            return (Link(inner.name, self.poses.collections(inner), inner.type, pose), *carrier)
-        return (*self.poses.chain(inner, pose @ np.linalg.inv(own)), *carrier)
+        if not scattered:
+            own = self.poses.pose(inner)
+            moved = pose @ np.linalg.inv(own) if abs(np.linalg.det(own)) > 1e-30 else np.eye(4)
+            return (*self.poses.chain(inner, moved), *self.poses.chain(instance.parent))
+        key = (inner.original.as_pointer(), instance.parent.original.as_pointer())
+        if key not in self.chains:
+            self.chains[key] = (*self.poses.chain(inner), *self.poses.chain(instance.parent))
+        return self.chains[key]
+
+
+def _is_scattered(instance: Any) -> bool:
+    """Instanced by particles, geometry nodes, vertices or faces."""
+    if not instance.is_instance or _is_own_surface(instance):
+        return False
+    return bool(instance.parent.instance_type != "COLLECTION")
 
 
 def _carries_itself(instance: Any) -> bool:

@@ -143,10 +143,12 @@ def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
     answer_file.unlink(missing_ok=True)
     job_file = answer_file.with_name("job.json")
     job_file.write_text(json.dumps(job), encoding="utf-8")
-    # -P: a folder `render` where the user happens to be must not come first.
+    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    # -P: a folder `render` where the user happens to be must not come first. The matrices here are 4x4, for which
+    # OpenBLAS would wake all its threads each time.
     ran = subprocess.run(
         [sys.executable, "-P", "-m", "render.reader", str(job_file)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+        env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -9,6 +9,7 @@ relative to the scenery's origin.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from jaxtyping import Float
 from render.blender_frames import pose as set_pose
 from render.cleanup import Piece
 
+MANY = 8  # from so many on, copies are drawn by one object
+POSE = "pose"
 VISIBILITY = tuple(
     f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
 )
@@ -83,9 +86,46 @@ def write_scenery(
     scene = bpy.data.scenes.new("hulldown scenery")
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
+    alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)
     for i, piece in enumerate(pieces):
-        obj = _object(keeper, piece, i)
-        obj.parent = root
-        set_pose(obj, scenery_from_file @ piece.pose)
-        scene.collection.objects.link(obj)
+        alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
+    for same in alike.values():
+        poses = scenery_from_file @ np.array([pieces[i].pose for i in same])
+        if len(same) >= MANY:
+            thing = _object(keeper, pieces[same[0]], same[0])
+            scene.collection.objects.link(_carrier(thing, poses))
+            continue
+        for i, world_from_mesh in zip(same, poses, strict=True):
+            obj = _object(keeper, pieces[i], i)
+            obj.parent = root
+            set_pose(obj, world_from_mesh)
+            scene.collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {scene}, path_remap="ABSOLUTE", compress=True)
+
+
+def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"]) -> Any:
+    """One object that draws `thing` in all these poses: ten thousand objects would take Blender minutes."""
+    points = bpy.data.meshes.new(thing.name)
+    points.vertices.add(len(poses))
+    # Blender stores matrices column by column.
+    flat = np.ascontiguousarray(np.swapaxes(poses, 1, 2), dtype=np.float32).ravel()
+    points.attributes.new(POSE, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
+    group = bpy.data.node_groups.new(f"draw {thing.name}", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes, link = group.nodes, group.links.new
+    given, result = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    drawn = nodes.new("GeometryNodeObjectInfo")
+    drawn.inputs["Object"].default_value, drawn.inputs["As Instance"].default_value = thing, True
+    on_points = nodes.new("GeometryNodeInstanceOnPoints")
+    named = nodes.new("GeometryNodeInputNamedAttribute")
+    named.data_type, named.inputs["Name"].default_value = "FLOAT4X4", POSE
+    posed = nodes.new("GeometryNodeSetInstanceTransform")
+    link(given.outputs[0], on_points.inputs["Points"])
+    link(drawn.outputs["Geometry"], on_points.inputs["Instance"])
+    link(on_points.outputs["Instances"], posed.inputs["Instances"])
+    link(named.outputs["Attribute"], posed.inputs["Transform"])
+    link(posed.outputs[0], result.inputs[0])
+    carrier = bpy.data.objects.new(f"{thing.name} x {len(poses)}", points)
+    carrier.modifiers.new("draw", "NODES").node_group = group
+    return carrier
