@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 FANOUT = 8
+SLACK = 1e-14  # what rounding may take from a ray that runs through an edge of a box
 VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 
@@ -63,10 +64,13 @@ class BoxTree:
         directions: Float[np.ndarray, "n 3"],
         max_distance: Float[np.ndarray, " n"],
     ) -> Crossings:
-        """All boxes that each ray crosses within its distance, which counts in lengths of the direction."""
-        # A zero would make 0 * inf of a ray that lies in a side; the tiny number keeps such rays inside.
-        safe = np.where(np.abs(directions) < 1e-200, np.copysign(1e-200, directions), directions)
-        inverse = 1.0 / safe
+        """All boxes that each ray crosses within its distance, which counts in lengths of the direction.
+
+        A box that a ray passes by less than rounding may be among them.
+        """
+        parallel = np.abs(directions) < 1e-200
+        inverse = 1.0 / np.where(parallel, 1.0, directions)
+        some_parallel = parallel.any(axis=0)
         entries: list[np.ndarray] = []
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
@@ -75,13 +79,19 @@ class BoxTree:
             for axis in range(3):
                 start, along = origins[query, axis][:, None], inverse[query, axis][:, None]
                 a, b = boxes[:, axis], boxes[:, axis + 3]
+                if some_parallel[axis]:
+                    aside = ((a > start) | (b < start)) & parallel[query, axis][:, None]
                 for side in (a, b):
                     side -= start
                     side *= along
-                near = np.minimum(a, b)
+                near, far = np.minimum(a, b), np.maximum(a, b)
+                if some_parallel[axis]:
+                    # Such a ray is between the two sides for ever or never.
+                    near[parallel[query, axis]], far[parallel[query, axis]] = -np.inf, np.inf
+                    far[aside] = -np.inf
                 np.maximum(entry, near, out=entry)
-                np.maximum(a, b, out=near)
-                np.minimum(leave, near, out=leave)
+                np.minimum(leave, far, out=leave)
+            leave *= 1 + SLACK
             crossed = (entry <= leave) & (entry < np.inf)
             entries[:] = [entry[crossed]]
             return crossed

@@ -1,0 +1,137 @@
+from fractions import Fraction
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geometry.boxtree import BoxTree
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh, merge
+from geometry.overlap import triangles_touch_box
+from geometry.rays import RayCaster
+from geometry.transforms import apply
+
+# float32 about the centre of a scene some 20 m wide, seen at grazing angles.
+CLOSE = 2e-4
+
+
+def soup(rng, faces):
+    corners = rng.normal(0, 0.6, (faces, 1, 3)) + rng.normal(0, 0.3, (faces, 3, 3))
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3), "soup")
+
+
+def scene_and_flat(seed, k, squashed):
+    rng = np.random.default_rng(seed)
+    meshes = [soup(rng, 12), soup(rng, 1), soup(rng, 40)]
+    poses = np.tile(np.eye(4), (k, 1, 1))
+    poses[:, :3, :3] = rng.normal(0, 1, (k, 3, 3))
+    if squashed and k:
+        poses[rng.integers(k), :3, rng.integers(3)] = 0.0
+    poses[:, :3, 3] = rng.uniform(-5, 5, (k, 3))
+    which = rng.integers(0, 3, k)
+    moved = [Mesh(apply(p, meshes[m].vertices), meshes[m].faces) for m, p in zip(which, poses, strict=True)]
+    return rng, InstancedScene(meshes, which, poses), moved
+
+
+@given(seed=st.integers(0, 2**32), k=st.integers(1, 60), squashed=st.booleans())
+def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed):
+    rng, scene, moved = scene_and_flat(seed, k, squashed)
+    flat, source = merge(moved)
+    first = np.cumsum([0, *(len(m.faces) for m in moved)])
+    caster = RayCaster(flat)
+    origins, directions = rng.uniform(-8, 8, (150, 3)), rng.normal(size=(150, 3))
+    ours, theirs = scene.cast(origins, directions), caster.cast(origins, directions)
+    # A ray may pass an edge, or one of two surfaces that cross, on different sides in the two float32 frames.
+    same = np.where(theirs.hit, source[theirs.face], -1) == ours.instance
+    assert (~same).sum() <= 2
+    both = same & ours.hit
+    np.testing.assert_allclose(ours.distance[both], theirs.distance[both], atol=CLOSE)
+    assert (ours.face[both] + first[ours.instance[both]] != theirs.face[both]).sum() <= 1
+    np.testing.assert_array_equal(np.isinf(ours.distance), ours.instance < 0)
+    assert (scene.occluded(origins, directions) != theirs.hit).sum() <= 2
+
+
+@given(seed=st.integers(0, 2**32), k=st.integers(1, 60))
+def test_a_limit_cuts_off_what_lies_beyond_it(seed, k):
+    rng, scene, _ = scene_and_flat(seed, k, False)
+    origins, directions = rng.uniform(-8, 8, (150, 3)), rng.normal(size=(150, 3))
+    limit = rng.uniform(0, 10, 150)
+    free, cut = scene.cast(origins, directions), scene.cast(origins, directions, max_distance=limit)
+    clearly = np.abs(free.distance - limit) > CLOSE
+    np.testing.assert_array_equal(cut.hit[clearly], (free.distance <= limit)[clearly])
+    np.testing.assert_array_equal(cut.distance[cut.hit & clearly], free.distance[cut.hit & clearly])
+    blocked = scene.occluded(origins, directions, max_distance=limit)
+    np.testing.assert_array_equal(blocked[clearly], cut.hit[clearly])
+
+
+@given(seed=st.integers(0, 2**32), k=st.integers(1, 40))
+def test_one_more_instance_never_opens_a_view(seed, k):
+    rng, scene, _ = scene_and_flat(seed, k, False)
+    fewer = InstancedScene(scene.meshes, scene.instance_mesh[:-1], scene.world_from_instance[:-1])
+    origins, directions = rng.uniform(-8, 8, (200, 3)), rng.normal(size=(200, 3))
+    assert not (fewer.occluded(origins, directions) & ~scene.occluded(origins, directions)).any()
+    nearer = scene.cast(origins, directions).distance
+    assert (nearer <= fewer.cast(origins, directions).distance).all()
+
+
+@given(seed=st.integers(0, 2**32), k=st.integers(0, 30), axis=st.integers(0, 3))
+def test_the_tree_finds_the_boxes_that_a_plain_loop_finds(seed, k, axis):
+    rng = np.random.default_rng(seed)
+    low = rng.integers(-4, 5, (k, 3)).astype(float)
+    bounds = np.stack([low, low + rng.integers(0, 3, (k, 3))], axis=1)
+    # Whole numbers: rays that run in sides and through edges, boxes that touch and have no thickness.
+    origins = rng.integers(-6, 7, (12, 3)).astype(float)
+    directions = rng.integers(-2, 3, (12, 3)).astype(float)
+    directions[(directions == 0).all(axis=1)] = np.eye(3)[axis % 3]
+    reach = rng.uniform(0, 8, 12)
+    found = BoxTree(bounds).crossed(origins, directions, reach)
+    pairs = list(zip(found.ray.tolist(), found.box.tolist(), strict=True))
+    assert len(pairs) == len(set(pairs))
+    every = [(i, j) for i in range(12) for j in range(k)]
+    least = {(i, j) for i, j in every if _crosses(origins[i], directions[i], reach[i], bounds[j], 0.0)}
+    most = {(i, j) for i, j in every if _crosses(origins[i], directions[i], reach[i], bounds[j], 1e-12)}
+    assert least <= set(pairs) <= most
+    query, box = BoxTree(bounds).overlapping(origins, origins + 2)
+    touching = (bounds[None, :, 0] <= origins[:, None] + 2).all(2) & (bounds[None, :, 1] >= origins[:, None]).all(2)
+    assert set(zip(query.tolist(), box.tolist(), strict=True)) == set(
+        zip(*map(list, np.nonzero(touching)), strict=True)
+    )
+
+
+def _crosses(origin, direction, reach, box, slack):
+    enter, leave = Fraction(0), Fraction(reach) + Fraction(slack)
+    for o, d, low, high in zip(origin, direction, *box, strict=True):
+        o, d, low, high = Fraction(o), Fraction(d), Fraction(low) - Fraction(slack), Fraction(high) + Fraction(slack)
+        if d == 0:
+            if not low <= o <= high:
+                return False
+        else:
+            a, b = sorted(((low - o) / d, (high - o) / d))
+            enter, leave = max(enter, a), min(leave, b)
+    return enter <= leave
+
+
+@given(seed=st.integers(0, 2**32), size=st.floats(0.1, 3))
+def test_triangles_touch_a_box_where_clipping_leaves_something(seed, size):
+    rng = np.random.default_rng(seed)
+    triangles = rng.normal(0, 1.5, (60, 1, 3)) + rng.normal(0, size, (60, 3, 3))
+    half = rng.uniform(0.2, 1.5, (60, 3))
+    expected = [len(_clipped(t, h)) > 0 for t, h in zip(triangles, half, strict=True)]
+    np.testing.assert_array_equal(triangles_touch_box(triangles, half), expected)
+
+
+def _clipped(polygon, half):
+    """Sutherland and Hodgman: what is left of a polygon inside a box about the origin."""
+    points = list(polygon)
+    for axis in range(3):
+        for sign in (-1, 1):
+            inside = [sign * p[axis] <= half[axis] for p in points]
+            left = []
+            for i, p in enumerate(points):
+                q = points[i - 1]
+                if inside[i] != inside[i - 1]:
+                    left.append(q + (p - q) * (sign * half[axis] - q[axis]) / (p[axis] - q[axis]))
+                if inside[i]:
+                    left.append(p)
+            points = left
+    return points

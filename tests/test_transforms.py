@@ -1,0 +1,79 @@
+import math
+
+import numpy as np
+import pytest
+
+from geometry.transforms import apply, facing, invert_rigid, rigid, rotation_about, rotation_z, tilt_to
+
+
+def some_rotations(n=20, seed=0):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=(n, 3))
+    return rotation_about(axis / np.linalg.norm(axis, axis=1, keepdims=True), rng.uniform(-4, 4, n))
+
+
+def some_ups(n=50, seed=1):
+    up = np.random.default_rng(seed).normal([0, 0, 1], size=(n, 3))
+    up[:, 2] = np.abs(up[:, 2])
+    return up / np.linalg.norm(up, axis=1, keepdims=True)
+
+
+def test_a_quarter_turn_about_z_takes_x_to_y():
+    np.testing.assert_allclose(rotation_z(math.pi / 2), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-16)
+    np.testing.assert_allclose(rotation_about([0.0, 0.0, 1.0], 0.3), rotation_z(0.3), atol=1e-16)
+
+
+def test_a_tiny_turn_keeps_its_digits():
+    turn = rotation_about([1.0, 0.0, 0.0], 1e-9)
+    np.testing.assert_allclose(turn[1, 2], -1e-9, rtol=1e-15)
+    assert turn[1, 1] == 1.0
+
+
+def test_rigid_inverses_undo():
+    pose = rigid(some_rotations(), np.random.default_rng(2).uniform(-1e6, 1e6, (20, 3)))
+    np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, :3], np.tile(np.eye(3), (20, 1, 1)), atol=1e-14)
+    np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, 3], 0, atol=1e-8)
+
+
+def test_points_are_moved_by_stacks_that_broadcast():
+    poses = rigid(some_rotations(), np.arange(60.0).reshape(20, 3))
+    points = np.random.default_rng(3).normal(size=(7, 3))
+    moved = apply(poses, points)
+    assert moved.shape == (20, 7, 3)
+    np.testing.assert_allclose(moved[4, 2], poses[4, :3, :3] @ points[2] + poses[4, :3, 3])
+    assert apply(poses, np.zeros((0, 3))).shape == (20, 0, 3)
+
+
+def test_the_smallest_tilt_turns_about_a_level_axis():
+    up = some_ups()
+    tilt = tilt_to(up)
+    np.testing.assert_allclose(tilt[:, :, 2], up, atol=1e-15)
+    np.testing.assert_allclose(tilt @ np.swapaxes(tilt, 1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14)
+    level = np.stack([-up[:, 1], up[:, 0], np.zeros(50)], axis=1)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", tilt, level), level, atol=1e-14)
+
+
+def test_facing_keeps_the_heading_where_the_smallest_tilt_does_not():
+    up, yaw = some_ups(), np.linspace(-3.1, 3.1, 50)
+    turn = facing(yaw, up)
+    np.testing.assert_array_equal(turn[:, :, 2], up)
+    np.testing.assert_allclose(turn @ np.swapaxes(turn, 1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(turn), 1, atol=1e-14)
+    np.testing.assert_allclose(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]), yaw, atol=1e-13)
+    smallest = tilt_to(up) @ rotation_z(yaw)
+    drift = np.arctan2(smallest[:, 1, 0], smallest[:, 0, 0]) - yaw
+    assert np.abs(np.angle(np.exp(1j * drift))).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: tilt_to([0.0, 0.0, -1.0]), "normal: expected a direction away from -z"),
+        (lambda: facing(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
+        (lambda: apply(np.eye(3), np.zeros((1, 3))), "b_from_a: expected shape"),
+        (lambda: invert_rigid(np.full((4, 4), np.nan)), "b_from_a: expected finite numbers"),
+    ],
+)
+def test_a_wrong_call_names_the_argument(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
