@@ -271,8 +271,8 @@ def report(results: dict) -> str:
     lines = [
         "## Visible share: error against rays",
         f"{results['views']} views of a tank ({told}, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
-        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of the "
-        "target's box, or 400 across it for small ones, in the world. Errors are in shares of the silhouette; "
+        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of "
+        "the target's box, or 400 across it for small ones, in the world. Errors are in shares of the silhouette; "
         "a view in which no ray meets the target is untold.",
         "",
         "| rays | placed | RMS | 95 % | max | untold | stated bound, 95 % | us a pose |",

@@ -1,25 +1,27 @@
-"""Obstacles in the way of many pinhole beams: all rays of a beam go down the tree of instances together."""
+"""Obstacles in the way of pencils of rays: all rays of a camera go down the tree of instances together."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from camera.pencils import Pencils, box_at_unit_depth
+from camera.projection import NEAR
 from geometry.instances import InstancedScene
+from geometry.transforms import apply, invert_rigid
 
 # A beam is cut into so many lengths, whose boxes hold less that is beside the beam than its own would.
 LENGTHS = 4
-PAIRS = 1 << 18  # pairs of ray and instance tested at a time
+RAYS = 1 << 18  # pairs of ray and instance held at a time
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
 def hidden_in_beams(
     scene: InstancedScene,
-    origins: Float[np.ndarray, "n 3"],
-    corners: Float[np.ndarray, "n 4 3"],
+    pencils: Pencils,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
-    ray_origins: Float[np.ndarray, "k 3"],
-    ray_directions: Float[np.ndarray, "k 3"],
-    ray_beam: Int[np.ndarray, " k"],
+    which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Bool[np.ndarray, " k"]:
     """Whether each ray is blocked; the same answer as `scene.occluded`, which asks the tree ray by ray.
@@ -28,88 +30,88 @@ def hidden_in_beams(
     ----------
     scene
         The obstacles.
-    origins, corners
-        Apex of each beam and directions along its four edges, in order around it, unit depth; rays are between them.
-    ray_origins, ray_directions, reach
-        The rays: start, direction of any length, how far in metres.
-    ray_beam
-        The beam of each ray, ascending.
+    pencils
+        The rays of n cameras.
+    world_from_camera
+        (n, 4, 4) their poses.
+    which
+        (k,) ascending indices of the rays that are asked for.
+    reach
+        (k,) how far each looks, in metres from the near plane.
     """
-    hidden = np.zeros(len(ray_beam), dtype=bool)
-    if not len(hidden) or not len(scene.bounds):
+    n, r = len(world_from_camera), len(pencils.pattern)
+    hidden = np.zeros(len(which), dtype=bool)
+    if not len(which) or not len(scene.bounds):
         return hidden
-    first = np.searchsorted(ray_beam, np.arange(len(origins) + 1))
-    many = np.diff(first)
-    # From the apex to the end of a ray; a beam without rays gets no length.
-    ends = reach + np.linalg.norm(ray_origins - origins[ray_beam], axis=1)
-    length = np.zeros(len(origins))
-    np.maximum.at(length, ray_beam, ends)
-    beam, instance = _touched(scene, origins, corners, length=np.where(many > 0, length, np.nan))
-    for block in _evenly(many[beam]):
-        ray, box = _expanded(first[beam[block]], many[beam[block]], instance[block])
-        crossed = _crossed(ray_origins[ray], ray_directions[ray], scene.bounds[box]) & ~hidden[ray]
-        ray, box = ray[crossed], box[crossed]
-        rays, index = np.unique(ray, return_inverse=True)
-        blocked = scene.occluded_by(
-            ray_origins[rays], ray_directions[rays], index, instance=box, max_distance=reach[rays]
-        )
-        hidden[rays[blocked]] = True
+    origins, along = pencils.rays(world_from_camera, which)
+    # Where in `which` a ray is, and how far it looks; -inf is not asked for, or hidden already.
+    place = np.zeros(n * r, dtype=np.int64)
+    place[which] = np.arange(len(which))
+    far = np.full((n, r), -np.inf)
+    far.flat[which] = reach
+    length = np.maximum(far.max(axis=1), 0.0) + np.linalg.norm(pencils.edges(world_from_camera), axis=2).max(axis=1)
+    view, instance = _touched(scene, world_from_camera[:, :3, 3], pencils.edges(world_from_camera), length=length)
+    corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
+    pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
+    corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
+    local = apply(invert_rigid(world_from_camera)[view], corners)
+    box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
+    for some in _nearest_first(view, nearest, r):
+        # From the near plane to a box it is at least the box's depth less the plane's; once more, for rounding.
+        ahead = far[view[some]] > (nearest[some] - 2.0 * NEAR)[:, None]
+        pair, ray = np.nonzero(pencils.inside(box[some], view[some]) & ahead)
+        flat = view[some][pair] * r + ray
+        rays, index = np.unique(place[flat], return_inverse=True)
+        blocked = rays[
+            scene.occluded_by(
+                origins[rays], along[rays], index, instance=instance[some][pair], max_distance=reach[rays]
+            )
+        ]
+        hidden[blocked] = True
+        far.flat[which[blocked]] = -np.inf
     return hidden
 
 
 def _touched(
     scene: InstancedScene,
-    origins: Float[np.ndarray, "n 3"],
-    corners: Float[np.ndarray, "n 4 3"],
+    apex: Float[np.ndarray, "n 3"],
+    edges: Float[np.ndarray, "n 4 3"],
     *,
     length: Float[np.ndarray, " n"],
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
     """Pairs of beam and instance that may meet; none that do are left out."""
-    some = np.flatnonzero(np.isfinite(length))
     stops = np.linspace(0.0, 1.0, LENGTHS + 1)
-    edges = origins[some, None, None] + corners[some, None] * (length[some, None] * stops)[..., None, None]
-    low, high = edges.min(axis=2), edges.max(axis=2)
+    rims = apex[:, None, None] + edges[:, None] * (length[:, None] * stops)[..., None, None]
+    low, high = rims.min(axis=2), rims.max(axis=2)
     low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
     query, instance = scene.overlapping(low.reshape(-1, 3), high.reshape(-1, 3))
     k = len(scene.bounds)
-    pairs = np.unique(some[query // LENGTHS] * k + instance)
+    pairs = np.unique(query // LENGTHS * k + instance)
     beam, instance = pairs // k, pairs % k
     # A box is out if it lies wholly beyond one of the four sides.
-    sides = np.cross(corners, np.roll(corners, -1, axis=1))
-    inward = np.einsum("nij,nj->ni", sides, corners.sum(axis=1))
+    sides = np.cross(edges, np.roll(edges, -1, axis=1))
+    inward = np.einsum("nij,nj->ni", sides, edges.sum(axis=1))
     sides *= np.where(inward > 0, -1.0, 1.0)[..., None]
     bounds = scene.bounds[instance]
     middle, half = bounds.mean(axis=1), (bounds[:, 1] - bounds[:, 0]) * (0.5 + 1e-5) + 1e-9
-    outward = np.einsum("pij,pj->pi", sides[beam], middle - origins[beam])
+    outward = np.einsum("pij,pj->pi", sides[beam], middle - apex[beam])
     width = np.einsum("pij,pj->pi", np.abs(sides)[beam], half)
     kept = (outward <= width).all(axis=1)
     return beam[kept], instance[kept]
 
 
-def _crossed(
-    origins: Float[np.ndarray, "p 3"], directions: Float[np.ndarray, "p 3"], bounds: Float[np.ndarray, "p 2 3"]
-) -> Bool[np.ndarray, " p"]:
-    """Whether each ray's line meets the box, a little enlarged, ahead of the origin."""
-    pad = 1e-5 * (bounds[:, 1] - bounds[:, 0]) + 1e-9
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / directions
-        a, b = (bounds[:, 0] - pad - origins) * inverse, (bounds[:, 1] + pad - origins) * inverse
-    # 0 * inf: the ray runs in a side of the box, which fmin and fmax take for no limit.
-    entry, leave = np.fmin(a, b).max(axis=1, initial=0.0), np.fmax(a, b).min(axis=1)
-    return ~(entry > leave)
-
-
-def _evenly(many: Int[np.ndarray, " p"]) -> list[slice]:
-    """Consecutive pairs in blocks of about PAIRS rays."""
-    block = np.cumsum(many) // PAIRS
-    stops = np.flatnonzero(np.diff(block, append=-1)) + 1 if len(many) else np.zeros(0, dtype=np.int64)
-    return [slice(int(a), int(b)) for a, b in zip(np.r_[0, stops[:-1]], stops, strict=False)]
-
-
-def _expanded(
-    first: Int[np.ndarray, " p"], many: Int[np.ndarray, " p"], instance: Int[np.ndarray, " p"]
-) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
-    """Every ray of each pair's beam with the pair's instance."""
-    starts = np.cumsum(many) - many
-    ray = np.arange(int(many.sum())) - np.repeat(starts - first, many)
-    return ray, np.repeat(instance, many)
+def _nearest_first(
+    view: Int[np.ndarray, " p"], nearest: Float[np.ndarray, " p"], rays: int
+) -> list[Int[np.ndarray, " q"]]:
+    """Each camera's nearest pair, then its second, then the next 2, 4, 8, ..., in blocks of about RAYS rays."""
+    order = np.lexsort((nearest, view))
+    begins = np.diff(view[order], prepend=-1) > 0
+    index = np.arange(len(view))
+    rank = index - np.maximum.accumulate(np.where(begins, index, 0))
+    blocks, done, size = [], 0, max(1, RAYS // rays)
+    while done <= rank.max(initial=-1):
+        upto = max(2 * done, 1)
+        turn = order[(rank >= done) & (rank < upto)]
+        blocks += [turn[i : i + size] for i in range(0, len(turn), size)]
+        done = upto
+    return blocks

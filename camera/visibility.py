@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from camera.beams import hidden_in_beams
 from camera.intrinsics import Optics, lenses
-from camera.projection import NEAR
-from camera.target import Articulation, Part, Standing, VehicleTarget
+from camera.pencils import Pencils, box_at_unit_depth
+from camera.target import Articulation, Standing, VehicleTarget
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
 from geometry.transforms import apply, invert_rigid
@@ -169,7 +169,7 @@ def visible_fraction(
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
     standing = Standing(target, vehicles, articulation or {})
-    pattern = np.concatenate([np.ones((rays, 1)), jittered(rays, rng=np.random.default_rng(seed))], axis=1)
+    pattern = jittered(rays, rng=np.random.default_rng(seed))
     lens = lenses(intrinsics)
     f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
     counts, area = np.zeros((n, 5), dtype=np.int64), np.zeros(n)
@@ -219,9 +219,10 @@ class _Views:
         world_from_camera: Float[np.ndarray, "n 4 4"],
         f: Float[np.ndarray, " n"],
         size: Float[np.ndarray, "n 2"],
-        pattern: Float[np.ndarray, "r 3"],
+        pattern: Float[np.ndarray, "r 2"],
     ) -> None:
-        self.world_from_camera, self.f, self.size, self.pattern = world_from_camera, f, size, pattern
+        self.world_from_camera, self.f, self.pattern = world_from_camera, f, pattern
+        self.edge = size / 2.0 / f[:, None]
 
     def count(
         self, standing: Standing, ground: Occluder | None, obstacles: InstancedScene | None, others: Sequence[Standing]
@@ -229,22 +230,18 @@ class _Views:
         """For each camera: rays on the target, visible, hidden by each of three kinds; and the area they aim at."""
         n, r = len(self.f), len(self.pattern)
         placed = standing.seen_from(self.world_from_camera)
-        boxes = [self.box(part, pose) for part, pose in placed]
-        low = np.maximum(np.min([b[:, 0] for b in boxes], axis=0), 0.0)
-        high = np.minimum(np.max([b[:, 1] for b in boxes], axis=0), self.size)
+        boxes = [box_at_unit_depth(apply(pose, part.around)) for part, pose in placed]
+        low = np.maximum(np.min([b[:, 0] for b in boxes], axis=0), -self.edge)
+        high = np.minimum(np.max([b[:, 1] for b in boxes], axis=0), self.edge)
         extent = np.clip(high - low, 0.0, None)
         in_frame = (extent > 0.0).all(axis=1)
-        # A ray's camera-frame direction, with z = 1, is its (1, u, v) of the pattern times this.
-        self.basis = np.zeros((n, 3, 3))
-        self.basis[:, 0, :2] = (low - self.size / 2.0) / self.f[:, None]
-        self.basis[:, 0, 2] = 1.0
-        self.basis[:, [1, 2], [0, 1]] = extent / self.f[:, None]
-        self.low, self.extent = low, extent
+        pencils, every = Pencils(low, extent, self.pattern), np.arange(n)
 
         distance = np.full(n * r, np.inf)
         for (part, pose), box in zip(placed, boxes, strict=True):
-            for asked in _pieces(np.flatnonzero(self.inside(box) & in_frame[:, None])):
-                met = part.caster.cast(*self.rays(invert_rigid(pose), asked))
+            part_from_camera = invert_rigid(pose)
+            for asked in _pieces(np.flatnonzero(pencils.inside(box, every) & in_frame[:, None])):
+                met = part.caster.cast(*pencils.rays(part_from_camera, asked))
                 distance[asked] = np.minimum(distance[asked], met.distance)
         counts = np.zeros((n, 5), dtype=np.int64)
         left = np.flatnonzero(np.isfinite(distance))
@@ -253,77 +250,34 @@ class _Views:
         if ground is not None:
             hidden = np.concatenate(
                 [
-                    ground.occluded(*self.rays(self.world_from_camera, some), max_distance=reach[some])
+                    ground.occluded(*pencils.rays(self.world_from_camera, some), max_distance=reach[some])
                     for some in _pieces(left)
                 ]
             )
             counts[:, 2] = np.bincount(left[hidden] // r, minlength=n)
             left = left[~hidden]
         if obstacles is not None:
-            hidden = self.hidden_by_instances(obstacles, left, reach[left])
+            hidden = hidden_in_beams(obstacles, pencils, self.world_from_camera, which=left, reach=reach[left])
             counts[:, 3] = np.bincount(left[hidden] // r, minlength=n)
             left = left[~hidden]
         for other in others:
-            hidden = self.hidden_by(other, left, reach)
+            hidden = self.hidden_by(other, pencils, left, reach)
             counts[:, 4] += np.bincount(left[hidden] // r, minlength=n)
             left = left[~hidden]
         counts[:, 1] = np.bincount(left // r, minlength=n)
-        return counts, extent.prod(axis=1)
-
-    def hidden_by_instances(
-        self, scene: InstancedScene, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " k"]
-    ) -> Bool[np.ndarray, " k"]:
-        origins, directions = self.rays(self.world_from_camera, left)
-        around = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
-        return hidden_in_beams(
-            scene,
-            self.world_from_camera[:, :3, 3],
-            around @ (self.basis @ np.swapaxes(self.world_from_camera[:, :3, :3], -1, -2)),
-            ray_origins=origins,
-            ray_directions=directions,
-            ray_beam=left // len(self.pattern),
-            reach=reach,
-        )
+        return counts, extent.prod(axis=1) * self.f**2
 
     def hidden_by(
-        self, other: Standing, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " nr"]
+        self, other: Standing, pencils: Pencils, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " nr"]
     ) -> Bool[np.ndarray, " k"]:
-        hidden = np.zeros(len(left), dtype=bool)
+        hidden, every = np.zeros(len(left), dtype=bool), np.arange(len(self.f))
         for part, pose in other.seen_from(self.world_from_camera):
-            asked = np.flatnonzero(~hidden & self.inside(self.box(part, pose)).flat[left])
+            box = box_at_unit_depth(apply(pose, part.around))
+            asked = np.flatnonzero(~hidden & pencils.inside(box, every).flat[left])
             if len(asked):
-                rays = self.rays(invert_rigid(pose), left[asked])
+                rays = pencils.rays(invert_rigid(pose), left[asked])
                 hidden[asked] = part.caster.occluded(*rays, max_distance=reach[left[asked]])
         return hidden
-
-    def box(self, part: Part, camera_from_part: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 2 2"]:
-        """Pixel box that holds the part's projection; endless where the part is not wholly beyond the near plane."""
-        points = apply(camera_from_part, part.around)
-        depth = points[..., 2]
-        beyond = (depth > NEAR).all(axis=1)
-        pixels = points[..., :2] / np.where(beyond[:, None], depth, 1.0)[..., None]
-        box = np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1) * self.f[:, None, None] + self.size[:, None] / 2.0
-        box[~beyond] = np.array([[-np.inf], [np.inf]])
-        return box
-
-    def inside(self, box: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, "n r"]:
-        """Which rays go through the box."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = (box - self.low[:, None]) / self.extent[:, None]
-        u, v = self.pattern[:, 1], self.pattern[:, 2]
-        across = (u >= at[:, 0, :1]) & (u <= at[:, 1, :1])
-        return across & (v >= at[:, 0, 1:]) & (v <= at[:, 1, 1:])
-
-    def rays(
-        self, frame_from_camera: Float[np.ndarray, "n 4 4"], which: Int[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """Origins on the near plane, and directions, of the rays with these ascending flat indices."""
-        rows = which // len(self.pattern)
-        begin, end = (int(rows[0]), int(rows[-1]) + 1) if len(which) else (0, 0)
-        frames = frame_from_camera[begin:end]
-        turned = self.basis[begin:end] @ np.swapaxes(frames[:, :3, :3], -1, -2)
-        along = (self.pattern @ turned).reshape(-1, 3)[which - begin * len(self.pattern)]
-        return frames[rows - begin, :3, 3] + NEAR * along, along
 
 
 def _pieces(which: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " q"]]:

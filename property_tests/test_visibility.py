@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from assets.vehicle import VehicleShape
 from camera.beams import hidden_in_beams
 from camera.intrinsics import Intrinsics
-from camera.projection import directions
+from camera.pencils import Pencils
 from camera.shell import camera_pose
 from camera.target import VehicleTarget
 from camera.visibility import Plane, visible_fraction
@@ -116,21 +116,16 @@ def test_an_added_occluder_never_raises_the_fraction(
 @given(seeds, st.integers(0, 30), st.floats(0.1, 100))
 def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov: float) -> None:
     rng = np.random.default_rng(seed)
-    scene, lens, n, r = boulders(rng, k), Intrinsics(200, 100, math.radians(fov)), 5, 40
+    scene, n, r, half = boulders(rng, k), 5, 40, math.tan(math.radians(fov / 2))
     poses = cameras(seed, 0.3, n)
-    axes = np.swapaxes(poses[:, :3, :3], 1, 2)
-    corners = directions(lens, np.tile([[0.0, 0], [200, 0], [200, 100], [0, 100]], (n, 1, 1))) @ axes
-    along = (directions(lens, rng.uniform(0, 1, (n, r, 2)) * [200, 100]) @ axes).reshape(-1, 3)
-    beam = np.repeat(np.arange(n), r)
-    keep = rng.random(n * r) < 0.8
-    keep[beam == 2] = False
-    along, beam = along[keep], beam[keep]
-    origins = poses[beam, :3, 3] + 0.1 * along
-    reach = rng.uniform(0, 60, len(beam))
-    found = hidden_in_beams(
-        scene, poses[:, :3, 3], corners, ray_origins=origins, ray_directions=along, ray_beam=beam, reach=reach
-    )
-    np.testing.assert_array_equal(found, scene.occluded(origins, along, max_distance=reach))
+    low = rng.uniform(-half, half, (n, 2))
+    pencils = Pencils(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
+    asked = rng.random((n, r)) < 0.8
+    asked[2] = False
+    which = np.flatnonzero(asked)
+    reach = rng.uniform(-1, 60, len(which))
+    found = hidden_in_beams(scene, pencils, poses, which=which, reach=reach)
+    np.testing.assert_array_equal(found, scene.occluded(*pencils.rays(poses, which), max_distance=reach))
 
 
 @given(lenses, seeds, st.floats(0.01, 1.2), turns)

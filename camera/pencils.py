@@ -1,0 +1,68 @@
+"""Pencils of rays: from n pinholes, each through the same pattern of points in its own window."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from camera.projection import NEAR
+
+
+class Pencils:
+    """Rays of n cameras, r each; flat index i is ray i % r of camera i // r.
+
+    Windows are in the plane at unit depth, where a point (x, y, z) of the camera's frame is (x / z, y / z).
+
+    Parameters
+    ----------
+    low, extent
+        (n, 2) lowest corner and size of each window.
+    pattern
+        (r, 2) where in the window the rays go, from 0 to 1.
+    """
+
+    def __init__(
+        self, low: Float[np.ndarray, "n 2"], extent: Float[np.ndarray, "n 2"], pattern: Float[np.ndarray, "r 2"]
+    ) -> None:
+        self.low, self.extent, self.pattern = low, extent, pattern
+        self._weights = np.concatenate([np.ones((len(pattern), 1)), pattern], axis=1)
+        # A direction with z = 1 is (1, u, v) of the pattern times these rows.
+        self._rows = np.zeros((len(low), 3, 3))
+        self._rows[:, 0, :2] = low
+        self._rows[:, 0, 2] = 1.0
+        self._rows[:, [1, 2], [0, 1]] = extent
+
+    def rays(
+        self, frame_from_camera: Float[np.ndarray, "n 4 4"], which: Int[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+        """Origins on the near plane, and directions of unit depth, of the rays with these ascending indices."""
+        r = len(self.pattern)
+        view = which // r
+        begin, end = (int(view[0]), int(view[-1]) + 1) if len(which) else (0, 0)
+        frames = frame_from_camera[begin:end]
+        turned = self._rows[begin:end] @ np.swapaxes(frames[:, :3, :3], -1, -2)
+        along = (self._weights @ turned).reshape(-1, 3)[which - begin * r]
+        return frames[view - begin, :3, 3] + NEAR * along, along
+
+    def edges(self, frame_from_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 3"]:
+        """Directions of unit depth along the four edges of each pencil, in order around it."""
+        around = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+        return around @ (self._rows @ np.swapaxes(frame_from_camera[:, :3, :3], -1, -2))
+
+    def inside(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, "p r"]:
+        """Which rays of a box's camera go through it; low and high corners, at unit depth."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = (box - self.low[view, None]) / self.extent[view, None]
+        u, v = self.pattern.T
+        across = (u >= at[:, 0, :1]) & (u <= at[:, 1, :1])
+        return across & (v >= at[:, 0, 1:]) & (v <= at[:, 1, 1:])
+
+
+def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:
+    """Low and high corner of what holds the projected points' hull; endless if not all lie beyond the near plane."""
+    depth = points_camera[..., 2]
+    beyond = depth.min(axis=1) > NEAR
+    at = points_camera[..., :2] / np.where(beyond[:, None], depth, 1.0)[..., None]
+    box = np.stack([at.min(axis=1), at.max(axis=1)], 1)
+    box[~beyond] = np.array([[-np.inf], [np.inf]])
+    return box
