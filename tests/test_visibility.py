@@ -97,8 +97,8 @@ def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_t
     assert seen.area[0] == pytest.approx(6.0 * (lens.f_px / 1997) ** 2, rel=0.01)
 
 
-def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: float, occluder: Mesh) -> float:
-    """Per-pixel truth, by float64 arithmetic on every triangle: no tree, no box, no parts."""
+def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: float, occluder: Mesh) -> tuple:
+    """Visible share and area in pixels, by float64 arithmetic on every triangle: no tree, no box, no parts."""
     u, v = np.meshgrid(np.linspace(0.1, 0.9, 300) * VGA.width, np.linspace(0.25, 0.75, 200) * VGA.height)
     # Straight edges along a row of a regular grid would be off by up to half a row.
     u, v = np.random.default_rng(0).uniform(-0.6, 0.6, (2, *u.shape)) + [u, v]
@@ -109,7 +109,8 @@ def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: fl
     assert not (met[0] | met[-1]).any()
     assert not (met[:, 0] | met[:, -1]).any()
     blocked = first_hit(camera.position, along, occluder.triangles) < at
-    return float((~blocked[met.ravel()]).mean())
+    cell = 0.8 * VGA.width / 299 * 0.5 * VGA.height / 199
+    return float((~blocked[met.ravel()]).mean()), float(met.sum() * cell)
 
 
 def first_hit(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -137,7 +138,7 @@ SCENES = {
 @pytest.mark.parametrize("articulation", [{}, {"turret": 1.0, "gun": 0.3}])
 def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
     pose, yaw = camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02), 0.6
-    truth = reference(TANK, Camera(VGA, pose), articulation, yaw, SCENES[name])
+    truth, area = reference(TANK, Camera(VGA, pose), articulation, yaw, SCENES[name])
     seen = visible_fraction(
         TANK,
         rigid(rotation_z(yaw), np.zeros(3))[None],
@@ -149,6 +150,7 @@ def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
     )
     assert 0.1 < truth < 0.95
     assert seen.fraction[0] == pytest.approx(truth, abs=0.005)
+    assert seen.area[0] == pytest.approx(area, rel=0.01)
 
 
 def test_the_stated_error_covers_and_is_met_by_dust() -> None:
