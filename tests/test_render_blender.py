@@ -16,9 +16,11 @@ from annotate.masks import iou, mask_box, vehicle_mask
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.target import Standing, VehicleTarget
+from geometry.errors import ConfigError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from planning.config import load_config
+from planning.plan_file import Plan
 from planning.write import write_plan
 from render.annotations import targets
 from render.cache import load_assets
@@ -292,3 +294,29 @@ def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
+
+
+def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
+    header = {**plan.header, "hdris": {**plan.header["hdris"], "grey": {"path": "grey.exr", "sha256": "0" * 64}}}
+    with pytest.raises(ConfigError, match=r"'grey' \(grey.exr\) is not what it was when this was planned"):
+        render_assets(Plan(plan.path, header))
+
+
+@pytest.mark.parametrize("fov_x_deg", [0.1, 5.0, 100.0, 179.0])
+def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
+    """Blender clamps focal lengths; a wall at the edge of the frame shows whether the angle is right."""
+    target = VehicleTarget(assets.vehicles["tank"].shape)
+    width = float(assets.vehicles["tank"].shape.size_xyz[1])
+    # From behind, so far away that the tank fills half of the frame.
+    distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0
+    row = {**plan[0], **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7))}
+    up = np.eye(4)
+    up[2, 3] = 500.0
+    row |= {"world_from_vehicle": up.tolist(), "articulation": {}, "companions": []}
+    talk = Conversation(worker_command(None), tmp_path / "log")
+    assert talk.ask(mask_job(row, assets, tmp_path / "m.npy"))["done"] == "mask"
+    talk.worker.stop()
+    seen = np.load(tmp_path / "m.npy")[1] == 1
+    expected = vehicle_mask(Standing(target, up[None], {}), camera_of(row))
+    assert expected.sum() > 100
+    assert iou(seen, expected) >= 0.99
