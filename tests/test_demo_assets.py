@@ -95,6 +95,7 @@ def test_ten_vehicles_in_three_classes():
         (tube((0, 0, 0), (0, 0, 2), 1.0, sides=64), 2 * np.pi, 0.02),
         (tube((1, 2, 3), (4, 6, 3), 0.5, sides=64), 5 * np.pi / 4, 0.02),
         (lathe([(1, 0), (1, 2)], sides=64), 2 * np.pi, 0.02),
+        (lathe([(1, 0), (2, 0), (2, 1), (1, 1)], sides=64, hollow=True), 3 * np.pi, 0.02),
         (ellipsoid((1, 2, 3), (5, 5, 5), sides=48, rings=48), 8 * np.pi, 0.2),
     ],
 )

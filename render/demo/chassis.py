@@ -52,12 +52,12 @@ def tracks(m: Model, p: Paints, gear: Running) -> None:
     """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
     z = r + LINK
-    tyre = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22)
+    tyre = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
     tyres = tyre + tyre.scaled(1, -1, 1)
     disc = lathe(
         [
-            (r * 0.2, -w * 0.2),
-            (r * 0.3, w * 0.40),
+            (r * 0.02, w * 0.42),
+            (r * 0.27, w * 0.40),
             (r * 0.42, w * 0.26),
             (r * 0.72, w * 0.32),
             (r * 0.79, w * 0.38),
@@ -124,6 +124,7 @@ def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, 
             (r * 0.58, w * 0.92),
         ],
         sides=sides,
+        hollow=True,
     )
     blocks = joined(
         box((r * 0.15, w * 0.8, r * 0.05), (0, side * w * 0.42, r * 0.95)).turned(
@@ -208,13 +209,9 @@ def lamps(
     tail_z: float = 0.9,
 ) -> None:
     """Head lamps in housings looking along +x, and tail lamps."""
-    m.add(
-        "Lamp_Housings",
-        profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z),
-        p.body,
-        bevel=0,
-        mirror=True,
-    )
+    housing = profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z)
+    post = box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
+    m.add("Lamp_Housings", housing + post, p.body, bevel=0, mirror=True)
     m.add(
         "Head_Lamps",
         profile_tube([(x - 0.03, radius), (x, radius * 0.9), (x + 0.02, radius * 0.4)]).moved(y=y, z=z),
@@ -227,7 +224,7 @@ def lamps(
 
 
 def antenna(
-    m: Model, p: Paints, at: tuple[float, float, float], *, height: float = 2.0, lean: float = 0.25, part: str = "hull"
+    m: Model, p: Paints, at: tuple[float, float, float], *, height: float = 0.9, lean: float = 0.35, part: str = "hull"
 ) -> None:
     """A whip aerial on its base, bent by its weight."""
     x, y, z = at

@@ -56,15 +56,15 @@ def joined(shapes: Iterable[Shape]) -> Shape:
     return Shape(np.concatenate([part.vertices for part in parts]), tuple(faces))
 
 
-def loft(rings: ArrayLike) -> Shape:
-    """Rings of equally many corners joined by quads, closed by the first and the last ring."""
+def loft(rings: ArrayLike, *, hollow: bool = False) -> Shape:
+    """Rings of equally many corners joined by quads, closed by the first and the last ring, or to each other."""
     corners = np.array(rings, float)
     n, m = corners.shape[:2]
-    faces: list[tuple[int, ...]] = [tuple(range(m))[::-1], tuple(range((n - 1) * m, n * m))]
-    for k in range(n - 1):
+    faces: list[tuple[int, ...]] = [] if hollow else [tuple(range(m))[::-1], tuple(range((n - 1) * m, n * m))]
+    for k in range(n if hollow else n - 1):
         for i in range(m):
-            j = (i + 1) % m
-            faces.append((k * m + i, k * m + j, (k + 1) * m + j, (k + 1) * m + i))
+            j, above = (i + 1) % m, (k + 1) % n
+            faces.append((k * m + i, k * m + j, above * m + j, above * m + i))
     return _outward(Shape(corners.reshape(-1, 3), tuple(faces)))
 
 
@@ -95,10 +95,10 @@ def slab(outline: Outline, half_width: float) -> Shape:
     return prism(outline, -half_width, half_width)
 
 
-def lathe(profile: Outline, *, sides: int = 20) -> Shape:
-    """A profile (radius, y) turned about the y axis, closed at both ends."""
+def lathe(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
+    """A profile (radius, y) turned about the y axis: solid between its ends, or a ring round its closed outline."""
     angles = np.arange(sides) * 2 * np.pi / sides
-    return loft([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile])
+    return loft([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile], hollow=hollow)
 
 
 def tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:

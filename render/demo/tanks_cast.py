@@ -209,5 +209,6 @@ def mbt_classic(m: Model, p: Paints, folder: Path) -> None:
     )
     m.add("Barrel", barrel(1.75, 5.7, 1.95, 0.085, evacuator=0.72, brake=True), p.body, part="gun", bevel=0)
     light = profile_tube([(1.5, 0.2), (1.95, 0.34), (1.98, 0.32)]).moved(y=0.0, z=2.55)
+    light += box((0.2, 0.16, 0.36), (1.62, 0.0, 2.1))
     m.add("Searchlight", light, p.body, part="gun", bevel=0)
     m.add("Searchlight_Glass", profile_tube([(1.97, 0.3), (2.0, 0.2)]).moved(z=2.55), p.glass, part="gun", bevel=0)

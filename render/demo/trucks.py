@@ -66,7 +66,7 @@ def cab_over(m: Model, p: Paints, *, x0: float, x1: float, z0: float, z1: float,
         p.body,
         bevel=0.02,
     )
-    chassis.lamps(m, p, x=x1 + 0.2, y=half - 0.25, z=z0 - 0.05, radius=0.1)
+    chassis.lamps(m, p, x=x1 + 0.27, y=half - 0.25, z=z0 - 0.03, radius=0.11)
     m.add(
         "Wipers",
         joined(
