@@ -19,8 +19,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-# A script's folder must not be on the path: its cycles.py would hide Blender's own module of that name. Ours comes last:
-# where hulldown is installed, it is a folder full of other packages, and Blender shall keep its own numpy.
+# A script's folder must not be on the path: its cycles.py would hide Blender's own module of that name. Ours comes
+# last: where hulldown is installed, it is a folder full of other packages, and Blender shall keep its own numpy.
 _ROOT = Path(__file__).resolve().parent.parent
 sys.path[:] = [*(entry for entry in sys.path if Path(entry or ".").resolve() != _ROOT / "render"), str(_ROOT)]
 

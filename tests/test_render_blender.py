@@ -184,13 +184,23 @@ def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0,
     return {"world_from_camera": pose.tolist(), "width": width, "height": height, "fov_x_deg": fov_x_deg}
 
 
-@pytest.mark.parametrize("yaw_deg", [0.0, 75.0, -120.0])
-def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, tmp_path, yaw_deg):
-    row = {**plan[0], **looking(yaw_deg, 20.0), "hdri": "sky", "hdri_yaw_deg": yaw_deg, "companions": []}
-    (picture,) = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / "sky.png")])
-    bright = np.argwhere(picture.min(axis=2) > 230)
-    assert len(bright) > 4
-    assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
+Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
+TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0, 0, 0, 1.0]])
+
+
+def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path):
+    """A bright patch at azimuth 0 is seen at azimuth yaw, whatever is up in the scenery's file, and its unit."""
+    cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
+    messages = []
+    for i, (yaw_deg, scenery_from_file) in enumerate(cases):
+        walls = SceneryFile(folder / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
+        camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
+        row = {**plan[0], **camera, "scenery": "walls", "hdri": "sky", "hdri_yaw_deg": yaw_deg, "companions": []}
+        messages.append(job(row, replace(assets, sceneries={"walls": walls}), SETTINGS, tmp_path / f"{i}.png"))
+    for picture in draw(tmp_path, messages):
+        bright = np.argwhere(picture.min(axis=2) > 230)
+        assert len(bright) > 4
+        assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
 
 
 def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path):
