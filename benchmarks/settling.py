@@ -1,0 +1,330 @@
+"""Settling: candidates a second, and how far each rule lands from where a rigid footprint comes to rest."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.cbook import get_sample_data
+from matplotlib.figure import Figure
+
+from geometry.meshes import Mesh
+from geometry.transforms import rotation_z
+from placement.candidates import candidates
+from placement.settle import settle
+from placement.support import support_plane
+from placement.terrain import Terrain
+
+SIZE = np.array([7.0, 3.5, 2.5])
+RULES = ("averaged", "least_squares", "support")
+TRUTH_CELL = 0.1  # metres between the samples of the reference
+UNSURE = 0.2  # metres: a centre of gravity nearer to the edge of its contact triangle may tip either way
+
+
+def run(quick: bool) -> dict[str, Any]:
+    """Measure everything; seeded."""
+    return {
+        "speed": _speed(quick),
+        "error": {name: _errors(*terrain, quick) for name, terrain in _terrains(quick).items()},
+        "roughness": _roughness(quick),
+        "contact": _contact(quick),
+        "barrel": _barrel(quick),
+    }
+
+
+def _grid_mesh(heights: np.ndarray, cell: float) -> Mesh:
+    rows, columns = heights.shape
+    x, y = (np.arange(n) * cell - (n - 1) * cell / 2 for n in (rows, columns))
+    i = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    vertices = np.concatenate([grid, heights[..., None]], axis=-1).reshape(-1, 3)
+    return Mesh(vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), "terrain")
+
+
+def _waves(half: float, cell: float, wave: float, relief: float) -> tuple[Mesh, Callable[[np.ndarray], np.ndarray]]:
+    """Hills of one wavelength crossed by others: an analytic surface, and its mesh."""
+
+    def height(xy: np.ndarray) -> np.ndarray:
+        k = 2 * np.pi / wave
+        x, y = xy[..., 0], xy[..., 1]
+        return relief * (np.sin(k * x) * np.cos(0.8 * k * y) + 0.5 * np.sin(1.7 * k * x + 1.0) * np.sin(1.3 * k * y))
+
+    x = np.linspace(-half, half, round(2 * half / cell) + 1)
+    return _grid_mesh(height(np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)), cell), height
+
+
+def _dem() -> Mesh:
+    """A real elevation model, shrunk with its slopes from 90 m cells to 2 m cells."""
+    elevation = np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))["elevation"].astype(float)
+    return _grid_mesh(elevation * (2.0 / 90.0), 2.0)
+
+
+def _terrains(quick: bool) -> dict[str, tuple[Mesh, Callable[[np.ndarray], np.ndarray] | None]]:
+    half = 60.0 if quick else 150.0
+    return {
+        "rolling, 20 m waves": _waves(half, 0.25 if not quick else 0.5, 20.0, 0.8),
+        "rough, 6 m waves": _waves(half, 0.25 if not quick else 0.5, 6.0, 0.25),
+        "elevation model, 2 m cells": (_dem(), None),
+    }
+
+
+def _truth(
+    height: Callable[[np.ndarray], np.ndarray], xy: np.ndarray, yaw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Up axes and heights of the rest poses from a dense sample, and whether the pose is sure."""
+    share = [np.linspace(-0.5, 0.5, round(length / TRUTH_CELL) + 1) for length in SIZE[:2]]
+    samples = np.stack(np.meshgrid(share[0] * SIZE[0], share[1] * SIZE[1], indexing="ij"), -1).reshape(-1, 2)
+    turn = rotation_z(yaw)[:, :2, :2]
+    points = xy[:, None] + samples @ np.swapaxes(turn, 1, 2)
+    heights = height(points.reshape(-1, 2)).reshape(points.shape[:2])
+    plane = support_plane(samples, heights, np.isfinite(heights))
+    gradient = np.einsum("kij,kj->ki", turn, plane.gradient)
+    up = np.column_stack([-gradient, np.ones(len(xy))])
+    corners = samples[plane.contacts]
+    edges = np.roll(corners, -1, axis=1) - corners
+    crosses = np.abs(edges[..., 0] * corners[..., 1] - edges[..., 1] * corners[..., 0])
+    margin = (crosses / np.linalg.norm(edges, axis=2)).min(axis=1)
+    return up / np.linalg.norm(up, axis=1, keepdims=True), plane.height, plane.found & (margin > UNSURE)
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=1) / 2, 0, 1)))
+
+
+def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick: bool) -> list[dict[str, Any]]:
+    terrain = Terrain(mesh)
+    if height is None:
+
+        def height(xy: np.ndarray) -> np.ndarray:
+            return terrain.top_hits(xy).z
+
+    xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(1))
+    up, z, sure = _truth(height, xy, yaw)
+    lean = np.arccos(up[:, 2])
+    gate = np.nanmedian(lean)
+    rows = []
+    for rule in RULES:
+        for n in (3, 5, 7, 9, 13, 21):
+            settled = settle(terrain, SIZE, xy, yaw, rule=rule, n=n, max_slope=1.5, contact_n=36)
+            angle = _angle(settled.world_from_vehicle[:, :3, 2], up)
+            rows.append({
+                "rule": rule, "n": n, "rays": n * n,
+                "angle_median_deg": float(np.nanmedian(angle)), "angle_p95_deg": float(np.nanpercentile(angle, 95)),
+                "angle_median_sure_deg": float(np.nanmedian(angle[sure])),
+                "height_median_m": float(np.nanmedian(np.abs(settled.world_from_vehicle[:, 2, 3] - z))),
+                "penetration_p95_m": float(np.nanpercentile(settled.penetration, 95)),
+                "gap_median_m": float(np.nanmedian(settled.gap)),
+                "gate_flips": float(np.mean((settled.tilt > gate) != (lean > gate))),
+                "sure": float(sure.mean()),
+            })  # fmt: skip
+    return rows
+
+
+def _roughness(quick: bool) -> list[dict[str, Any]]:
+    """Angle to the reference against the height of 6 m waves, 5 x 5 rays."""
+    rows = []
+    for relief in (0.02, 0.05, 0.1, 0.2, 0.4):
+        mesh, height = _waves(60.0, 0.25, 6.0, relief)
+        terrain = Terrain(mesh)
+        xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(2))
+        up, z, _ = _truth(height, xy, yaw)
+        row: dict[str, Any] = {"relief_m": relief}
+        for rule in RULES:
+            pose = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.5, contact_n=0).world_from_vehicle
+            row[rule] = float(np.nanmedian(_angle(pose[:, :3, 2], up)))
+            row[f"{rule}_height_m"] = float(np.nanmedian(np.abs(pose[:, 2, 3] - z)))
+        rows.append(row)
+    return rows
+
+
+def _contact(quick: bool) -> list[dict[str, Any]]:
+    """How much of gap and penetration a sparse measurement sees, on rough ground."""
+    mesh, _ = _waves(60.0, 0.25, 6.0, 0.25)
+    terrain = Terrain(mesh)
+    xy, yaw = candidates(mesh.bounds, 200 if quick else 1000, rng=np.random.default_rng(3))
+    full = settle(terrain, SIZE, xy, yaw, max_slope=1.5, contact_n=71)
+    rows = []
+    for contact_n in (3, 5, 7, 9, 13, 21):
+        seen = settle(terrain, SIZE, xy, yaw, max_slope=1.5, contact_n=contact_n)
+        rows.append({
+            "points": contact_n,
+            "gap_missed_p95_m": float(np.nanpercentile(full.gap - seen.gap, 95)),
+            "penetration_missed_p95_m": float(np.nanpercentile(full.penetration - seen.penetration, 95)),
+        })  # fmt: skip
+    return rows
+
+
+def _barrel(quick: bool) -> dict[str, float]:
+    """A tank of 7 m with a barrel of 3 m ahead: bounding box against contact footprint, on rough ground."""
+    mesh, height = _waves(60.0, 0.25, 6.0, 0.25)
+    terrain = Terrain(mesh)
+    xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(4))
+    offset = np.column_stack([np.cos(yaw), np.sin(yaw)]) * -1.5
+    up, _, _ = _truth(height, xy + offset, yaw)
+    box, tracks = SIZE + np.array([3.0, 0.0, 0.0]), np.array([[-5.0, -1.75], [2.0, 1.75]])
+    whole = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0).world_from_vehicle
+    contact = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0, footprint=tracks).world_from_vehicle
+    return {
+        "bounding_box_median_deg": float(np.nanmedian(_angle(whole[:, :3, 2], up))),
+        "contact_footprint_median_deg": float(np.nanmedian(_angle(contact[:, :3, 2], up))),
+    }
+
+
+def _speed(quick: bool) -> dict[str, Any]:
+    """Candidates a second on one terrain, all ways in turn; medians."""
+    cells = 100 if quick else 500
+    mesh, _ = _waves(cells / 2, 1.0, 30.0, 1.5)
+    terrain = Terrain(mesh)
+    k = 5_000 if quick else 100_000
+    xy, yaw = candidates(mesh.bounds, k, rng=np.random.default_rng(5))
+
+    def ours(**options: Any) -> Callable[[], int]:
+        def work() -> int:
+            settle(terrain, SIZE, xy, yaw, **options)
+            return k
+
+        return work
+
+    ways: dict[str, Callable[[], int]] = {}
+    for rule in RULES:
+        for threads in (1, 2):
+            ways[f"{rule}, 5 x 5, {threads} thread{'s' * (threads > 1)}"] = ours(
+                rule=rule, contact_n=0, threads=threads
+            )
+    for method in ("refined", "float32"):
+        ways[f"averaged, 5 x 5, 2 threads, {method} hits"] = ours(
+            rule="averaged", contact_n=0, threads=2, method=method
+        )
+    ways["support, 5 x 5, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", contact_n=9, threads=2)
+    ways["support, 9 x 9, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", n=9, threads=2)
+    if peer := _blender(mesh, xy[: 100 if quick else 1000], yaw):
+        ways["the paper's way in Blender: 26 scene.ray_cast from Python"] = peer
+    rates: dict[str, list[float]] = {name: [] for name in ways}
+    for work in ways.values():
+        work()
+    for _ in range(2 if quick else 5):
+        for name, work in ways.items():
+            start = time.perf_counter()
+            rates[name].append(work() / (time.perf_counter() - start))
+    return {
+        "triangles": len(mesh.faces),
+        "candidates": k,
+        "rates": {name: statistics.median(values) for name, values in rates.items()},
+    }
+
+
+def _blender(mesh: Mesh, xy: np.ndarray, yaw: np.ndarray) -> Callable[[], int] | None:
+    """Section 2.1.5 as a script in Blender does it; None where there is no Blender."""
+    try:
+        import bpy
+        from mathutils import Vector
+    except ImportError:
+        return None
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    data = bpy.data.meshes.new("terrain")
+    data.from_pydata(mesh.vertices.tolist(), [], mesh.faces.tolist())
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("terrain", data))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    scene, down, top = bpy.context.scene, Vector((0, 0, -1)), float(mesh.bounds[1, 2]) + 10.0
+    grid = [(u, v) for u in np.linspace(-0.5, 0.5, 5) * SIZE[0] for v in np.linspace(-0.5, 0.5, 5) * SIZE[1]]
+
+    def work() -> int:
+        for (x, y), turn in zip(xy.tolist(), yaw.tolist(), strict=False):
+            hit, _, normal, *_ = scene.ray_cast(depsgraph, (x, y, top), down)
+            if not hit or abs(normal.z) < 0.866:
+                continue
+            mean, z, count = Vector((0, 0, 0)), 0.0, 0
+            c, s = np.cos(turn), np.sin(turn)
+            for u, v in grid:
+                hit, at, normal, *_ = scene.ray_cast(depsgraph, (x + c * u - s * v, y + s * u + c * v, top), down)
+                if hit:
+                    mean, z, count = mean + (normal if normal.z > 0 else -normal), z + at.z, count + 1
+            mean.normalize()
+        return len(xy)
+
+    return work
+
+
+def report(results: dict[str, Any]) -> str:
+    """The figures as a section of docs/benchmarks.md."""
+    speed = results["speed"]
+    lines = [
+        "## Settling",
+        "",
+        f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles; the Blender peer on some of them.",
+        "",
+        "| way | candidates a second |",
+        "|---|---|",
+        *(f"| {name} | {rate:,.0f} |" for name, rate in speed["rates"].items()),
+        "",
+        "Error against the rest pose of a rigid footprint of 7 x 3.5 m: the plane above a 0.1 m sample that is lowest "
+        "under the centre of gravity. `Sure` are the candidates whose centre of gravity lies more than 20 cm inside "
+        "its contact triangle: elsewhere the vehicle may tip either way. The gate stands at the reference's median.",
+    ]
+    for name, rows in results["error"].items():
+        lines += [
+            "",
+            f"### {name} ({100 * rows[0]['sure']:.0f} % sure)",
+            "",
+            "| rule | n x n | angle median / p95 (deg) | median where sure | height median (m) | penetration p95 (m) "
+            "| gap median (m) | gate flips |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {r['rule']} | {r['n']} | {r['angle_median_deg']:.2f} / {r['angle_p95_deg']:.1f} "
+            f"| {r['angle_median_sure_deg']:.2f} | {r['height_median_m']:.3f} | {r['penetration_p95_m']:.3f} "
+            f"| {r['gap_median_m']:.3f} | {100 * r['gate_flips']:.1f} % |"
+            for r in rows
+        ]
+    lines += [
+        "",
+        "### Roughness: 6 m waves, 5 x 5 rays, median angle (deg) / height error (m)",
+        "",
+        "| relief (m) | " + " | ".join(RULES) + " |",
+        "|---|---|---|---|",
+        *(
+            f"| {r['relief_m']} | "
+            + " | ".join(f"{r[rule]:.2f} / {r[f'{rule}_height_m']:.3f}" for rule in RULES)
+            + " |"
+            for r in results["roughness"]
+        ),
+        "",
+        "### What a sparse measurement misses of gap and penetration (p95, m; support rule, rough ground)",
+        "",
+        "| points | gap | penetration |",
+        "|---|---|---|",
+        *(
+            f"| {r['points']} x {r['points']} | {r['gap_missed_p95_m']:.3f} | {r['penetration_missed_p95_m']:.3f} |"
+            for r in results["contact"]
+        ),
+        "",
+        "A tank with 3 m of barrel ahead of its tracks, rough ground: median angle to its rest pose "
+        f"{results['barrel']['bounding_box_median_deg']:.2f} degrees when settled by its bounding box, "
+        f"{results['barrel']['contact_footprint_median_deg']:.2f} by its contact footprint.",
+    ]
+    return "\n".join(lines)
+
+
+def plots(results: dict[str, Any], folder: Path) -> list[Path]:
+    """Angle to the rest pose against the number of rays, one panel a terrain."""
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    panels = figure.subplots(1, len(results["error"]), sharey=True)
+    for panel, (name, rows) in zip(panels, results["error"].items(), strict=True):
+        for rule in RULES:
+            mine = [r for r in rows if r["rule"] == rule]
+            panel.loglog(
+                [r["rays"] for r in mine], [r["angle_median_deg"] for r in mine], "o-", label=rule.replace("_", " ")
+            )
+        panel.set_title(name, fontsize=10)
+        panel.set_xlabel("rays a candidate")
+        panel.grid(True, which="both", alpha=0.3)
+    panels[0].set_ylabel("median angle to the rest pose (deg)")
+    panels[0].legend()
+    path = Path(folder) / "settling_error.png"
+    figure.savefig(path, dpi=120)
+    return [path]
