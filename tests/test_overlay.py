@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from annotate.coco import CocoDataset
+from annotate.masks import encode
+from annotate.overlay import PALETTE, colour_of, contact_sheet, dataset_sheet, draw
+from geometry.errors import DatasetError
+
+NAMES = {1: "tank", 2: "truck"}
+
+
+def grey(width: int = 320, height: int = 180) -> Image.Image:
+    return Image.new("RGB", (width, height), (90, 90, 90))
+
+
+def pixels_of(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
+    return (np.asarray(picture) == colour).all(axis=2)
+
+
+def test_outlines_lie_just_outside_the_box_and_hide_nothing():
+    picture = grey()
+    drawn = draw(picture, [{"bbox": [100.2, 60.7, 40.3, 30.1], "category_id": 1}], NAMES)
+    outline = pixels_of(drawn, colour_of(1))
+    # The box covers pixels 100 to 140 and 60 to 90.
+    assert not outline[60:91, 100:141].any()
+    assert outline[59, 99:142].all()
+    assert outline[91, 99:142].all()
+    assert outline[59:92, 99].all()
+    assert outline[59:92, 141].all()
+    assert np.array_equal(np.asarray(drawn)[60:91, 100:141], np.asarray(picture)[60:91, 100:141])
+    assert np.array_equal(np.asarray(picture), np.asarray(grey()))
+
+
+def test_names_are_written_inside_the_picture():
+    boxes = [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]]
+    for box in boxes:
+        label = pixels_of(draw(grey(), [{"bbox": box, "category_id": 2}], NAMES), colour_of(2))
+        # The filled label is the only place with ten coloured pixels in a row of ten rows, give or take letters.
+        assert label.sum() > 2 * (box[2] + box[3]) * 0.4
+
+
+def test_masks_are_tinted_where_they_are_and_nowhere_else():
+    mask = np.zeros((180, 320), dtype=bool)
+    mask[80:90, 120:130] = True
+    annotation = {"bbox": [100, 60, 60, 50], "category_id": 1, "segmentation": encode(mask)}
+    drawn = np.asarray(draw(grey(), [annotation], NAMES))
+    assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(colour_of(1)))).all()
+    assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
+    assert (np.asarray(draw(grey(), [annotation], NAMES, masks=False))[mask] == 90).all()
+
+
+def test_amodal_boxes_are_drawn_on_request():
+    annotation = {"bbox": [0, 60, 60, 50], "bbox_amodal": [-20, 50, 80, 70], "category_id": 1}
+    plain, amodal = (draw(grey(), [annotation], NAMES, amodal=wanted) for wanted in (False, True))
+    assert not np.array_equal(np.asarray(plain), np.asarray(amodal))
+    assert pixels_of(amodal, colour_of(1))[120, 5:50].all()
+
+
+def test_an_annotation_of_no_known_category_is_drawn_all_the_same():
+    draw(grey(), [{"bbox": [10, 90, 20, 20], "category_id": 77}], {})
+
+
+def test_colours_repeat_after_the_palette():
+    assert [colour_of(i) for i in (1, 2, 1 + len(PALETTE))] == [PALETTE[0], PALETTE[1], PALETTE[0]]
+
+
+@pytest.mark.parametrize(("count", "columns", "rows"), [(1, 1, 1), (3, 3, 1), (4, 3, 2), (7, 3, 3)])
+def test_contact_sheet_has_rows_and_columns(count, columns, rows):
+    sheet = contact_sheet([grey()] * count, columns=3, tile_width=160)
+    gap = 2
+    assert sheet.size == (columns * (160 + gap) + gap, rows * (90 + gap) + gap)
+
+
+def test_pictures_of_different_shape_share_a_row():
+    sheet = contact_sheet([grey(100, 300), grey(300, 100)], columns=2, tile_width=150)
+    assert sheet.height == 450 + 4
+
+
+def test_captions_need_room_and_one_for_each():
+    plain, captioned = contact_sheet([grey()]), contact_sheet([grey()], captions=["hills, shot 3"])
+    assert captioned.height > plain.height
+    with pytest.raises(ValueError, match="captions: expected 1, one for each picture, got 2"):
+        contact_sheet([grey()], captions=["a", "b"])
+    with pytest.raises(ValueError, match="pictures: expected at least one"):
+        contact_sheet([])
+
+
+def test_sheet_of_a_dataset(tmp_path):
+    (tmp_path / "images").mkdir()
+    with CocoDataset.open(tmp_path) as dataset:
+        for i in range(9):
+            Image.new("RGB", (64, 36), (10 * i, 0, 0)).save(tmp_path / f"images/{i}.png")
+            dataset.append(
+                {"file_name": f"images/{i}.png", "width": 64, "height": 36},
+                [{"category": "tank", "bbox": [30, 10, 20, 20]}],
+            )
+    sheet = np.asarray(dataset_sheet(tmp_path, count=3, columns=3, tile_width=64))
+    # First, middle and last.
+    assert [int(sheet[2 + 33, 2 + i * 66 + 5, 0]) for i in range(3)] == [0, 40, 80]
+    (tmp_path / "images" / "8.png").write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"8\.png: cannot be read as a picture"):
+        dataset_sheet(tmp_path)
+
+
+def test_sheet_of_nothing_is_explained(tmp_path):
+    CocoDataset.open(tmp_path).close()
+    with pytest.raises(DatasetError, match="has no images yet; render some first"):
+        dataset_sheet(tmp_path)
