@@ -73,6 +73,17 @@ def layered(draw, meshes):
 
 
 @st.composite
+def cut_twice(draw):
+    """An even plane, level or sloping, with two sheets of different triangles: equal heights without equal corners."""
+    nx, ny = draw(st.integers(1, 3)), draw(st.integers(1, 3))
+    x, y = np.arange(nx + 1.0), np.arange(ny + 1.0)
+    z = draw(st.sampled_from([1 / 3, 0.0])) + draw(st.sampled_from([0.0, 0.5])) * np.repeat(x, ny + 1)
+    one = np.random.default_rng(draw(st.integers(0, 2**32 - 1))).random(nx * ny) < 0.5
+    sheets = [Mesh(*lattice(nx, ny, x, y, np.round(z * 2**20) / 2**20, cut)) for cut in (one, ~one)]
+    return together(*sheets)
+
+
+@st.composite
 def soups(draw):
     """Triangles between few lattice points: zero area, repeated corners, walls, duplicates, every kind of touching."""
     n = draw(st.integers(1, 12))
@@ -132,7 +143,8 @@ def mixed_sizes(draw):
 
 def hard_meshes():
     ground = cut_up(grids())
-    return st.one_of(grids(), ground, layered(ground), soups(), slivers(), layered(slivers()), cliffs(), mixed_sizes())
+    sheets = st.one_of(layered(ground), layered(slivers()), cut_twice())
+    return st.one_of(grids(), ground, sheets, soups(), slivers(), cliffs(), mixed_sizes())
 
 
 def points_on(mesh, rng, n=12):
