@@ -111,30 +111,33 @@ class Company:
     def _stand(
         self, j: int, m: int, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
+        """The first try that passes, for each position; looks further ahead the longer it takes."""
         slot, limits = self.slots[j], self.limits
-        pending = np.arange(len(rows))
-        for attempt in range(TRIES):
-            at = rows[pending]
+        pending, done, ahead = np.arange(len(rows)), 0, 1
+        while len(pending) and done < TRIES:
+            ahead = min(2 * ahead if done else 1, TRIES - done)
+            one = np.repeat(pending, ahead)
+            at, attempt = rows[one], done + np.tile(np.arange(ahead), len(pending))
             uniform = self.draws.uniform(
-                Purpose.COMPANION, self.position[at] * _MOST + j, place_try[pending] * TRIES + attempt, count=3
+                Purpose.COMPANION, self.position[at] * _MOST + j, place_try[one] * TRIES + attempt, count=3
             )
             distance, bearing = between(*limits.companion_distance, uniform[:, 0]), 2.0 * math.pi * uniform[:, 1]
-            centre = target.world_from_vehicle[pending, :2, 3]
-            xy = centre + distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+            xy = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+            xy += target.world_from_vehicle[one, :2, 3]
             turned = [slot.articulation[i] for i in at.tolist()]
             stands = stand(self.site, self.models[m], limits, xy, 2.0 * math.pi * uniform[:, 2] - math.pi, turned)
             good = stands.refusal == Refusal.NONE
             on = np.flatnonzero(good)
             mine = Placed(self.models[m], stands.world_from_vehicle[on], [turned[i] for i in on.tolist()])
-            good[on] = self._clear_of_all(j, mine, at[on], target.rows(pending[on]))
-            slot.stands.put(at[good], stands.take(np.flatnonzero(good)))
-            slot.tries[at[good]] = attempt + 1
-            pending = pending[~good]
-            if not len(pending):
-                break
-        stands_now = np.ones(len(rows), dtype=bool)
-        stands_now[pending] = False
-        return stands_now
+            good[on] = self._clear_of_all(j, mine, at[on], target.rows(one[on]))
+            passed = good.reshape(len(pending), ahead)
+            taken, first = passed.any(axis=1), passed.argmax(axis=1)
+            slot.stands.put(rows[pending[taken]], stands.take(np.flatnonzero(taken) * ahead + first[taken]))
+            slot.tries[rows[pending[taken]]] = done + first[taken] + 1
+            pending, done = pending[~taken], done + ahead
+        found = np.ones(len(rows), dtype=bool)
+        found[pending] = False
+        return found
 
     def _clear_of_all(self, j: int, mine: Placed, at: Int[np.ndarray, " q"], target: Placed) -> Bool[np.ndarray, " q"]:
         """Clear of the target and of the companions that were stood before."""

@@ -24,8 +24,12 @@ from planning.stage import Model, Placed, Site, articulations
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192
 CAMERAS = 1024
-# Places that no camera can see, at one position, before the config is given up on.
-BLIND_PLACES = 200
+# Places that no camera can see, or where companions find no room, at one position, before the config is given up on.
+BLIND_PLACES = 40
+CROWDED_PLACES = 40
+# The first positions of a plan go alone, so that a hopeless config is known in seconds.
+SCOUTS = 4
+BEGINNING = 256
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -128,22 +132,28 @@ class _Search:
         self.glimpses: list[list[Glimpse]] = [[] for _ in range(len(group.image))]
 
     def run(self) -> Planned:
-        pending = np.arange(len(self.group.position))
-        while len(pending):
-            self._find_places(pending)
-            roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
-            self.place_refusals[pending[~roomy], Refusal.COMPANION] += 1
-            self._give_up_if_placeless(pending[~roomy])
-            blind = self._aim(pending[roomy])
-            self.place_refusals[blind, Refusal.NO_VIEW] += 1
-            self._give_up_if_blind(blind)
-            pending = np.union1d(pending[~roomy], blind)
+        everywhere = np.arange(len(self.group.position))
+        scouts = SCOUTS if self.group.position.min() < BEGINNING else 0
+        self._settle(everywhere[:scouts])
+        self._settle(everywhere[scouts:])
         if self.company.slots:
             self._glimpse()
         rejected = self.camera_refusals
         first = np.cumsum(self.group.shots) - self.group.shots
         rejected[first] += self.place_refusals
         return Planned(self.stands, self.articulation, self.tries, self.shots, self.company, self.glimpses, rejected)
+
+    def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
+        """Places, companions and cameras for these positions."""
+        while len(pending):
+            self._find_places(pending)
+            roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
+            self.place_refusals[pending[~roomy], Refusal.COMPANION] += 1
+            self._give_up_if_crowded(pending[~roomy])
+            blind = self._aim(pending[roomy])
+            self.place_refusals[blind, Refusal.NO_VIEW] += 1
+            self._give_up_if_blind(blind)
+            pending = np.union1d(pending[~roomy], blind)
 
     def _targets(self, rows: Int[np.ndarray, " p"]) -> Placed:
         """Where the vehicles of these positions, which may repeat, stand now."""
@@ -237,11 +247,22 @@ class _Search:
                 "finds no place to stand", {r: int(counts[r]) for r in PLACING}, "widen the limits in [placement]"
             )
 
+    def _give_up_if_crowded(self, rows: Int[np.ndarray, " p"]) -> None:
+        if (self.place_refusals[rows, Refusal.COMPANION] >= CROWDED_PLACES).any():
+            counts = self.place_refusals.sum(axis=0)
+            raise self._hopeless(
+                "finds no room for its companions",
+                {r: int(counts[r]) for r in PLACING},
+                "lower placement.vehicles_per_image or widen placement.companion_distance",
+            )
+
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
         if (self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES).any():
             counts = self.camera_refusals.sum(axis=0)
             raise self._hopeless(
-                "cannot be seen as wanted", {r: int(counts[r]) for r in AIMING}, "widen the limits in [camera]"
+                "cannot be seen as wanted",
+                {r: int(counts[r]) for r in AIMING},
+                "widen the limits in [camera] or raise camera.max_tries",
             )
 
     def _hopeless(self, what: str, counts: dict[Refusal, int], remedy: str) -> ConfigError:
