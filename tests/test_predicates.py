@@ -23,9 +23,26 @@ def sign(*coordinates):
     [
         (0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
         (0.0, 0.0, 1.0, 1.0, 0.5, 0.5),
-        # On the diagonal in the first two digits only: the classical failure of the naive determinant.
+        # One ulp beside a diagonal.
         (12.0, 12.0, 24.0, 24.0, 0.5, np.nextafter(0.5, 1)),
         (12.0, 12.0, 24.0, 24.0, np.nextafter(0.5, 1), 0.5),
+        # Where the plain float64 determinant has the wrong sign.
+        (
+            0.007353958401157934,
+            0.5068930771678104,
+            714.9419207259731,
+            -40.700769009372365,
+            5.8140639402381735,
+            0.17220378686263096,
+        ),
+        (
+            -0.21068040585808,
+            -0.535377049428938,
+            360.86207783865285,
+            208.05429386724262,
+            0.20130174081543842,
+            -0.2973773154806362,
+        ),
         # Differences that float64 cannot hold.
         (1e16, 1.0, -1.0, 1e-16, 1.0, 3e-16),
         (0.1, 0.1, 1e7, 1e7, 1 / 3, 1 / 3),
