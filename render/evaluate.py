@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import product
@@ -48,7 +49,7 @@ class Evaluated:
     markers
         Chains of all empties.
     left
-        Objects that are no piece, and why.
+        Objects that are no piece, and how often they are drawn.
     doubts
         What is rendered otherwise than it is read.
     """
@@ -56,7 +57,7 @@ class Evaluated:
     meshes: list[Mesh] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
-    left: list[Left] = field(default_factory=list)
+    left: Counter[Left] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)
 
 
@@ -128,7 +129,7 @@ class _Reader:
     def _leave(self, instance: Any, why: str) -> None:
         if instance.object.name == OUR_CAMERA:
             return
-        self.result.left.append(Left(instance.object.name, instance.object.type, why))
+        self.result.left[Left(instance.object.name, instance.object.type, why)] += 1
 
     def _read_mesh(self, instance: Any) -> None:
         drawn = instance.object
@@ -275,6 +276,5 @@ def _list_hidden(scene: Any, result: Evaluated) -> None:
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in (*SURFACES, *UNREAD):
-            result.left.append(
-                Left(obj.name, obj.type, "hidden from render" if obj.hide_render else "not in the render")
-            )
+            why = "hidden from render" if obj.hide_render else "not in the render, or without a surface"
+            result.left[Left(obj.name, obj.type, why)] += 1

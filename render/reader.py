@@ -24,7 +24,7 @@ from render.cleanup import Piece
 from render.doubts import scenery_doubts, vehicle_doubts
 from render.evaluate import Evaluated, evaluate
 from render.importers import open_file
-from render.report import FileReport, Missing, Row
+from render.report import FileReport, Missing, Row, gathered
 from render.textures import missing_files, used_files
 from render.tidy import Keeper, write_scenery, write_vehicle
 
@@ -126,8 +126,8 @@ def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Ro
         )
         for (name, use, reason), pieces in groups.items()
     ]
-    rows += [Row(left.name, left.kind, "dropped", left.why) for left in drawn.left]
-    return tuple(rows)
+    rows += [Row(left.name, left.kind, "dropped", left.why, count) for left, count in drawn.left.items()]
+    return gathered(rows)
 
 
 def _three(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
+
+FAMILY = 6  # numbered copies from so many on share a row
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,29 @@ class Row:
     count: int = 1
     triangles: int = 0
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """The rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
+
+    Copies are gathered if they are alike in kind and use; the row is called after them with an asterisk, gives the
+    reason of the first, counts all, and is as large as the largest.
+    """
+    families: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        stem = row.name.rstrip("0123456789").rstrip(" ._-")
+        families.setdefault((stem if stem != row.name else row.name, row.kind, row.use), []).append(row)
+    result: list[Row] = []
+    for (stem, kind, use), family in families.items():
+        if len(family) < FAMILY:
+            result += family
+            continue
+        size = tuple(max(row.size[axis] for row in family) for axis in range(3))
+        count = sum(row.count for row in family)
+        result.append(
+            Row(f"{stem}*", kind, use, family[0].why, count, family[0].triangles, (size[0], size[1], size[2]))
+        )
+    return tuple(result)
 
 
 @dataclass(frozen=True, slots=True)

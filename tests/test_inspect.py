@@ -16,7 +16,7 @@ from geometry.meshes import Mesh
 from render.build import Options
 from render.doubts import scenery_doubts, vehicle_doubts
 from render.inspect import COLOURS, draw, inspect_file
-from render.report import FileReport, Missing, PartRow, Row
+from render.report import FileReport, Missing, PartRow, Row, gathered
 
 FILE = """
 import bpy, sys
@@ -168,3 +168,11 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
         inspect_file(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
         inspect_file(path, picture=tmp_path / "none" / "x.png")
+
+
+def test_a_forest_is_one_row() -> None:
+    trees = [Row(f"Tree.{i:03}", "MESH", "obstacle", f"says {i}", 1, 12, (1.0, 1.0, i + 1.0)) for i in range(40)]
+    wheels = [Row(f"Wheel_{i}", "MESH", "hull", "by default") for i in range(4)]
+    rows = gathered([*trees, *wheels, Row("Tree.040", "MESH", "ground", "odd one out")])
+    assert rows[0] == Row("Tree*", "MESH", "obstacle", "says 0", 40, 12, (1.0, 1.0, 40.0))
+    assert [row.name for row in rows[1:]] == ["Wheel_0", "Wheel_1", "Wheel_2", "Wheel_3", "Tree.040"]
