@@ -206,15 +206,17 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[In
         yield np.arange(n)
         return
     low = np.array([column.min() for column in points.T])
-    extent = np.array([column.max() for column in points.T]) - low
+    with np.errstate(over="ignore"):
+        extent = np.array([column.max() for column in points.T]) - low
     axes = [a for a in np.sort(np.argsort(extent)[-2:]) if extent[a] > 0]
 
     def sort(share: slice) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "65537"]]:
         key = np.zeros(share.stop - share.start, dtype=np.uint16)
-        for shift, axis in enumerate(axes):
-            cell = points[share, axis] - low[axis]
-            cell *= 255.0 / extent[axis]
-            key |= _SPREAD[shift].take(cell.astype(np.uint8))
+        with np.errstate(over="ignore", invalid="ignore"):  # any key is as right as another
+            for shift, axis in enumerate(axes):
+                cell = points[share, axis] - low[axis]
+                cell *= 255.0 / extent[axis]
+                key |= _SPREAD[shift].take(cell.astype(np.uint8))
         order = np.argsort(key, kind="stable")
         cuts = np.searchsorted(key.take(order), np.arange(65537), side="left")
         order += share.start

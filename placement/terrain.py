@@ -120,15 +120,20 @@ class Terrain:
             return Hits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
         hits = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
         if not self._missing:
-            block = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
-            in_coherent_blocks(lambda i: block(points, i, hits), points, threads=threads)
+            answer = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
+
+            def block(i: Int[np.ndarray, " k"]) -> None:
+                # Points may be so far away that nothing but their being outside can be computed.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    answer(points, i, hits)
+
+            in_coherent_blocks(block, points, threads=threads)
         return hits
 
     def _float32(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
         face, z, normal = self._caster.down_in_full(*_columns(points, i))
-        with np.errstate(invalid="ignore"):
-            normal *= np.where(normal[:, 2] < 0, -1.0, 1.0)[:, None]
-            normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
+        normal *= np.where(normal[:, 2] < 0, -1.0, 1.0)[:, None]
+        normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         self._write(hits, i, face, z, normal)
 
     def _refined(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:

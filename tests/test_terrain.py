@@ -65,6 +65,13 @@ def test_points_beyond_all_ground_miss(method):
     assert not Terrain(sheet(0.0)).top_hits([[1e300, 0], [-1e12, 5], [5, 10.001]], method=method).hit.any()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_points_at_the_ends_of_float64_miss_without_a_warning(method):
+    far = np.array([[1e308, -1e308], [-1e308, 1e308], [5e-324, -1e308], [1.7e308, 1.7e308]])
+    hits = Terrain(hills(5)).top_hits(np.concatenate([np.tile(far, (2000, 1)), [[2.5, 2.5]]]), method=method)
+    assert hits.hit.tolist() == [False] * 8000 + [True]
+
+
 def test_ties_go_to_the_lowest_face():
     mesh = merge([sheet(0.0), sheet(0.0)])[0]
     # inside, on the diagonal, on a corner, on the far borders that Embree never hits
