@@ -33,7 +33,6 @@ def main() -> None:
         stage.set_camera(job["camera"])
         stage.set_light(job["light"])
         stage.scene.cycles.seed = job["seed"]
-        cycles.image_format(stage.scene, ".png")
         stage.scene.render.filepath = job["output"]
         bpy.ops.render.render(write_still=True, scene=stage.scene.name)
         seconds.append(time.perf_counter() - start)

@@ -18,7 +18,6 @@ import bpy
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
-IMAGE_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 
 def available_devices() -> list[dict[str, str]]:
@@ -137,26 +136,9 @@ def _plain_output(scene: Any) -> None:
     scene.render.use_sequencer = False
     scene.timeline_markers.clear()  # a marker may carry a camera
     scene.display_settings.display_device = "sRGB"
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
+    settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
     # AgX rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white.
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "None"
-
-
-def image_format(scene: Any, suffix: str) -> None:
-    """Write pictures in the format that a file name's suffix says: .png or .jpg, 8 bits.
-
-    Raises
-    ------
-    ValueError
-        For any other suffix.
-    """
-    if suffix not in IMAGE_FORMATS:
-        raise ValueError(f"file_name: expected one of {sorted(IMAGE_FORMATS)}, got {suffix!r}")
-    settings = scene.render.image_settings
-    settings.file_format = IMAGE_FORMATS[suffix]
-    settings.color_mode = "RGB"
-    if settings.file_format == "PNG":
-        settings.color_depth = "8"
-        settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
-    else:
-        settings.quality = 95

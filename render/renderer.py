@@ -65,7 +65,6 @@ class Renderer:
         stage.scene.cycles.seed = job["seed"]
         output = Path(job["output"])
         output.unlink(missing_ok=True)  # of an attempt that failed
-        cycles.image_format(stage.scene, output.suffix)
         stage.scene.render.filepath = os.fspath(output)
         posed = time.monotonic()
         with _Stopwatch() as watch:

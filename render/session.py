@@ -25,12 +25,13 @@ from geometry.errors import ConfigError, DatasetError
 from planning.plan_file import Plan, is_inside
 from render.annotations import Segmenter, annotation_records, image_record, labelled
 from render.jobs import RenderAssets, job
+from render.png import without_notes
 from render.pool import Pool
 
 FAILURES_NAME = "failures.jsonl"
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
-SUFFIXES = (".png", ".jpg", ".jpeg")
+SUFFIX = ".png"
 SETTINGS = ("samples", "denoise", "adaptive_threshold", "bounces")
 
 
@@ -83,9 +84,9 @@ def _check_names(names: list[str], plan: Plan) -> None:
     for name, count in Counter(names).items():
         if count > 1:
             raise ConfigError(f"{count} images are called {name!r}", path=plan.path, remedy="plan again")
-        if Path(name).suffix.lower() not in SUFFIXES:
+        if not name.endswith(SUFFIX):
             raise ConfigError(
-                f"an image is called {name!r}; expected {', '.join(SUFFIXES)}", path=plan.path, remedy="plan again"
+                f"an image is called {name!r}; expected a {SUFFIX} file", path=plan.path, remedy="plan again"
             )
 
 
@@ -137,13 +138,13 @@ class Session:
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
-    def _output(self, index: int, row: Mapping[str, Any]) -> Path:
-        return self._unfinished / f"{index}{Path(row['file_name']).suffix.lower()}"
+    def _output(self, index: int) -> Path:
+        return self._unfinished / f"{index}{SUFFIX}"
 
     def _message(self, index: int) -> dict[str, Any]:
         row = self._plan[index]
         try:
-            return job(row, self._assets, self._settings, self._output(index, row))
+            return job(row, self._assets, self._settings, self._output(index))
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({type(error).__name__}: {error})",
@@ -153,13 +154,14 @@ class Session:
 
     def _done(self, index: int, _answer: Mapping[str, Any]) -> str | None:
         row = self._plan[index]
-        picture = self._output(index, row)
+        picture = self._output(index)
         if wrong := _damage(picture, row["width"], row["height"]):
             return wrong
         run, name = self._todo.run, self._todo.run.file_name(row["file_name"])
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._todo.first_annotation[index])
         try:
+            picture.write_bytes(without_notes(picture.read_bytes()))
             publish(picture, self._folder, name)
         except OSError as error:
             raise DatasetError(
@@ -189,7 +191,7 @@ class Session:
 def _damage(picture: Path, width: int, height: int) -> str | None:
     """What is wrong with a picture that Blender says it has written."""
     try:
-        with Image.open(picture) as image:
+        with Image.open(picture, formats=["PNG"]) as image:
             if image.size != (width, height):
                 return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
             image.verify()

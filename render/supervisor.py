@@ -94,6 +94,8 @@ def render_plan(
     HulldownError
         If plan, assets or dataset cannot be used, or Blender does not work at all.
     """
+    if limit is not None and limit < 0:
+        raise ValueError(f"limit: expected at least 0, got {limit}")
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)

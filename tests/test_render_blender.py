@@ -161,6 +161,13 @@ def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan
         assert np.array_equal(picture, pixels(dataset / plan[i]["file_name"]))
 
 
+def test_the_same_plan_is_the_same_files(dataset, plan, assets, tmp_path):
+    render_plan(plan.path, tmp_path / "again", assets=assets, limit=2)
+    pictures = sorted((tmp_path / "again" / "images").iterdir())
+    assert [p.read_bytes() for p in pictures] == [(dataset / "images" / p.name).read_bytes() for p in pictures]
+    assert not any(str(plan.path.parent).encode() in p.read_bytes() for p in pictures)
+
+
 def test_another_seed_is_another_noise(plan, assets, tmp_path):
     row = plan[0]
     messages = [job({**row, "sample_seed": s}, assets, SETTINGS, tmp_path / f"{s}.png") for s in (1, 2)]

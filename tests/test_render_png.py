@@ -1,0 +1,45 @@
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from render.png import without_notes
+
+
+def encoded(notes):
+    pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    info = PngInfo()
+    for key, value in notes.items():
+        info.add_text(key, value)
+        info.add_itxt(key + "_international", value)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", pnginfo=info, exif=Image.Exif())
+    return file.getvalue(), pixels
+
+
+def test_notes_go_and_pixels_stay():
+    data, pixels = encoded({"Date": "2026/11/21", "File": "/home/somebody/field.blend"})
+    plain = without_notes(data)
+    assert b"somebody" in data
+    assert b"somebody" not in plain
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(plain))), pixels)
+    assert plain == without_notes(encoded({"Date": "another day"})[0])
+
+
+def test_a_picture_without_notes_is_left_alone():
+    data, _ = encoded({})
+    assert without_notes(data) == data
+
+
+@pytest.mark.parametrize("cut", [1, 5, 20])
+def test_a_cut_file_is_refused(cut):
+    data, _ = encoded({})
+    with pytest.raises(ValueError, match="ends in the middle"):
+        without_notes(data[:-cut])
+
+
+def test_something_else_is_refused():
+    with pytest.raises(ValueError, match="expected a PNG file"):
+        without_notes(b"GIF89a")
