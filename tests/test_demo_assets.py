@@ -170,6 +170,32 @@ def test_building_tells_blenders_last_words(tmp_path, monkeypatch):
         build.build_demo_assets(tmp_path / "out")
 
 
+def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
+    fake = tmp_path / "render" / "demo"
+    fake.mkdir(parents=True)
+    (fake.parent / "__init__.py").write_text("")
+    (fake / "__init__.py").write_text("")
+    # Stands for Blender: "builds" eight files, then dies of a signal.
+    (fake / "__main__.py").write_text(
+        "import os, pathlib, signal, sys\n"
+        "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
+        "for name in only[:8]:\n"
+        "    kind = {'mbt': 'vehicles', 'tru': 'vehicles', 'sam': 'vehicles', 'tem': 'sceneries', 'dry': 'sceneries'}\n"
+        "    place = kind.get(name[:3], 'hdris')\n"
+        "    suffix = '.exr' if place == 'hdris' else '.blend'\n"
+        f"    print('{build.BUILT}' + str(folder / place / (name + suffix)), flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    monkeypatch.setattr(build, "ROOT", tmp_path)
+    steps: list[tuple[int, int]] = []
+    files = build.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
+    assert files == tuple(tmp_path / "out" / file for file in build.FILES)
+    assert steps == [(k + 1, 21) for k in range(21)]
+    monkeypatch.setattr(build, "ATTEMPTS", 2)
+    with pytest.raises(AssetError, match="could not build"):
+        build.build_demo_assets(tmp_path / "out")
+
+
 def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: folder.mkdir(parents=True))
     config = project.create_project(tmp_path / "mine", images_per_class=7)

@@ -11,19 +11,20 @@ import numpy as np
 
 from render.demo import hills, skies, steppe, vehicles
 from render.demo.build import BUILT
-from render.demo.catalogue import CATEGORY, SCENERIES, SKIES
+from render.demo.catalogue import CATEGORY, SCENERIES, SKIES, STUDIO_HDRIS
 
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
 
-def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path | list[Path]]]]:
+def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbours."""
     for k, name in enumerate(CATEGORY):
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
     for k, name in enumerate(SCENERIES):
         path = folder / "sceneries" / f"{name}.blend"
         yield name, partial(SCENERY[name], path, rng=np.random.default_rng([seed, 2, k]))
-    yield "studio", partial(skies.copy_studio_hdris, folder / "hdris")
+    for name in STUDIO_HDRIS:
+        yield name, partial(skies.copy_studio_hdri, name, folder / "hdris")
     for name in SKIES:
         yield name, partial(skies.write_sky, name, folder / "hdris")
 
@@ -33,13 +34,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m render.demo", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, sceneries, skies; default: all")
+    parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, sceneries, HDRIs; default: all")
     arguments = parser.parse_args()
     for name, build in _jobs(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:
-            made = build()
-            for path in made if isinstance(made, list) else [made]:
-                print(f"{BUILT}{path}", flush=True)
+            print(f"{BUILT}{build()}", flush=True)
 
 
 if __name__ == "__main__":

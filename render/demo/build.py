@@ -13,6 +13,7 @@ from render.demo.catalogue import HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = (*VEHICLE_FILES, *SCENERY_FILES, *HDRI_FILES)
+ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
 BUILT = "hulldown built "  # starts a line of the child process that names a file
 
 
@@ -41,13 +42,30 @@ def build_demo_assets(
         If Blender cannot be started or cannot write there.
     """
     folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    left = list(FILES)
+    for _ in range(ATTEMPTS):
+        code, said = _run(
+            folder.resolve(), seed, left, lambda: progress and progress(len(FILES) - len(left), len(FILES))
+        )
+        if not left:
+            return tuple(folder / file for file in FILES)
+        if code >= 0:
+            break  # it said what is wrong; only a crash is worth another try
+    if any("No module named 'bpy'" in line for line in said):
+        raise AssetError("building demo assets needs Blender", remedy="install hulldown[blender]")
+    last = said[-1].strip() if said else f"exit status {code}"
+    raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
+
+
+def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
+    """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
     # -P: a folder `render` where the user happens to be must not come first.
-    command = [sys.executable, "-P", "-m", "render.demo", str(folder.resolve()), "--seed", str(seed)]
+    command = [sys.executable, "-P", "-m", "render.demo", str(folder), "--seed", str(seed), "--only"]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     said: list[str] = []
-    done = 0
     with subprocess.Popen(
-        command,
+        [*command, *(Path(file).stem for file in left)],
         env={**os.environ, "PYTHONPATH": path},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -58,13 +76,8 @@ def build_demo_assets(
         for line in child.stdout or ():
             said = [*said[-20:], line]
             if line.startswith(BUILT):
-                done += 1
-                if progress:
-                    progress(done, len(FILES))
-    if child.returncode:
-        if any("No module named 'bpy'" in line for line in said):
-            raise AssetError("building demo assets needs Blender", remedy="install hulldown[blender]")
-        raise AssetError(
-            f"Blender could not build the demo assets: {said[-1].strip() if said else child.returncode}", path=folder
-        )
-    return tuple(folder / file for file in FILES)
+                file = Path(line.removeprefix(BUILT).strip()).relative_to(folder).as_posix()
+                if file in left:
+                    left.remove(file)
+                    step()
+    return child.returncode, said

@@ -11,8 +11,6 @@ from typing import Any
 import bpy
 import numpy as np
 
-from render.demo.catalogue import STUDIO_HDRIS
-
 WIDTH = 2048  # pixels around the horizon
 SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness
 
@@ -38,11 +36,11 @@ SKIES = {
 }
 
 
-def copy_studio_hdris(folder: Path) -> list[Path]:
-    """Copy those HDRIs of the Blender package that show the open air."""
+def copy_studio_hdri(name: str, folder: Path) -> Path:
+    """Copy one of the HDRIs of the Blender package to folder/<name>.exr."""
     source = Path(bpy.utils.resource_path("LOCAL")) / "datafiles" / "studiolights" / "world"
     folder.mkdir(parents=True, exist_ok=True)
-    return [Path(shutil.copyfile(source / f"{name}.exr", folder / f"{name}.exr")) for name in STUDIO_HDRIS]
+    return Path(shutil.copyfile(source / f"{name}.exr", folder / f"{name}.exr"))
 
 
 def write_sky(name: str, folder: Path) -> Path:
