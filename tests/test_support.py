@@ -33,10 +33,11 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     assert plane.found.mean() > 0.5
     f = plane.found
     at_centre = plane.height[f] + plane.gradient[f] @ (NUDGE * np.ptp(GRID, axis=0))
-    np.testing.assert_allclose(at_centre, expected[f], atol=1e-12)
+    # Where the plane may tip several ways, their mean is as high at the centre and not quite beside it.
+    np.testing.assert_allclose(at_centre, expected[f], atol=1e-5)
     above = plane.height[f, None] + plane.gradient[f] @ GRID.T - heights[f]
     assert above[valid[f]].min() > -1e-11
-    np.testing.assert_allclose(np.take_along_axis(above, plane.contacts[f], axis=1), 0, atol=1e-11)
+    np.testing.assert_allclose(np.take_along_axis(above, plane.contacts[f], axis=1).min(axis=1), 0, atol=1e-11)
     assert np.take_along_axis(valid[f], plane.contacts[f], axis=1).all()
 
 
@@ -62,7 +63,14 @@ def test_a_point_under_the_centre_carries_all_of_it():
     heights[0, 12] = 1.0
     plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
     assert 12 in plane.contacts
-    np.testing.assert_allclose(plane.height, 1.0, atol=1e-5)
+    np.testing.assert_allclose(plane.height, 1.0, atol=1e-15)
+    # It could tip to any side alike.
+    np.testing.assert_allclose(plane.gradient, 0.0, atol=1e-15)
+
+
+def test_on_a_ridge_below_the_centre_it_stands_level():
+    plane = support_plane(GRID, -np.abs(GRID[:, 0])[None], np.ones((1, 25), dtype=bool))
+    np.testing.assert_allclose([plane.height[0], *plane.gradient[0]], 0.0, atol=1e-15)
 
 
 def test_a_ledge_is_tipped_over_as_far_as_the_lower_ground():
