@@ -72,14 +72,14 @@ class RayCaster:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        low, high = mesh.bounds
-        if max(-low.min(), high.max()) > _LARGEST:
-            raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {low} to {high}")
+        low, high = bounds_within_reach(mesh)
         self._centre = 0.5 * (low + high)
         self._radius = 0.5 * float(np.linalg.norm(high - low))
         self._top = np.float32((high - self._centre)[2])
         self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, (mesh.vertices - self._centre).astype(np.float32), mesh.faces)
+        with np.errstate(over="ignore"):  # of vertices that no face uses
+            vertices = (mesh.vertices - self._centre).astype(np.float32)
+        TriangleMesh(self._scene, vertices, mesh.faces)
         # Builds the BVH now; afterwards the scene is only read, from any number of threads.
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
@@ -176,6 +176,14 @@ class RayCaster:
         reach = np.minimum(limit - skipped, _FAR).astype(np.float32)
         passing = relative + np.maximum(nearest, 0.0)[:, None] * unit
         return _Rays(entry, unit.astype(np.float32), reach, skipped, passing)
+
+
+def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
+    """The mesh's bounds, or a ValueError if its coordinates leave no room for computing with them."""
+    bounds = mesh.bounds
+    if np.abs(bounds).max() > _LARGEST:
+        raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")
+    return bounds
 
 
 @dataclass(frozen=True, eq=False, slots=True)

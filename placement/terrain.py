@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from geometry.arrays import checked
 from geometry.meshes import Mesh
 from geometry.predicates import ORIENT_BOUND, TINY
-from geometry.rays import RayCaster, in_coherent_blocks
+from geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
 from placement.certificate import EMPTY, SINGLE, SheetMap
 from placement.exact import ExactGround
 from placement.ground import Ground, plane_heights, upward
@@ -56,7 +56,7 @@ class Terrain:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        self._bounds = mesh.bounds
+        self._bounds = bounds_within_reach(mesh)
         self._plane = False
         self._ground = ground = Ground.of(mesh)
         self._missing = not len(ground.mesh_face)

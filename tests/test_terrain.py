@@ -237,9 +237,16 @@ def test_an_unknown_method_is_named():
         Terrain(sheet(0.0)).top_hits([[0, 0]], method="fast")
 
 
-def test_coordinates_out_of_all_proportion_are_refused():
+@pytest.mark.parametrize("high", [1e31, 1e300])
+def test_coordinates_out_of_all_proportion_are_refused(high):
     with pytest.raises(ValueError, match="mesh 'mesh': expected coordinates within 1e30 m"):
-        Terrain(sheet(0.0, high=1e31))
+        Terrain(sheet(0.0, high=high))
+
+
+def test_vertices_that_no_face_uses_may_be_anywhere():
+    mesh = sheet(1.0)
+    stray = Mesh(np.vstack([mesh.vertices, [1e300, -1e300, 1e300]]), mesh.faces)
+    assert Terrain(stray).top_hits([[5, 5]]).z.tolist() == [1.0]
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-30, 1e29])
