@@ -273,7 +273,8 @@ from pathlib import Path
 from render.demo import skies
 skies.WIDTH = 512
 for name in sys.argv[2:]:
-    image = bpy.data.images.load(str(skies.write_sky(name, Path(sys.argv[1]))))
+    path = skies.write_sky(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file
+    image = bpy.data.images.load(str(path))
     w, h = image.size
     light = np.empty(w * h * image.channels, np.float32)
     image.pixels.foreach_get(light)
