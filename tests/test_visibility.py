@@ -101,7 +101,7 @@ def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: fl
     """Visible share and area in pixels, by float64 arithmetic on every triangle: no tree, no box, no parts."""
     u, v = np.meshgrid(np.linspace(0.1, 0.9, 300) * VGA.width, np.linspace(0.25, 0.75, 200) * VGA.height)
     # Straight edges along a row of a regular grid would be off by up to half a row.
-    u, v = np.random.default_rng(0).uniform(-0.6, 0.6, (2, *u.shape)) + [u, v]
+    u, v = np.random.default_rng(0).uniform(-0.6, 0.6, (2, *u.shape)) + np.stack([u, v])
     along = camera.ray_directions(np.stack([u.ravel(), v.ravel()], 1))
     vertices = target.shape.vertices_at(articulation) @ rotation_z(yaw).T
     at = first_hit(camera.position, along, vertices[target.shape.mesh.faces])
