@@ -106,6 +106,7 @@ class _Reader:
         self.poses = Poses(depsgraph)
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
+        self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
         self.unseen: dict[tuple[int, int], str | None] = {}
         self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
@@ -142,6 +143,7 @@ class _Reader:
                 return
             self.index[key] = len(self.result.meshes)
             self.result.meshes.append(mesh)
+            self.used.append(mesh.vertices[np.unique(mesh.faces)])
             self.box.append(np.array(list(product(*mesh.bounds.T))))
             self._doubt(drawn)
             if self.keep_mesh:
@@ -152,7 +154,7 @@ class _Reader:
         if self.keep_look:
             self.keep_look(drawn)
         scattered = _is_scattered(instance)
-        seen = apply(self.metres @ pose, self.box[number] if scattered else mesh.vertices[np.unique(mesh.faces)])
+        seen = apply(self.metres @ pose, self.box[number] if scattered else self.used[number])
         self.result.pieces.append(
             Piece(
                 data=drawn.data.name,

@@ -27,7 +27,11 @@ class Poses:
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
         self._collections: dict[str, tuple[str, ...]] = {}
         self._around: dict[str, list[str]] = {}
+        # Asking an object for its collections makes Blender search through all of them.
+        self._direct: dict[str, list[str]] = {}
         for outer in bpy.data.collections:
+            for obj in outer.objects:
+                self._direct.setdefault(_key(obj), []).append(_key(outer))
             for inner in outer.children:
                 self._around.setdefault(_key(inner), []).append(_key(outer))
 
@@ -78,7 +82,7 @@ class Poses:
         original = evaluated.original
         key = _key(original)
         if key not in self._collections:
-            ring = [_key(c) for c in original.users_collection if not _is_master(c)]
+            ring = self._direct.get(key, [])
             found: dict[str, None] = {}
             while ring:
                 found.update(dict.fromkeys(ring))
@@ -145,7 +149,3 @@ def _same(a: Any, b: Any) -> bool:
 def _key(block: Any) -> str:
     """Name and library, since a linked collection may be called like a local one."""
     return f"{block.name}\n{block.library.filepath if block.library else ''}"
-
-
-def _is_master(collection: Any) -> bool:
-    return any(scene.collection == collection for scene in bpy.data.scenes)
