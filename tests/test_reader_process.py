@@ -1,0 +1,53 @@
+"""What the exporting process may do to us: crash, lack Blender, say nothing."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import render.export
+from geometry.errors import AssetError
+from render.export import export
+
+
+@pytest.fixture
+def blend(tmp_path: Path) -> Path:
+    path = tmp_path / "tank.blend"
+    path.write_bytes(b"BLENDER17-01v0500")
+    return path
+
+
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """A program in the place of Python."""
+    program = tmp_path / "python"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(render.export.sys, "executable", os.fspath(program))
+
+
+def test_a_crash_of_blender_is_one_line(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(tmp_path, monkeypatch, "kill -SEGV $$")
+    with pytest.raises(AssetError) as caught:
+        export(blend, tmp_path)
+    assert str(caught.value).startswith(f"{blend}: Blender crashed reading it (signal 11); open it in Blender")
+
+
+def test_no_blender_says_what_to_install(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(tmp_path, monkeypatch, "echo \"ModuleNotFoundError: No module named 'bpy'\" >&2; exit 1")
+    with pytest.raises(AssetError, match=r"needs Blender to be read; install hulldown\[blender\]"):
+        export(blend, tmp_path)
+
+
+def test_a_bug_of_ours_stays_a_bug(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(tmp_path, monkeypatch, "echo 'ZeroDivisionError: it was us'; exit 1")
+    with pytest.raises(RuntimeError, match="it was us"):
+        export(blend, tmp_path)
+
+
+def test_an_answer_of_an_earlier_export_is_not_believed(
+    blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "answer.json").write_text('{"error": {"problem": "old", "remedy": null}}')
+    stand_in(tmp_path, monkeypatch, "exit 3")
+    with pytest.raises(RuntimeError, match="reading it failed"):
+        export(blend, tmp_path)
