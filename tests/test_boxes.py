@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
+from annotate.clusters import ClusteredSurface
+from annotate.posing import PosedParts
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
@@ -24,7 +26,7 @@ def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS)
     return Camera(intrinsics, rigid(np.eye(3), [x, y, z]))
 
 
-def assert_box(box: np.ndarray | None, expected: list[float]) -> None:
+def assert_box(box: np.ndarray | None, expected: list[float] | np.ndarray | None) -> None:
     assert box is not None
     np.testing.assert_allclose(box, expected, rtol=0, atol=ROUNDING)
 
@@ -194,3 +196,21 @@ def test_flat_and_single_parts_have_boxes_too():
                          np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
     edge_on = camera_at(0.0, 0.0, -5.0)
     np.testing.assert_allclose(VehicleBoxes(shape).box(np.eye(4), edge_on), [100.0, 25.0, 0.0, 50.0], atol=1e-12)
+
+
+def test_a_framed_miniature_across_the_near_plane_is_cut_there():
+    shape = vehicle()
+    small = VehicleShape(
+        "small", Mesh(0.02 * shape.mesh.vertices, shape.mesh.faces), shape.vertex_part, shape.part_names,
+        shape.part_parent, 0.02 * shape.part_pivot, shape.part_axis, shape.part_limits, np.eye(4),
+    )  # fmt: skip
+    camera = camera_at(0.003, 0.001, -NEAR, Intrinsics(400, 300, math.pi / 2))
+    box = VehicleBoxes(small).box(np.eye(4), camera)
+    assert_box(box, surface_box(small.mesh.vertices, small.mesh.faces, camera))
+    assert box[2] < 400.0
+
+
+def test_every_triangle_is_in_a_cluster():
+    parts = PosedParts(vehicle())
+    clustered = ClusteredSurface(parts)._faces.reshape(-1, 3)
+    assert {tuple(face) for face in clustered} == {tuple(face) for face in parts.faces}
