@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -23,7 +22,7 @@ from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
 from placement.verdict import Verdict
 
-Rule = Literal["averaged", "least_squares", "support"]
+RULES = ("averaged", "least_squares", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
 
 
@@ -69,7 +68,7 @@ def settle(
     xy: ArrayLike,
     yaw: ArrayLike,
     *,
-    rule: Rule = "support",
+    rule: str = "support",
     n: int = 5,
     max_slope: float = math.radians(30.0),
     min_share: float = 0.8,
@@ -132,8 +131,8 @@ def settle(
     headings = checked(yaw, "yaw", (len(positions),))
     if (size <= 0).any():
         raise ValueError(f"size_xyz: expected lengths above 0, got {size.tolist()}")
-    if rule not in get_args(Rule):
-        raise ValueError(f"rule: expected one of {', '.join(get_args(Rule))}, got {rule!r}")
+    if rule not in RULES:
+        raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {rule!r}")
     if n < (1 if rule == "averaged" else 2):
         raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {n}")
     if contact_n < 0:
@@ -153,7 +152,7 @@ def settle(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Options:
-    rule: Rule
+    rule: str
     samples: Float[np.ndarray, "m 2"]
     contact_samples: Float[np.ndarray, "c 2"]
     max_slope: float

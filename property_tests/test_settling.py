@@ -173,7 +173,7 @@ def test_a_candidate_does_not_depend_on_its_company(seed, rule):
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 30, rng=np.random.default_rng(seed), margin=1.0)
     together = settle(terrain, SIZE, xy, yaw, rule=rule)
-    for i in range(0, 30, 5):
+    for i in (0, 13, 29):
         alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], rule=rule)
         for name in ("world_from_vehicle", "slope", "tilt", "share", "gap", "penetration", "verdict"):
             np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)

@@ -43,7 +43,7 @@ def test_clearance_is_kept_to_each_side(x, y, clearance, clear):
 
 def test_clearance_is_kept_above_and_not_below():
     beam = InstancedScene([block([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
-    heights = [0.25, -1.45, -1.55, -1.75]
+    heights = [0.22, -1.45, -1.55, -1.75]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.0).tolist() == [True, False, True, True]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.1).tolist() == [True, False, False, True]
 

@@ -71,3 +71,70 @@ def test_no_candidates_are_legal(rule):
     settled = settle(slope(0.1), TANK, np.zeros((0, 2)), np.zeros(0), rule=rule)
     assert settled.world_from_vehicle.shape == (0, 4, 4)
     assert settled.ok.shape == (0,)
+
+
+def nose_up(settled):
+    return math.degrees(math.asin(settled.world_from_vehicle[0, 2, 0]))
+
+
+@pytest.mark.parametrize(
+    ("height", "n", "rest"),
+    [
+        (lambda x, y: np.where(x > 1, 0.5, 0.0), 36, math.degrees(math.atan(0.5 / 4.55))),
+        (lambda x, y: -math.tan(math.radians(20)) * np.abs(x - 1), 36, 20.0),
+        (lambda x, y: np.minimum(0, math.tan(math.radians(20)) * (np.abs(x - 1.5) - 1.5)), 8, 0.0),
+    ],
+    ids=["step", "ridge", "ditch"],
+)
+def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n, rest):
+    terrain = Terrain(height_field(height, half=8, cell=0.05))
+    support = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rule="support", n=n)
+    averaged = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rule="averaged", n=n)
+    # The reference stands on whole ground; samples 0.2 m apart miss the edge by at most that.
+    assert abs(nose_up(support) - rest) < 0.5
+    assert abs(nose_up(averaged) - rest) > 1.5
+    assert support.penetration[0] < 0.02 < averaged.penetration[0]
+
+
+def test_a_bump_between_the_rays_is_seen_by_the_denser_measurement():
+    terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
+    free, limited = (settle(terrain, TANK, [[0.0, 0.0]], [0.0], max_penetration=d) for d in (math.inf, 0.3))
+    assert free.penetration[0] > 0.35
+    assert limited.verdict.tolist() == [Verdict.PENETRATION]
+
+
+def test_a_gap_over_a_hole_is_limited():
+    terrain = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
+    settled = settle(terrain, TANK, [[0.0, 0.0]] * 2, [0.0, 0.0], max_gap=0.8)
+    assert settled.verdict.tolist() == [Verdict.GAP] * 2
+    np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
+
+
+def test_the_footprint_may_lie_off_the_origin():
+    ground = Terrain(height_field(lambda x, y: 0.1 * x + np.where(x > 2.1, 5.0, 0.0)))
+    whole = settle(ground, TANK, [[0.0, 0.0]], [0.0])
+    rear = settle(ground, TANK, [[0.0, 0.0]], [0.0], footprint=[[-3.5, -1.75], [1.5, 1.75]])
+    assert whole.verdict.tolist() == [Verdict.MEAN_TOO_STEEP]
+    assert rear.ok.all()
+    np.testing.assert_allclose(rear.world_from_vehicle[0, :3, 3], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rule": "mean"}, "rule: expected one of averaged, least_squares, support, got 'mean'"),
+        ({"n": 1}, "n: expected at least 2 rays a side"),
+        ({"contact_n": -1}, "contact_n: expected 0 or more points a side, got -1"),
+        ({"max_slope": 1.6}, r"max_slope: expected radians in \[0, pi/2\), got 1.6"),
+        ({"footprint": [[1, 1], [0, 2]]}, "footprint: expected the lowest corner first"),
+        ({"threads": 0}, "threads: expected at least 1, got 0"),
+    ],
+)
+def test_a_wrong_call_names_the_argument(options, message):
+    with pytest.raises(ValueError, match=message):
+        settle(slope(0.1), TANK, [[0.0, 0.0]], [0.0], **options)
+
+
+def test_a_vehicle_without_size_is_refused():
+    with pytest.raises(ValueError, match=r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"):
+        settle(slope(0.1), [7.0, 0.0, 2.5], [[0.0, 0.0]], [0.0])
