@@ -331,3 +331,14 @@ def test_few_points_hold_many(flat: bool) -> None:
     assert len(around) <= (len(ball) if flat else 100)
     along = rng.normal(size=(500, 3))
     assert ((around @ along.T).max(axis=0) >= (ball @ along.T).max(axis=0)).all()
+
+
+def test_parts_in_front_of_each_other_are_one_silhouette() -> None:
+    # Seen from above the barrel's box covers much of turret and hull that the barrel itself does not.
+    turned = {"turret": 0.7, "gun": 0.1}
+    above = camera_pose([0, 0, 1.0], 25.0, 0.0, 1.2)[None]
+    whole = Mesh(TANK.shape.vertices_at(turned), TANK.shape.mesh.faces)
+    rigid_twin = VehicleTarget(shape_of([whole], ("hull",), [[0, 0, 0]]))
+    parts = visible_fraction(TANK, HERE, above, intrinsics=VGA, articulation=turned, rays=20_000)
+    one = visible_fraction(rigid_twin, HERE, above, intrinsics=VGA, rays=20_000)
+    assert parts.area[0] == pytest.approx(one.area[0], rel=0.005)
