@@ -17,7 +17,7 @@ from scipy import ndimage
 from geometry.meshes import first_alike
 
 EMPTY, SINGLE, UNKNOWN = 0, 1, 2
-_LEAST_CELLS, _MOST_CELLS = 1 << 12, 1 << 22
+_LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
 
@@ -51,8 +51,8 @@ class SheetMap:
     ) -> None:
         self._low, self._high = bounds
         extent = self._high - self._low
-        # About two cells a face, as square as they come, and always far wider than a rounding error.
-        side = np.sqrt(extent).prod() / np.sqrt(np.clip(2 * corners.shape[1], _LEAST_CELLS, _MOST_CELLS))
+        # About four cells a face, as square as they come, and always far wider than a rounding error.
+        side = np.sqrt(extent).prod() / np.sqrt(np.clip(4 * corners.shape[1], _LEAST_CELLS, _MOST_CELLS))
         finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self._columns, self._rows = int(shape[0]), int(shape[1])
