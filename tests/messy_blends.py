@@ -446,6 +446,56 @@ def malicious():
     return {}
 
 
+@case
+def no_numbers():
+    """A vertex that is no number, as broken exporters write them."""
+    box("Hull", (6, 3, 1)).data.vertices[3].co.y = math.nan
+    return {"truth": False}
+
+
+@case
+def nothing():
+    """A camera, a lamp and something hidden."""
+    link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
+    box("Hull", (6, 3, 1)).hide_render = True
+    return {"truth": False}
+
+
+@case
+def odd_ones():
+    """Two scenes, two view layers, and what Cycles makes of meshes that nobody else sees."""
+    bpy.data.scenes.new("Other")
+    bpy.context.scene.view_layers.new("Second")
+    hull = box("Hull", (6, 3, 1), (0, 0, 1))
+    hull.modifiers.new("s", "SUBSURF").use_adaptive_subdivision = True
+    rough = box("Rough", (1, 1, 1), (0, 0, 2))
+    material = bpy.data.materials.new("rough")
+    material.displacement_method = "DISPLACEMENT"
+    tree = material.node_tree
+    tree.links.new(
+        tree.nodes.new("ShaderNodeDisplacement").outputs[0], tree.get_output_node("CYCLES").inputs["Displacement"]
+    )
+    rough.data.materials.append(material)
+    furry = box("Furry", (1, 1, 1), (2, 0, 2))
+    furry.modifiers.new("p", "PARTICLE_SYSTEM")
+    furry.particle_systems[0].settings.type = "HAIR"
+    strands = link(bpy.data.objects.new("Strands", bpy.data.hair_curves.new("Strands")))
+    strands.data.add_curves([4, 4])
+    return {"truth": False}
+
+
+@case
+def nodes():
+    """Parts that geometry nodes make: copies of an object, and cubes that no object has made."""
+    hull = box("Hull", (6, 3, 1), (0, 0, 1))
+    knob = box("Knob", (0.3, 0.2, 0.5), (0, 0, 9), shift=(0.1, 0, 0.2))
+    knob.hide_render = True
+    hull.modifiers.new("g", "NODES").node_group = scatter("knobs", knob)
+    turret = box("Turret", (2, 2, 0.6), (0, 0, 2.4))
+    turret.modifiers.new("g", "NODES").node_group = scatter("cubes")
+    return {"distance": 20.0}
+
+
 def build(name: str) -> dict:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     about = {"kind": "vehicle", "options": {}, "hide": [], "truth": True, "distance": 16.0, "yaw_deg": 0.0}

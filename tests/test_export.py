@@ -29,6 +29,7 @@ SIZE, FOV = 160, math.radians(40)  # of messy_blends.py
 VEHICLES = [
     *("modifiers", "clutter", "instances", "keyframes", "keyframes_turned", "collections", "no_origins", "surfaces"),
     *("centimetres", "y_up", "faces_minus_y", "armature", "linked", "textured", "lost_library", "malicious"),
+    "nodes",
 ]
 SCENERIES = ["scattered", "unnamed"]
 DAMAGED = {
@@ -341,6 +342,37 @@ def test_a_damaged_file_is_one_clear_line(messy: Messy, name: str, problem: str)
     assert text.startswith(f"{messy.folder / name}.blend: {problem}")
     assert "\n" not in text
     assert messy.errors[name].remedy
+
+
+def test_a_mesh_without_numbers_is_named(messy: Messy) -> None:
+    text = str(messy.errors["no_numbers"])
+    assert text.startswith(f"{messy.folder / 'no_numbers.blend'}: object 'Hull': mesh 'Hull': vertex 3 is [")
+    assert "nan" in text
+
+
+def test_nothing_that_is_rendered_is_no_vehicle(messy: Messy) -> None:
+    assert "no vehicle is left after clean-up; in it is nothing that is rendered" in str(messy.errors["nothing"])
+
+
+def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
+    doubts = "\n".join(messy.exported["odd_ones"].report.doubts)
+    for said in (
+        "only the scene 'Scene' is read, not 'Other'",
+        "only the view layer 'ViewLayer' is read, not 'Second'",
+        "'Hull' is subdivided adaptively",
+        "'Rough' is displaced by its material 'rough'",
+        "the hair 'p' of 'Furry' is left out",
+    ):
+        assert said in doubts
+    rows = {row.name: row for row in messy.exported["odd_ones"].report.rows}
+    assert rows["Strands"].why == "hair curves have no faces"
+
+
+def test_what_nodes_make_belongs_to_the_part_that_carries_it(messy: Messy) -> None:
+    uses = messy.uses("nodes")
+    assert uses["Knob"] == {"hull"}
+    assert uses["Turret"] == {"turret"}
+    assert messy.vehicle("nodes").mesh.bounds[1, 0] > 3.1
 
 
 @pytest.mark.parametrize(
