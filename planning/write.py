@@ -105,6 +105,7 @@ def _resume(writer: PlanWriter, planner: Planner) -> int:
     """The first position that is not wholly in the file; rows of a broken one are dropped."""
     budget = planner.budget
     if writer.rows >= budget.n_images:
+        writer.keep(budget.n_images)
         return budget.n_positions
     position = budget.position_of(writer.rows)
     writer.keep(int(budget.positions([position]).first_image[0]))

@@ -1,0 +1,280 @@
+"""Plans: complete, within their limits, the same bytes whoever makes them, and clear about what cannot be."""
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+
+from annotate.boxes import surface_box
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from geometry.errors import ConfigError
+from geometry.transforms import apply
+from planning.check import check_plan
+from planning.inputs import AssetFile, Assets
+from planning.plan_file import ROW_KEYS, TARGET_KEYS, PlanWriter, encode, read_plan
+from planning.planner import Planner, plan
+from planning.write import make_header, write_plan
+from tests.planning_assets import CLASSES, bare, small_assets, small_config, vehicle
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets()
+
+
+@pytest.fixture(scope="module")
+def rows(assets):
+    return list(plan(small_config(), assets))
+
+
+def test_a_row_has_every_key_and_is_json(rows):
+    for row in rows:
+        assert set(row) == set(ROW_KEYS)
+        assert json.loads(encode(row)) == row
+
+
+def test_rows_are_in_order_and_named_by_image(rows):
+    assert [row["index"] for row in rows] == list(range(22))
+    assert [row["image_id"] for row in rows] == list(range(1, 23))
+    assert rows[11]["file_name"] == "images/00000012.png"
+
+
+def test_classes_and_models_have_their_images(rows):
+    count = {name: sum(row["vehicle"] == name for row in rows) for name in CLASSES}
+    assert count == {"t72": 6, "leo": 5, "ural": 11}
+    assert all(row["category"] == CLASSES[row["vehicle"]] for row in rows)
+
+
+def test_shots_of_a_position_share_pose_and_articulation(rows):
+    for before, row in itertools.pairwise(rows):
+        if row["position"] == before["position"]:
+            assert row["shot"] == before["shot"] + 1
+            assert row["world_from_vehicle"] == before["world_from_vehicle"]
+            assert row["articulation"] == before["articulation"]
+            assert row["world_from_camera"] != before["world_from_camera"]
+        else:
+            assert (row["position"], row["shot"]) == (before["position"] + 1, 0)
+
+
+def test_boxes_are_those_of_the_exact_rule(rows, assets):
+    for row in rows:
+        shape = assets.vehicles[row["vehicle"]]
+        vertices = apply(row["world_from_vehicle"], shape.vertices_at(row["articulation"]))
+        intrinsics = Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"]))
+        camera = Camera(intrinsics, np.array(row["world_from_camera"]))
+        assert row["bbox"] == pytest.approx(surface_box(vertices, shape.mesh.faces, camera), abs=1e-6)
+        assert row["truncated_fraction"] == 0.0
+
+
+def test_everything_varies(rows):
+    assert len({row["scenery"] for row in rows}) == 2
+    assert len({row["hdri"] for row in rows}) == 2
+    for key in ("fov_x_deg", "hdri_yaw_deg", "strength", "sample_seed"):
+        assert len({row[key] for row in rows}) == len(rows)
+    turrets = {row["articulation"]["turret"] for row in rows}
+    assert len(turrets) == len({row["position"] for row in rows})
+    assert min(turrets) < -1.0 < 1.0 < max(turrets)
+
+
+def test_rows_do_not_depend_on_what_they_are_planned_with(rows, assets):
+    planner = Planner(small_config(), assets)
+    apart = [row for k in reversed(range(planner.budget.n_positions)) for row in planner.rows(k, k + 1)]
+    assert sorted(apart, key=lambda row: row["index"]) == rows
+
+
+def test_a_longer_plan_keeps_the_rows_of_a_shorter_one(assets):
+    short = list(plan(small_config(budget={"images_per_class": 8}), assets))
+    longer = list(plan(small_config(budget={"images_per_class": 16}), assets))
+    assert longer[: len(short)] == short
+
+
+def test_seeds_differ_and_0_is_one(rows, assets):
+    other = list(plan(small_config(seed=1), assets))
+    assert all(a["world_from_camera"] != b["world_from_camera"] for a, b in zip(rows, other, strict=True))
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows, workers, monkeypatch):
+    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    seen = []
+    made = write_plan(
+        small_config(),
+        assets,
+        tmp_path / "plan.jsonl",
+        workers=workers,
+        progress=lambda done, n: seen.append((done, n)),
+    )
+    assert list(made) == rows
+    assert made.path.read_bytes().split(b"\n", 1)[1] == b"".join(map(encode, rows))
+    assert seen[0] == (0, 22)
+    assert seen[-1] == (22, 22)
+    assert seen == sorted(seen)
+
+
+@pytest.mark.parametrize("kept", [0, 3, 4, 22])
+def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, assets, rows, kept):
+    config, path = small_config(), tmp_path / "plan.jsonl"
+    header = make_header(config, assets, path, images=22)
+    writer = PlanWriter(path, header)
+    writer.write(b"".join(map(encode, rows[:kept])) + b'{"index":', kept)
+    writer.__exit__(KeyboardInterrupt, None, None)
+    assert (tmp_path / "plan.jsonl.partial").exists() == (kept > 0)
+    done = []
+    made = write_plan(config, assets, path, progress=lambda n, _: done.append(n))
+    assert done[0] == {0: 0, 3: 0, 4: 4, 22: 22}[kept]
+    assert made.path.read_bytes() == b"".join(map(encode, [header, *rows]))
+
+
+def test_the_header_says_what_the_plan_was_made_from(tmp_path):
+    base = small_assets()
+    made = Assets(
+        base.vehicles, base.categories, base.sceneries, base.hdris,
+        vehicle_files={"t72": AssetFile("vehicles/t72.blend", "ab" * 32)},
+        hdri_files={"noon": AssetFile("hdris/noon.exr", "cd" * 32)},
+    )  # fmt: skip
+    config = small_config(seed=5)
+    header = write_plan(config, made, tmp_path / "plan.jsonl").header
+    assert header["seed"] == 5
+    assert header["images"] == 22
+    assert header["vehicles"]["t72"] == {"path": "vehicles/t72.blend", "sha256": "ab" * 32, "category": "tank"}
+    assert header["sceneries"]["hills"]["origin"] == [500000.0, 5400000.0, 120.0]
+    assert header["hdris"]["noon"]["sha256"] == "cd" * 32
+    assert header["config"] == config.model_dump(mode="json")
+    assert {"python", "numpy", "embreex"} <= set(header["versions"])
+
+
+def test_companions_keep_clear_and_are_described(assets, tmp_path):
+    config = small_config(placement={"vehicles_per_image": [2, 3], "companion_distance": [8, 25]})
+    made = write_plan(config, assets, tmp_path / "plan.jsonl")
+    assert check_plan(made, assets) == []
+    counts = set()
+    for row in made:
+        counts.add(len(row["companions"]))
+        for companion in row["companions"]:
+            assert set(companion) == set(TARGET_KEYS)
+            assert (companion["bbox"] is None) == (companion["truncated_fraction"] == 1.0)
+            between = np.subtract(companion["world_from_vehicle"], row["world_from_vehicle"])[:2, 3]
+            assert 8.0 <= np.hypot(*between) <= 25.0
+    assert counts == {1, 2}
+
+
+def test_half_hidden_and_cut_off_targets_can_be_asked_for(assets, tmp_path):
+    config = small_config(camera={"visible_fraction": [0.05, 0.9], "truncated_fraction": [0.1, 0.5], "max_tries": 500},
+                          assets={"vehicles": [{"path": "t72.blend", "category": "tank"}],
+                                  "sceneries": [{"path": "hills.blend"}]},
+                          budget={"images_per_class": 4})  # fmt: skip
+    base = small_assets()
+    some = Assets({"t72": base.vehicles["t72"]}, {"t72": "tank"}, {"hills": base.sceneries["hills"]}, base.hdris)
+    for row in plan(config, some):
+        assert 0.05 <= row["visible_fraction"] <= 0.9
+        assert 0.1 <= row["truncated_fraction"] <= 0.5
+
+
+def test_without_ground_vehicles_stand_on_the_fallback_plane(assets):
+    config = small_config(assets={"sceneries": [{"path": "bare.blend"}]}, ground={"fallback_z": 3.5})
+    high = Assets(assets.vehicles, assets.categories, {"bare": bare("bare", origin_z=1.0)}, assets.hdris)
+    for row in plan(config, high):
+        assert row["world_from_vehicle"][2] == [0.0, 0.0, 1.0, 2.5]
+        assert (row["gap"], row["penetration"], row["slope_deg"]) == (0.0, 0.0, 0.0)
+
+
+def test_articulation_can_be_switched_off(assets):
+    rows = plan(small_config(placement={"articulate": False}), assets)
+    assert all(row["articulation"] == {} for row in rows)
+
+
+def test_a_vehicle_of_one_part_has_nothing_to_turn():
+    from tests.planning_assets import box
+
+    shape = vehicle("t72")
+    mesh = box((-3, -1.5, 0), (3, 1.5, 2))
+    block = type(shape)(
+        "block", mesh, np.zeros(8, int), ("hull",), np.array([-1]), np.zeros((1, 3)), np.array([[0, 0, 1.0]]),
+        np.zeros((1, 2)), np.eye(4),
+    )  # fmt: skip
+    config = small_config(assets={"vehicles": [{"path": "block.blend", "category": "tank"}]})
+    one = Assets({"block": block}, {"block": "tank"}, {"bare": bare("bare")}, ("noon",))
+    assert all(row["articulation"] == {} for row in plan(config, one))
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        (
+            {"placement": {"max_slope_deg": 0.001, "max_tries": 100}},
+            r"'t72' on scenery 'hills' finds no place to stand: of [\d,]+ tries 100 % were too steep at the spot; "
+            r"widen the limits in \[placement\]",
+        ),
+        (
+            {"camera": {"min_box_px": 1900, "max_tries": 3}},
+            r"cannot be seen as wanted: of [\d,]+ tries \d+ % were smaller than camera.min_box_px",
+        ),
+        (
+            {"placement": {"vehicles_per_image": 12, "companion_distance": [6, 7]}},
+            r"finds no room for its companions: of [\d,]+ tries",
+        ),
+        ({"light": {"hdris": ["night*"]}}, r"light.hdris: 'night\*' matches no HDRI; assets.hdris gives noon, dusk"),
+        ({"light": {"hdris": [{"name": "noon", "weight": 0}]}}, "light.hdris: all weights are 0"),
+    ],
+)
+def test_a_hopeless_config_is_explained(assets, sections, message, monkeypatch):
+    monkeypatch.setattr("planning.group.BLIND_PLACES", 2)
+    monkeypatch.setattr("planning.group.CROWDED_PLACES", 1)
+    with pytest.raises(ConfigError, match=message):
+        list(plan(small_config(**sections), assets))
+
+
+def test_weights_choose_hdris_and_sceneries(assets):
+    config = small_config(
+        light={"hdris": [{"name": "dusk"}]},
+        assets={"sceneries": [{"path": "hills.blend", "weight": 0}, {"path": "bare.blend"}]},
+    )
+    rows = list(plan(config, assets))
+    assert {row["hdri"] for row in rows} == {"dusk"}
+    assert {row["scenery"] for row in rows} == {"bare"}
+
+
+def test_fog_comes_as_often_as_asked(assets):
+    always = plan(small_config(weather={"probability": 1.0, "visibility_m": [100, 200]}), assets)
+    assert all(100 <= row["weather"]["visibility_m"] <= 200 for row in always)
+
+
+def test_a_failing_worker_is_heard(tmp_path, assets, monkeypatch):
+    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    with pytest.raises(ConfigError, match="finds no place to stand"):
+        write_plan(
+            small_config(placement={"max_slope_deg": 0.001, "max_tries": 50}), assets, tmp_path / "p.jsonl", workers=2
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+BROKEN = [
+    ("bbox", lambda row: row["bbox"].__setitem__(0, row["bbox"][0] + 0.01), "breaks bbox"),
+    ("pose", lambda row: row["world_from_vehicle"][2].__setitem__(3, row["world_from_vehicle"][2][3] + 5), "gap is"),
+    ("camera", lambda row: row["world_from_camera"][2].__setitem__(3, -500.0), "the camera's place"),
+    ("fov", lambda row: row.__setitem__("fov_x_deg", 99.0), "fov_x_deg is 99, allowed are 40 to 60"),
+    ("visible", lambda row: row.__setitem__("visible_fraction", 0.5), "breaks visible_fraction"),
+    ("slope", lambda row: row.__setitem__("slope_deg", 12.0), "breaks slope_deg"),
+    ("gun", lambda row: row["articulation"].__setitem__("gun", 1.5), "articulation.gun is 1.5"),
+    ("name", lambda row: row.__setitem__("hdri", "moon"), "hdri 'moon' is not in the config"),
+    ("fog", lambda row: row.__setitem__("weather", {"visibility_m": 5.0}), "weather.visibility_m is 5"),
+    ("shot", lambda row: row.__setitem__("shot", 3), "breaks what the shots of a position share"),
+    ("class", lambda row: row.__setitem__("vehicle", "leo"), "vehicle 't72': 5 images, its budget is 6"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), [case[1:] for case in BROKEN], ids=[case[0] for case in BROKEN])
+def test_a_changed_plan_is_found_out(tmp_path, assets, rows, change, message):
+    made = write_plan(small_config(), assets, tmp_path / "plan.jsonl")
+    assert check_plan(made, assets) == []
+    lines = made.path.read_bytes().splitlines(keepends=True)
+    row = json.loads(lines[2])
+    assert (row["vehicle"], row["shot"]) == ("t72", 1)
+    change(row)
+    lines[2] = encode(row)
+    made.path.write_bytes(b"".join(lines))
+    findings = check_plan(read_plan(made.path), assets)
+    assert any(message in finding for finding in findings), findings
