@@ -20,7 +20,7 @@ from rich.console import Console
 
 ROOT = Path(__file__).parents[1]
 SUITES = (
-    "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "planning", "rendering",
+    "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "planning", "export", "rendering",
 )  # fmt: skip
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "open3d", "pycocotools")
 
