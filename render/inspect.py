@@ -130,8 +130,7 @@ def _vehicle_caster(shape: VehicleShape) -> tuple[Caster, np.ndarray, list[str],
 def _scenery_caster(scenery: Scenery) -> tuple[Caster, np.ndarray, list[str], np.ndarray]:
     ground = RayCaster(scenery.ground) if scenery.ground else None
     things = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
-    boxes = [*things.bounds, *([scenery.ground.bounds] if scenery.ground else [])]
-    bounds = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
+    bounds = _worth_seeing(scenery, things.bounds)
 
     def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         hits = things.cast(origins, directions)
@@ -144,6 +143,18 @@ def _scenery_caster(scenery: Scenery) -> tuple[Caster, np.ndarray, list[str], np
 
     names = [f"ground ({len(scenery.ground_names)})" if scenery.ground else "no ground"]
     return cast, bounds, [*names, f"obstacles ({len(scenery.instance_names)})"], np.stack([COLOURS[3], OBSTACLE])
+
+
+def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
+    """The ground with what stands on it, not the hills on the horizon; everything, if there is no ground."""
+    if scenery.ground is not None:
+        low, high = scenery.ground.bounds
+        middle = boxes.mean(axis=1)
+        boxes = boxes[((middle >= low) & (middle <= high))[:, :2].all(axis=1)]
+        # A hill on the horizon may have its middle here: what is larger than the ground does not stand on it.
+        boxes = boxes[((boxes[:, 1] - boxes[:, 0]) <= high - low)[:, :2].all(axis=1)]
+        boxes = np.concatenate([boxes, scenery.ground.bounds[None]])
+    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 class _View:
