@@ -196,7 +196,7 @@ def test_branch_and_bound_is_the_rule(seed: int, leaf: int, group: int, count: i
     shape, pose, camera, articulation = random_view(seed)
     with mock.patch.multiple(annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
         boxes = VehicleBoxes(shape)
-        for _ in range(12):
+        for _ in range(6):
             for frame in (True, False):
                 found = boxes.box(pose, camera, articulation, frame=frame)
                 assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
