@@ -35,6 +35,7 @@ def preview_sheet(
     *,
     count: int = 24,
     columns: int = 4,
+    tile_width: int = TILE_WIDTH,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a contact sheet of images spread evenly over a plan.
@@ -49,8 +50,8 @@ def preview_sheet(
         The picture to write.
     count
         Images on the sheet, at most.
-    columns
-        Images side by side.
+    columns, tile_width
+        Images side by side, and the width of each in pixels.
     progress
         Called with images done and their number.
     """
@@ -60,11 +61,11 @@ def preview_sheet(
     pictures, captions = [], []
     for done, index in enumerate(indices):
         row = plan[index]
-        pictures.append(artist.picture(row))
+        pictures.append(artist.picture(row, width=tile_width))
         captions.append(caption(row))
         if progress:
             progress(done + 1, len(indices))
-    sheet = contact_sheet(pictures, columns=columns, tile_width=TILE_WIDTH, captions=captions)
+    sheet = contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
     path = Path(path)
     partial = path.with_name(path.name + ".partial")
     sheet.save(partial, format="PNG")

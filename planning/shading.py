@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,6 +25,7 @@ _TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
 _EXTINCTION = 3.912  # over the meteorological visibility: contrast has fallen to 2 % there
 
 
+@runtime_checkable
 class Surface(Protocol):
     """Something to look at."""
 

@@ -114,6 +114,12 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows
     assert seen == sorted(seen)
 
 
+def test_a_plan_keeps_its_own_limits(tmp_path, assets, rows):
+    path = tmp_path / "plan.jsonl"
+    path.write_bytes(b"".join(map(encode, [make_header(small_config(), assets, path, images=22), *rows])))
+    assert check_plan(read_plan(path), assets) == []
+
+
 @pytest.mark.parametrize("kept", [0, 3, 4, 22])
 def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, assets, rows, kept):
     config, path = small_config(), tmp_path / "plan.jsonl"
@@ -268,13 +274,12 @@ BROKEN = [
 
 @pytest.mark.parametrize(("change", "message"), [case[1:] for case in BROKEN], ids=[case[0] for case in BROKEN])
 def test_a_changed_plan_is_found_out(tmp_path, assets, rows, change, message):
-    made = write_plan(small_config(), assets, tmp_path / "plan.jsonl")
-    assert check_plan(made, assets) == []
-    lines = made.path.read_bytes().splitlines(keepends=True)
+    path = tmp_path / "plan.jsonl"
+    lines = [encode(make_header(small_config(), assets, path, images=22)), *map(encode, rows)]
     row = json.loads(lines[2])
     assert (row["vehicle"], row["shot"]) == ("t72", 1)
     change(row)
     lines[2] = encode(row)
-    made.path.write_bytes(b"".join(lines))
-    findings = check_plan(read_plan(made.path), assets)
+    path.write_bytes(b"".join(lines))
+    findings = check_plan(read_plan(path), assets)
     assert any(message in finding for finding in findings), findings

@@ -1,0 +1,182 @@
+"""Plans of random configs: every limit holds when recomputed another way; who plans what when never matters."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, reject, settings
+from hypothesis import strategies as st
+
+from annotate.boxes import surface_box
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from geometry.errors import ConfigError
+from geometry.rays import RayCaster
+from geometry.transforms import apply
+from placement.terrain import Terrain
+from planning.planner import Planner
+from tests.planning_assets import small_assets, small_config
+
+ASSETS = small_assets()
+CASTERS = {name: RayCaster(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
+TERRAINS = {name: Terrain(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
+# A plan takes long beside what Hypothesis is made for.
+FEW = settings(max_examples=max(5, settings.default.max_examples // 5), suppress_health_check=list(HealthCheck))
+
+
+def interval(low, high, least=0.0):
+    """[a, b] within bounds, at least so wide."""
+    return st.tuples(st.floats(low, high - least), st.floats(0.0, 1.0)).map(
+        lambda p: [p[0], p[0] + least + p[1] * (high - p[0] - least)]
+    )
+
+
+@st.composite
+def configs(draw):
+    return small_config(
+        seed=draw(st.integers(0, 2**70)),
+        budget={"images_per_class": draw(st.integers(1, 4)), "images_per_position": draw(st.integers(1, 3))},
+        placement={
+            "margin": draw(st.floats(0.3, 1.0)),
+            "max_slope_deg": draw(st.floats(8.0, 40.0)),
+            "rule": draw(st.sampled_from(["averaged", "least_squares", "support"])),
+            "footprint": draw(st.integers(2, 6)),
+            "max_gap": draw(st.floats(0.8, 3.0)),
+            "max_penetration": draw(st.floats(0.2, 1.0)),
+            "obstacle_clearance": draw(st.floats(0.0, 2.0)),
+            "vehicles_per_image": draw(st.sampled_from([[1, 1], [1, 2], [2, 2]])),
+            "companion_distance": [10, 40],
+            "articulate": draw(st.booleans()),
+            "max_tries": 400,
+        },
+        camera={
+            "fov_x_deg": draw(interval(5.0, 100.0)),
+            "target_fraction": draw(interval(0.05, 0.4)),
+            "distance_factor": draw(interval(0.8, 3.0)),
+            "elevation_deg": draw(interval(-2.0, 60.0, 8.0)),
+            "elevation_sampling": draw(st.sampled_from(["angle", "sphere"])),
+            "framing": draw(st.floats(0.0, 1.0)),
+            "ground_clearance": draw(st.floats(0.0, 2.0)),
+            "visible_fraction": [draw(st.floats(0.0, 0.7)), 1.0],
+            "truncated_fraction": draw(st.sampled_from([[0.0, 0.0], [0.0, 0.4]])),
+            "visibility_rays": draw(st.integers(16, 64)),
+            "distance_m": [3.0, 400.0],
+            "max_tries": 12,
+        },
+        light={"yaw_deg": draw(interval(-360.0, 360.0)), "strength": draw(interval(0.0, 5.0))},
+        weather={"probability": draw(st.floats(0.0, 1.0)), "visibility_m": draw(interval(10.0, 5000.0))},
+        render={"width": draw(st.integers(64, 2000)), "height": draw(st.integers(64, 2000))},
+    )
+
+
+def planned(config):
+    planner = Planner(config, ASSETS)
+    try:
+        return planner, planner.rows(0, planner.budget.n_positions)
+    except ConfigError:
+        # Some configs cannot be met; tests/test_planner.py looks at how they say so.
+        reject()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def give_up_soon():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planning.group.BLIND_PLACES", 4)
+        patch.setattr("planning.group.CROWDED_PLACES", 4)
+        yield
+
+
+@FEW
+@given(configs())
+def test_every_row_keeps_every_limit(config):
+    _, rows = planned(config)
+    for row in rows:
+        vehicles = [row, *row["companions"]]
+        for k, vehicle in enumerate(vehicles):
+            stands_within_limits(row, vehicle, config, target=k == 0)
+        camera_within_limits(row, config)
+        light_within_limits(row, config)
+
+
+def stands_within_limits(row, vehicle, config, *, target):
+    limits, scenery = config.placement, ASSETS.sceneries[row["scenery"]]
+    shape, pose = ASSETS.vehicles[vehicle["vehicle"]], np.array(vehicle["world_from_vehicle"])
+    assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+    assert math.degrees(math.acos(min(pose[2, 2], 1.0))) <= limits.max_slope_deg + 1e-6
+    assert vehicle["slope_deg"] == pytest.approx(math.degrees(math.acos(min(pose[2, 2], 1.0))), abs=1e-5)
+    names = shape.part_names[1:]
+    assert set(vehicle["articulation"]) == (set(names) if limits.articulate else set())
+    for name, (low, high) in zip(names, shape.part_limits[1:].tolist(), strict=True):
+        assert low <= vehicle["articulation"].get(name, 0.0) <= high
+    if scenery.ground is None:
+        assert pose[2, 3] == -scenery.origin[2]
+        return
+    low, high = scenery.ground.bounds[:, :2]
+    if target:
+        assert (np.abs(pose[:2, 3] - (low + high) / 2) <= limits.margin * (high - low) / 2 + 1e-9).all()
+    length, width, _ = shape.size_xyz
+    grid = [[x, y, 0.0] for x in np.linspace(-length / 2, length / 2, 9) for y in np.linspace(-width / 2, width / 2, 9)]
+    points = apply(pose, grid)
+    # Straight from Embree, not through placement: an independent look at the ground.
+    above_them = points + np.array([0.0, 0.0, 100.0])
+    hits = CASTERS[scenery.name].cast(above_them, np.tile([0.0, 0.0, -1.0], (len(points), 1)))
+    above = (hits.distance - 100.0)[hits.hit]
+    assert above.max() <= limits.max_gap + 1e-3
+    assert -above.min() <= limits.max_penetration + 1e-3
+    assert vehicle["gap"] == pytest.approx(max(above.max(), 0.0), abs=1e-3)
+    world = apply(pose, shape.vertices_at(vehicle["articulation"]))
+    for pose_k, mesh_k in zip(scenery.world_from_instance, scenery.instance_mesh, strict=True):
+        obstacle = apply(pose_k, scenery.obstacle_meshes[mesh_k].vertices)
+        # Necessary, not sufficient: no vertex of the vehicle may be inside an obstacle's (axis-aligned) box.
+        inside = ((world > obstacle.min(axis=0)) & (world < obstacle.max(axis=0))).all(axis=1)
+        assert not inside.any()
+
+
+def camera_within_limits(row, config):
+    limits = config.camera
+    shape, pose = ASSETS.vehicles[row["vehicle"]], np.array(row["world_from_vehicle"])
+    camera = np.array(row["world_from_camera"])
+    assert limits.fov_x_deg[0] <= row["fov_x_deg"] <= limits.fov_x_deg[1]
+    centre = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]
+    away = camera[:3, 3] - centre
+    distance = np.linalg.norm(away)
+    intrinsics = Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"]))
+    near, far = (float(intrinsics.distance_for(shape.size_xyz.min(), t)) for t in limits.target_fraction[::-1])
+    assert near * limits.distance_factor[0] * (1 - 1e-9) <= distance <= far * limits.distance_factor[1] * (1 + 1e-9)
+    assert limits.distance_m[0] - 1e-6 <= distance <= limits.distance_m[1] + 1e-6
+    elevation = math.degrees(math.asin(away[2] / distance))
+    assert limits.elevation_deg[0] - 1e-5 <= elevation <= limits.elevation_deg[1] + 1e-5
+    scenery = ASSETS.sceneries[row["scenery"]]
+    ground = TERRAINS[scenery.name].top_hits(camera[None, :2, 3]).z[0] if scenery.ground else 0.0
+    assert camera[2, 3] - ground >= limits.ground_clearance - 1e-9
+    vertices = apply(pose, shape.vertices_at(row["articulation"]))
+    found = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera))
+    amodal = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera), frame=False)
+    assert row["bbox"] == pytest.approx(found, abs=1e-6)
+    assert row["bbox_amodal"] == pytest.approx(amodal, abs=1e-6)
+    assert limits.truncated_fraction[0] <= row["truncated_fraction"] <= limits.truncated_fraction[1]
+    assert row["truncated_fraction"] == pytest.approx(1 - np.prod(found[2:]) / np.prod(amodal[2:]), abs=1e-9)
+    assert limits.visible_fraction[0] <= row["visible_fraction"] <= limits.visible_fraction[1]
+    assert min(row["bbox"][2:]) >= limits.min_box_px
+
+
+def light_within_limits(row, config):
+    assert config.light.yaw_deg[0] <= row["hdri_yaw_deg"] <= config.light.yaw_deg[1]
+    assert config.light.strength[0] <= row["strength"] <= config.light.strength[1]
+    if row["weather"] is not None:
+        low, high = config.weather.visibility_m
+        assert low <= row["weather"]["visibility_m"] <= high
+    assert 0 <= row["sample_seed"] < 2**31
+    assert (row["width"], row["height"]) == (config.render.width, config.render.height)
+
+
+@FEW
+@given(configs(), st.data())
+def test_the_order_and_company_in_which_positions_are_planned_never_matter(config, data):
+    planner, rows = planned(config)
+    n = planner.budget.n_positions
+    cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
+    parts = data.draw(st.permutations(list(zip([0, *cuts], [*cuts, n], strict=True))))
+    again = Planner(config, ASSETS)
+    apart = [row for start, stop in parts for row in again.rows(start, stop)]
+    assert sorted(apart, key=lambda row: row["index"]) == rows

@@ -1,0 +1,100 @@
+"""Pictures of a plan without Blender: what is where, lit from where, and the sheet they end on."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planning.plan_file import read_plan
+from planning.preview import Artist, caption, preview_sheet
+from planning.shading import paint_of, sun_of
+from planning.write import write_plan
+from tests.planning_assets import small_assets, small_config
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets()
+
+
+@pytest.fixture(scope="module")
+def plan(assets, tmp_path_factory):
+    config = small_config(
+        budget={"images_per_class": 3},
+        weather={"probability": 0.5},
+        placement={"vehicles_per_image": 2},
+        light={"strength": 1.0},
+    )
+    return write_plan(config, assets, tmp_path_factory.mktemp("preview") / "plan.jsonl")
+
+
+@pytest.fixture(scope="module")
+def artist(plan, assets):
+    return Artist(plan, assets)
+
+
+def clear(row):
+    return {**row, "weather": None}
+
+
+def test_the_vehicle_is_where_its_box_is(plan, artist):
+    row = {**clear(plan[0]), "companions": []}
+    with_it = artist.shade(row, 160, 90)
+    away = [[*line[:3], line[3] + (500.0 if k == 2 else 0.0)] for k, line in enumerate(row["world_from_vehicle"])]
+    changed = np.abs(artist.shade({**row, "world_from_vehicle": away}, 160, 90) - with_it).max(axis=2) > 1e-9
+    x, y, w, h = (v / 12 for v in row["bbox"])
+    lit = paint_of(row["vehicle"])
+    inside = np.zeros((90, 160), dtype=bool)
+    inside[int(y) : int(y + h) + 1, int(x) : int(x + w) + 1] = True
+    # Outside the box only the shadow differs, and that is dark.
+    assert (changed & inside).sum() > 0.2 * inside.sum()
+    assert (with_it[changed & ~inside].sum(axis=-1) < artist.shade({**row, "world_from_vehicle": away}, 160, 90)[
+        changed & ~inside
+    ].sum(axis=-1)).all()  # fmt: skip
+    assert lit.shape == (3,)
+
+
+def test_colours_are_colours(plan, artist):
+    for row in plan:
+        image = artist.shade(row, 32, 18)
+        assert image.shape == (18, 32, 3)
+        assert (image >= 0.0).all()
+        assert (image <= 1.0).all()
+
+
+def test_fog_hides(plan, artist):
+    row = plan[0]
+    thick = artist.shade({**row, "weather": {"visibility_m": 1.0}}, 64, 36)
+    thin = artist.shade({**row, "weather": None}, 64, 36)
+    assert np.ptp(thick, axis=(0, 1)).max() < 0.05 < np.ptp(thin, axis=(0, 1)).max()
+
+
+def test_the_sun_turns_with_the_hdri():
+    a, b = sun_of("noon", 10.0), sun_of("noon", 100.0)
+    assert a[0] * b[0] + a[1] * b[1] == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.norm(a) == pytest.approx(1.0)
+
+
+def test_the_sheet(plan, assets, tmp_path):
+    seen = []
+    preview_sheet(
+        plan, assets, tmp_path / "sheet.png", count=5, columns=3, tile_width=96, progress=lambda *n: seen.append(n)
+    )
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.width > 3 * 96
+    assert seen == [(i, 5) for i in range(1, 6)]
+    assert [path.name for path in tmp_path.iterdir()] == ["sheet.png"]
+
+
+def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
+    seen = []
+    preview_sheet(
+        read_plan(plan.path), assets, tmp_path / "s.png", count=100, tile_width=48, progress=lambda *n: seen.append(n)
+    )
+    assert len(seen) == len(plan)
+
+
+def test_a_caption_says_what_the_picture_does_not(plan):
+    row = {**plan[0], "weather": {"visibility_m": 250.0}, "visible_fraction": 0.5}
+    words = caption(row)
+    assert words.startswith(f"1: {row['vehicle']} in {row['scenery']}, ")
+    assert words.endswith(f"50 % visible, {row['hdri']}, fog 250 m")

@@ -1,0 +1,95 @@
+"""A plan in numbers: what is counted, and how it is shown."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from planning.refusal import AIMING, BY_KEY, PLACING, Refusal, sentence
+from planning.summary import Histogram, summarise
+
+
+def row(i, **changes):
+    camera, vehicle = np.eye(4), np.eye(4)
+    camera[:3, 3] = [3.0, 0.0, 4.0]
+    return {
+        "category": "tank", "vehicle": "t72", "scenery": "hills", "hdri": "noon", "shot": i % 2, "weather": None,
+        "bbox": [0.0, 0.0, 10.0, 20.0], "companions": [], "rejected": {}, "slope_deg": 5.0, "visible_fraction": 1.0,
+        "truncated_fraction": 0.0, "world_from_camera": camera.tolist(), "world_from_vehicle": vehicle.tolist(),
+        **changes,
+    }  # fmt: skip
+
+
+ROWS = [
+    row(0, rejected={"too_steep": 3, "camera_low": 1}),
+    row(1, bbox=[0.0, 0.0, 33.0, 33.0], weather={"visibility_m": 100.0}),
+    row(2, category="truck", vehicle="ural", bbox=[0.0, 0.0, 500.0, 200.0], companions=[{"vehicle": "t72"}]),
+    row(3, category="truck", vehicle="man", slope_deg=29.5, visible_fraction=0.4, rejected={"hidden": 2}),
+]
+
+
+def test_counts():
+    found = summarise(iter(ROWS)).to_json()
+    assert found["images"] == 4
+    assert found["positions"] == 2
+    assert found["classes"] == {"tank": {"t72": 2}, "truck": {"ural": 1, "man": 1}}
+    assert found["sizes"] == {"tank": {"small": 1, "medium": 1}, "truck": {"large": 1, "small": 1}}
+    assert found["companions"] == {"t72": 1}
+    assert found["foggy"] == 1
+    assert found["rejected"] == {"too_steep": 3, "camera_low": 1, "hidden": 2}
+    slope = found["histograms"]["slope_deg"]
+    assert (slope["lowest"], slope["highest"], slope["mean"]) == (5.0, 29.5, 11.125)
+    assert [i for i, n in enumerate(slope["counts"]) if n] == [5, 29]
+    assert found["histograms"]["distance_m"]["lowest"] == 5.0
+    assert json.loads(json.dumps(found)) == found
+
+
+def test_an_empty_plan():
+    summary = summarise([])
+    assert summary.to_json()["histograms"]["slope_deg"]["lowest"] is None
+    assert len(summary.tables()) == 3
+
+
+def test_tables_say_what_to_act_on():
+    console = Console(width=140, record=True, file=io.StringIO())
+    for table in summarise(ROWS).tables():
+        console.print(table)
+    text = console.export_text()
+    for words in ("4 images at 2 positions", "ural 1, man 1", "too steep at the spot", "60.0 %", "hidden more than"):
+        assert words in text
+
+
+def test_the_picture(tmp_path):
+    summarise(ROWS).draw(tmp_path / "plan.png")
+    with Image.open(tmp_path / "plan.png") as picture:
+        assert picture.size == (1200, 900)
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.png"]
+
+
+def test_a_histogram_counts_everything_even_beyond_its_edges():
+    histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.zeros(2, dtype=np.int64))
+    histogram.add(np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
+    assert histogram.counts.tolist() == [3, 3]
+    assert (histogram.lowest, histogram.highest) == (-5.0, 9.0)
+    assert histogram.bars() == "██"
+
+
+def test_every_reason_has_words_and_a_key():
+    assert {*PLACING, *AIMING} == set(Refusal) - {Refusal.NONE}
+    for reason in (*PLACING, *AIMING):
+        assert reason.phrase
+        assert BY_KEY[reason.key] is reason
+
+
+def test_reasons_are_told_most_frequent_first():
+    counts = {Refusal.TOO_STEEP: 710, Refusal.OFF_GROUND: 289, Refusal.OBSTACLE: 1, Refusal.GAP: 0}
+    text = "of 1,000 tries 71 % were too steep at the spot, 29 % had no ground below, 0.1 % were too near an obstacle"
+    assert sentence(counts) == text
+
+
+@pytest.mark.parametrize("n", [0, 1, 4097])
+def test_any_number_of_rows(n):
+    assert summarise(row(i) for i in range(n)).images == n
