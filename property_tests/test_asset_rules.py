@@ -1,0 +1,92 @@
+"""Names, clean-up and parts hold under whatever people call and place things."""
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from assets.naming import GROUND, GUN, HELPERS, TURRET, says, words
+from geometry.transforms import apply, rigid, rotation_z
+from render.cleanup import Link, Piece, vehicle_roles
+from render.parts import find_parts
+
+names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
+coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))
+sizes = st.floats(0.05, 8).map(lambda x: round(x, 3))
+
+
+@given(names)
+def test_words_keep_every_letter_and_digit_in_order(name: str) -> None:
+    assume(not name[-4:].replace(".", "").isdigit())
+    assert "".join(words(name)) == "".join(c for c in name if c.isalnum()).lower() or not name.isascii()
+    assert all(word for word in words(name))
+
+
+@given(names, st.integers(1, 999))
+def test_blenders_numbers_change_nothing(name: str, number: int) -> None:
+    assume(name[-4:-3] != ".")
+    numbered = f"{name}.{number:03}"
+    assert words(numbered) == words(name)
+    for patterns in (TURRET, GUN, GROUND, HELPERS):
+        assert says(numbered, patterns) == says(name, patterns)
+
+
+@given(
+    st.sampled_from(TURRET + GUN + GROUND), st.sampled_from(["_", "-", " ", ".", ""]), st.sampled_from(["Left", "Old"])
+)
+def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> None:
+    for name in (
+        f"{word}{gap}{other}",
+        f"{other}{gap}{word.capitalize()}",
+        f"{word.upper()}{gap or '_'}{other}",
+        f"{word}s",
+    ):
+        assert says(name, (word,)) == word
+    if gap == "":
+        assert says(f"{word}ish", (word,)) is None
+
+
+def piece(name: str, low: np.ndarray, size: np.ndarray) -> Piece:
+    return Piece("Mesh", (Link(name, (), "MESH", np.eye(4)),), 0, np.eye(4), np.stack([low, low + size]), 12)
+
+
+blocks = st.lists(st.tuples(st.tuples(*[coordinates] * 3), st.tuples(*[sizes] * 3)), min_size=1, max_size=6)
+
+
+@given(blocks, st.permutations(range(3)))
+def test_a_floor_under_a_vehicle_goes_and_nothing_else(parts: list, order: list[int]) -> None:
+    vehicle = [piece(f"Part {i}", np.array(low), np.array(size)) for i, (low, size) in enumerate(parts)]
+    before = [role.use for role in vehicle_roles(vehicle)]
+    assert before == ["vehicle"] * len(vehicle) or any(p.bounds[1, 2] - p.bounds[0, 2] < 0.2 for p in vehicle)
+    low, high = np.min([p.bounds[0] for p in vehicle], axis=0), np.max([p.bounds[1] for p in vehicle], axis=0)
+    reach = 3 * float((high - low)[:2].max())
+    floors = [
+        piece(
+            name,
+            np.array([low[0] - reach, low[1] - reach, low[2] - 0.001]),
+            np.array([*(high - low)[:2] + 2 * reach, 0.001]),
+        )
+        for name in ("Floor", "Object_17", "Plane.003")
+    ]
+    roles = [role.use for role in vehicle_roles([*(floors[i] for i in order), *vehicle])]
+    assert roles == ["dropped"] * 3 + before
+
+
+@given(st.floats(-3, 3), st.tuples(coordinates, coordinates, coordinates))
+def test_parts_do_not_depend_on_where_the_file_has_the_vehicle(yaw: float, at: tuple) -> None:
+    file_from_vehicle = rigid(rotation_z(yaw), np.array(at))
+    cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    spots = {"Hull": (0, 0, 0.5), "Turret": (0.4, 0.1, 1.5), "Gun": (1.2, 0.1, 1.5)}
+    found = []
+    for world in (np.eye(4), file_from_vehicle):
+        pieces, points = [], []
+        for name, spot in spots.items():
+            pose = world @ rigid(np.eye(3), np.array(spot, float))
+            pieces.append(Piece("m", (Link(name, (), "MESH", pose),), 0, pose, np.zeros((2, 3)), 12))
+            stretch = np.array([4.0, 0.2, 0.2]) if name == "Gun" else np.ones(3)
+            points.append(cube * stretch + spot + (np.array([2, 0, 0]) if name == "Gun" else 0))
+        found.append(find_parts(pieces, points, (), vehicle_from_file=np.linalg.inv(world)))
+    here, there = found
+    assert here.names == there.names == ("hull", "turret", "gun")
+    assert np.allclose(here.pivot, there.pivot, atol=1e-9)
+    assert np.allclose(here.axis, there.axis)
+    assert np.allclose(apply(np.eye(4), here.pivot)[1], spots["Turret"])
