@@ -257,6 +257,8 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
         return "a shadow catcher"
     if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
         return "a holdout"
+    if original.indirect_only_get(view_layer=depsgraph.view_layer):
+        return "invisible to the camera (its collection is indirect only)"
     materials = [s.material for s in drawn.material_slots]
     if materials and all(m is not None and _is_volume(m) for m in materials):
         return "has volume shaders only"

@@ -101,6 +101,12 @@ def modifiers():
     off = collection("Off")
     box("InHidden", (3, 3, 3), (0, 0, 4), collection=off)
     off.hide_render = True
+    bounced = collection("Bounced")
+    box("InIndirect", (3, 3, 3), (0, 0, 4), collection=bounced)
+    layer("Bounced").indirect_only = True
+    punched = collection("Punched")
+    box("InHoldout", (0.5, 0.5, 5), (0, 0, 9), collection=punched)
+    layer("Punched").holdout = True
     out = collection("Out")
     box("InExcluded", (3, 3, 3), (0, 0, 4), collection=out)
     layer("Out").exclude = True

@@ -262,7 +262,7 @@ def test_hidden_from_render_is_out_and_hidden_from_view_is_in(messy: Messy) -> N
     uses = messy.uses("modifiers")
     assert uses["EyeHidden"] == {"hull"}
     assert messy.uses("instances")["MonitorHidden"] == {"hull"}
-    for name in ("RenderHidden", "InHidden", "InExcluded"):
+    for name in ("RenderHidden", "InHidden", "InExcluded", "InIndirect", "InHoldout"):
         assert uses[name] == {"dropped"}
 
 
