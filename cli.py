@@ -52,7 +52,7 @@ def _init(arguments: argparse.Namespace) -> int:
     from render.demo.project import create_project
 
     with _progress("building demo assets") as advance:
-        config = create_project(arguments.folder, seed=arguments.seed, progress=advance)
+        config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, progress=advance)
     _say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
     return DONE
 
@@ -250,7 +250,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         ["verify", dataset, "--plan", plan],
     ]
     if not config.exists():
-        steps.insert(0, ["init", folder])
+        steps.insert(0, ["init", folder, "--small"])
     for step in steps:
         words = [str(word) for word in step]
         STDERR.rule(f"hulldown {' '.join(words)}", align="left")
@@ -352,6 +352,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
     sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
+    sub.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
 
     sub = verb(
         "inspect", _inspect, "show what will be used of asset files",

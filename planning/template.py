@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
-
-import orjson
 
 
 def config_text(
@@ -13,7 +14,7 @@ def config_text(
     vehicles: Sequence[Mapping[str, Any]],
     sceneries: Sequence[Mapping[str, Any]],
     hdris: Sequence[str],
-    images_per_class: int = 140,
+    values: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
     """A complete config for these assets, with a comment on every key.
 
@@ -23,11 +24,30 @@ def config_text(
         Keys and values of each `[[assets.vehicles]]` and `[[assets.sceneries]]`.
     hdris
         Patterns of HDRI files.
-    images_per_class
-        The budget.
+    values
+        "section.key" -> what it is set to in place of the default; only numbers, strings and lists of them.
     """
     entries = [_table("assets.vehicles", v) for v in vehicles] + [_table("assets.sceneries", s) for s in sceneries]
-    return _TEXT.format(entries="\n".join(entries), hdris=_value(list(hdris)), images_per_class=images_per_class)
+    text = _TEXT.format(entries="\n".join(entries), hdris=_value(list(hdris)))
+    for key, value in values.items():
+        text = _set(text, key, value)
+    return text
+
+
+def _set(text: str, key: str, value: Any) -> str:
+    """The text with another value for "section.key", its comment left where it was as far as there is room."""
+    section, name = key.split(".")
+    line = re.compile(rf"(?ms)(^\[{section}\]\n(?:(?!^\[).)*?^{name} = )([^#\n]*?)( *)(#|$)")
+
+    def changed(found: re.Match[str]) -> str:
+        new = _value(value)
+        room = len(found[2]) + len(found[3]) - len(new)
+        return found[1] + new + (" " * max(room, 2) if found[4] else "") + found[4]
+
+    text, times = line.subn(changed, text, count=1)
+    if not times:
+        raise ValueError(f"values: the template has no line for {key!r}")
+    return text
 
 
 def _table(name: str, entry: Mapping[str, Any]) -> str:
@@ -36,7 +56,7 @@ def _table(name: str, entry: Mapping[str, Any]) -> str:
 
 def _value(value: Any) -> str:
     # What JSON and TOML write alike: strings, numbers, true and false, lists of them.
-    return orjson.dumps(value).decode().replace('","', '", "')
+    return json.dumps(value, ensure_ascii=False)
 
 
 _TEXT = """\
@@ -97,7 +117,7 @@ min_box_px = 8.0               # least width and height of the target's box
 max_tries = 50                 # cameras tried for an image before the vehicle is moved elsewhere
 
 [budget]
-images_per_class = {images_per_class}  # its models take turns; or a table by class: {{ tank = 200, truck = 100 }}
+images_per_class = 140  # its models take turns; or a table by class: {{ tank = 200, truck = 100 }}
 # positions_per_vehicle = 28  # instead: images = vehicles x positions x images_per_position (eq 1)
 images_per_position = 5       # images of one vehicle at one place
 

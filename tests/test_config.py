@@ -69,7 +69,7 @@ def test_the_template_for_given_assets(read):
         vehicles=[{"path": 'v/"a".blend', "category": "tank", "forward": "-y", "drop": ["floor", "lamp*"]}],
         sceneries=[{"path": "s.blend", "weight": 2.5}],
         hdris=["a.exr", "b/*.hdr"],
-        images_per_class=3,
+        values={"budget.images_per_class": 3, "camera.target_fraction": [0.2, 0.5], "render.profile": "fast"},
     )
     config = read(text)
     assert config.assets.vehicles[0].path == 'v/"a".blend'
@@ -77,6 +77,15 @@ def test_the_template_for_given_assets(read):
     assert config.assets.sceneries[0].weight == 2.5
     assert config.assets.hdris == ("a.exr", "b/*.hdr")
     assert config.budget.images_per_class == 3
+    assert config.camera.target_fraction == (0.2, 0.5)
+    assert (config.render.profile, config.render.samples) == ("fast", 32)
+    assert len(text.splitlines()) == len(CONFIG_TEMPLATE.splitlines()) + 3  # forward, drop, weight
+
+
+@pytest.mark.parametrize("key", ["render.pixels", "budget.width"])
+def test_the_template_refuses_values_it_has_no_line_for(key):
+    with pytest.raises(ValueError, match=key):
+        config_text(vehicles=[], sceneries=[], hdris=[], values={key: 1})
 
 
 def test_a_profile_sets_what_is_not_given(read):

@@ -198,14 +198,21 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
 
 def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: folder.mkdir(parents=True))
-    config = project.create_project(tmp_path / "mine", images_per_class=7)
+    config = project.create_project(tmp_path / "mine")
     parsed = tomllib.loads(config.read_text(encoding="utf-8"))
     assert [v["path"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_FILES)
     assert [v["category"] for v in parsed["assets"]["vehicles"]] == list(CATEGORY.values())
     assert [s["path"] for s in parsed["assets"]["sceneries"]] == list(SCENERY_FILES)
-    assert parsed["budget"]["images_per_class"] == 7
+    assert (parsed["render"]["width"], parsed["render"]["profile"]) == (1920, "paper")
     with pytest.raises(ConfigError, match="is there already"):
         project.create_project(tmp_path / "mine")
+
+
+def test_a_small_project_asks_for_twelve_small_images(tmp_path, monkeypatch):
+    monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
+    parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
+    assert parsed["budget"]["images_per_class"] * len(set(CATEGORY.values())) == 12
+    assert parsed["render"]["width"] == 480
 
 
 @pytest.mark.blender

@@ -12,10 +12,20 @@ from render.demo.build import build_demo_assets
 from render.demo.catalogue import CATEGORY, SCENERY_FILES
 
 CONFIG = "hulldown.toml"
+# A look at everything in minutes on two cores: few images, small, rather near.
+SMALL = {
+    "budget.images_per_class": 4,
+    "budget.images_per_position": 1,
+    "camera.target_fraction": [0.15, 0.4],
+    "camera.distance_factor": [0.6, 1.6],
+    "render.profile": "fast",
+    "render.width": 480,
+    "render.height": 270,
+}
 
 
 def create_project(
-    folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None, images_per_class: int = 4
+    folder: Path | str, *, seed: int = 0, small: bool = False, progress: Callable[[int, int], None] | None = None
 ) -> Path:
     """Path of the config written into `folder`, beside the demo assets.
 
@@ -25,10 +35,10 @@ def create_project(
         Where to; made if it is not there.
     seed
         Of the demo assets.
+    small
+        Whether the config asks for a few small images rather than for a dataset with the paper's settings.
     progress
         Called with the files done and their total.
-    images_per_class
-        The budget that the config asks for.
 
     Raises
     ------
@@ -44,7 +54,7 @@ def create_project(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/*.exr"],
-        images_per_class=images_per_class,
+        values=SMALL if small else {},
     )
     partial = config.with_name(f".{CONFIG}.partial")
     partial.write_text(text, encoding="utf-8")
