@@ -11,7 +11,7 @@ TURRET = ("turret",)
 LAUNCHER = ("launcher",)  # the turret of files that have no turret
 NOT_LAUNCHER = ("smoke", "grenade")
 GUN = ("gun", "barrel", "cannon", "howitzer")
-NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "drum", "rack")
+NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
 PIVOT = ("pivot",)
 
 HELPERS = (
