@@ -25,6 +25,7 @@ from render.cache import load_assets
 from render.demo.project import create_project
 from render.jobs import RenderAssets, job, render_assets
 from render.process import WorkerProcess, worker_command
+from render.session import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
@@ -77,7 +78,7 @@ def _planned(
 
 def _in_order(plan: Plan) -> list[dict[str, Any]]:
     """As the supervisor sorts them."""
-    return sorted(plan, key=lambda row: (row["scenery"], row["vehicle"], row["hdri"], row["index"]))
+    return sorted(plan, key=sort_key)
 
 
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:

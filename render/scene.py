@@ -89,6 +89,7 @@ class Stage:
             with bpy.data.libraries.load(path, link=False) as (source, target):
                 target.collections = source.collections[:1]
             copies.append(target.collections[0])
+            copies[0].use_fake_user = True  # while it is in no scene, nothing else keeps it from being purged
             for obj in copies[0].objects:
                 obj.parent = self.root
                 obj.matrix_basis.identity()  # `pose` says all
@@ -96,6 +97,7 @@ class Stage:
             twin = bpy.data.collections.new(copies[0].name)
             for obj in copies[0].objects:
                 twin.objects.link(obj.copy())  # shares mesh and materials
+            twin.use_fake_user = True
             copies.append(twin)
         return copies[copy]
 
@@ -136,12 +138,12 @@ class Stage:
             `hdri` (path), `yaw` (radians counter-clockwise), `strength`, `visibility` (metres or None).
         """
         self.world.set(light["hdri"], light["yaw"], light["strength"], self.file_from_scenery)
-        self.fog.clear()
-        if light["visibility"]:
-            eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
-            self.fog.fill(
-                light["visibility"], self.world.airlight(), eye[:3], self.file_from_scenery, self.units_per_metre
-            )
+        if not light["visibility"]:
+            self.fog.clear()
+            return
+        eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
+        airlight = self.world.airlight()
+        self.fog.fill(light["visibility"], airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
 
 
 def _delete_delivered() -> None:

@@ -64,20 +64,22 @@ class Todo:
     """
 
     def __init__(self, plan: Plan, dataset: CocoDataset, wanted: int) -> None:
-        rows = [
-            (row["scenery"], row["vehicle"], row["hdri"], row["index"], len(labelled(row)), row["file_name"])
-            for row in plan
-        ]
-        _check_names([row[5] for row in rows], plan)
-        counts = np.array([row[4] for row in rows], dtype=np.int64)
+        rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
+        _check_names([row[3] for row in rows], plan)
+        counts = np.array([row[2] for row in rows], dtype=np.int64)
         with plan.path.open("rb") as file:
             key = hashlib.file_digest(file, "sha256").hexdigest()
         self.run: Run = dataset.run(key, images=len(rows), annotations=int(counts.sum()))
         # Ids depend on the plan alone, never on the order in which pictures are finished.
         self.first_annotation = np.cumsum(counts) - counts + self.run.annotation_offset + 1
-        left = [row for row in rows[:wanted] if not dataset.finished(self.run.file_name(row[5]))]
+        left = [row for row in rows[:wanted] if not dataset.finished(self.run.file_name(row[3]))]
         self.wanted, self.already = wanted, wanted - len(left)
-        self.order = [row[3] for row in sorted(left)]
+        self.order = [row[1] for row in sorted(left)]
+
+
+def sort_key(row: Mapping[str, Any]) -> tuple[str, str, bool, str]:
+    """By what is dear to change, the dearest first: a scenery, what stands in it, whether there is fog, the sky."""
+    return row["scenery"], row["vehicle"], row["weather"] is not None, row["hdri"]
 
 
 def _check_names(names: list[str], plan: Plan) -> None:
