@@ -105,7 +105,10 @@ def test_equal_pictures_are_found(dataset):
 
 
 def test_class_counts_are_held_against_the_plan(dataset):
-    rows = [{"category": "tank", "companions": [{"category": "truck"}]}, *[{"category": "tank", "companions": []}] * 2]
+    seen = {"category": "truck", "bbox": [1, 2, 3, 4], "visible_fraction": 0.5}
+    # A companion that nothing is seen of gets no label, and is not missed.
+    unseen = [{**seen, "visible_fraction": 0.0}, {**seen, "bbox": None}]
+    rows = [{"category": "tank", "companions": [seen, *unseen]}, *[{"category": "tank", "companions": []}] * 2]
     plan = dataset / "plan.jsonl"
     plan.write_text("\n".join(map(json.dumps, [{"hulldown_plan": 1}, *rows])) + "\n")
     assert list(map(str, verify(dataset, plan=plan))) == ["warning: category 'truck': 0 of 1 planned are there"]
