@@ -165,7 +165,7 @@ class _Checker:
         spot = site.terrain.top_hits(xy)
         steep = np.degrees(np.arctan2(np.hypot(spot.normal[:, 0], spot.normal[:, 1]), spot.normal[:, 2].copy()))
         self._within(rows, f"{name}slope at the spot", steep, (0.0, limits.max_slope_deg), slack=DEGREES)
-        gap, penetration = _contact(site, placed)
+        gap, penetration = _contact(site, placed, placed.model.undersides[limits.contact])
         self._within(rows, f"{name}gap", gap, (0.0, limits.max_gap), slack=METRES)
         self._within(rows, f"{name}penetration", penetration, (0.0, limits.max_penetration), slack=METRES)
         for key, found in (("gap", gap), ("penetration", penetration)):
@@ -268,10 +268,11 @@ def _rigid(poses: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
     return (off <= SHARE) & (np.linalg.det(rotation) > 0.0) & upright
 
 
-def _contact(site: Site, placed: Placed) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gap and penetration over the underside of the bounding box."""
-    length, width, _ = placed.model.shape.size_xyz
-    x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, CONTACT) for side in (length, width)))
+def _contact(
+    site: Site, placed: Placed, underside: Float[np.ndarray, "2 2"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Gap and penetration over what touches the ground."""
+    x, y = np.meshgrid(*(np.linspace(low, high, CONTACT) for low, high in underside.T))
     points = apply(placed.world_from_vehicle, np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1))
     ground = site.terrain.top_hits(points[..., :2].reshape(-1, 2)).z.reshape(points.shape[:2])
     above = points[..., 2] - ground

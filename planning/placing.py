@@ -91,6 +91,7 @@ def stand(
         min_share=limits.min_valid_share,
         max_gap=limits.max_gap,
         max_penetration=limits.max_penetration,
+        footprint=model.undersides[limits.contact],
     )
     refusal = settled.verdict.copy()
     rows = np.flatnonzero(refusal == Refusal.NONE)

@@ -147,7 +147,8 @@ class PlacementSection(Section):
     margin: Annotated[float, Field(gt=0, le=1)] = 0.8
     max_slope_deg: Annotated[float, Field(ge=0, lt=90)] = 30.0
     rule: Literal["averaged", "least_squares", "support"] = "support"
-    footprint: Annotated[int, Field(ge=1, le=101)] = 5
+    contact: Literal["footprint", "box"] = "footprint"
+    footprint: Annotated[int, Field(ge=2, le=101)] = 5
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.8
     max_gap: AtLeastZero = 0.5
     max_penetration: AtLeastZero = 0.3

@@ -17,6 +17,7 @@ from camera.visibility import Occluder, Plane
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from geometry.transforms import apply, rigid
+from placement.footprint import contact_footprint
 from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
 from planning.inputs import Assets
@@ -72,6 +73,8 @@ class Model:
         Answers for rays at it.
     centre
         (3,) centre of its bounding box, vehicle frame.
+    undersides
+        (2, 2) lowest and highest (x, y) of what touches the ground, by the choices of `placement.contact`.
     corners
         (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
     extents
@@ -85,6 +88,7 @@ class Model:
     boxes: VehicleBoxes
     target: VehicleTarget
     centre: Float[np.ndarray, "3"]
+    undersides: dict[str, Float[np.ndarray, "2 2"]]
     corners: Float[np.ndarray, "b 8 3"]
     extents: tuple[Extent, ...]
     corner_part: Int[np.ndarray, " b"]
@@ -187,6 +191,10 @@ def _model(shape: VehicleShape, category: str) -> Model:
         boxes=VehicleBoxes(shape),
         target=target,
         centre=shape.mesh.bounds.mean(axis=0),
+        undersides={
+            "footprint": contact_footprint(shape.mesh.vertices[np.unique(shape.mesh.faces)]),
+            "box": np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2,
+        },
         corners=np.array([list(product(*corners.T)) for corners in bounds]),
         extents=tuple(Extent((high - low)[None] / 2, rigid(np.eye(3), (low + high)[None] / 2)) for low, high in bounds),
         corner_part=np.array([part.index for part in target.parts]),

@@ -40,6 +40,7 @@ def configs(draw):
             "margin": draw(st.floats(0.3, 1.0)),
             "max_slope_deg": draw(st.floats(8.0, 40.0)),
             "rule": draw(st.sampled_from(["averaged", "least_squares", "support"])),
+            "contact": draw(st.sampled_from(["footprint", "box"])),
             "footprint": draw(st.integers(2, 6)),
             "max_gap": draw(st.floats(0.8, 3.0)),
             "max_penetration": draw(st.floats(0.2, 1.0)),
@@ -114,8 +115,10 @@ def stands_within_limits(row, vehicle, config, *, target):
     low, high = scenery.ground.bounds[:, :2]
     if target:
         assert (np.abs(pose[:2, 3] - (low + high) / 2) <= limits.margin * (high - low) / 2 + 1e-9).all()
-    length, width, _ = shape.size_xyz
-    grid = [[x, y, 0.0] for x in np.linspace(-length / 2, length / 2, 9) for y in np.linspace(-width / 2, width / 2, 9)]
+    # Of these vehicles the hull touches the ground; its box ends where its vertices do.
+    under = shape.mesh.vertices[:8, :2] if limits.contact == "footprint" else shape.mesh.bounds[:, :2]
+    (x0, y0), (x1, y1) = under.min(axis=0), under.max(axis=0)
+    grid = [[x, y, 0.0] for x in np.linspace(x0, x1, 9) for y in np.linspace(y0, y1, 9)]
     points = apply(pose, grid)
     # Straight from Embree, not through placement: an independent look at the ground.
     above_them = points + np.array([0.0, 0.0, 100.0])
