@@ -10,6 +10,7 @@ H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der fr
 from __future__ import annotations
 
 import math
+import os
 from typing import Any
 
 import bpy
@@ -57,9 +58,14 @@ class HdriWorld:
     def set(self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray) -> None:
         """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above."""
         if path != self._path:
-            old, self._texture.image = self._texture.image, bpy.data.images.load(path)
-            if old is not None:
-                bpy.data.images.remove(old)
+            if not os.path.isfile(path):
+                raise FileNotFoundError(path)
+            if self._texture.image is None:
+                self._texture.image = bpy.data.images.load(path)
+            else:
+                # A new image in place of the old one would make Blender build its graph of all objects anew.
+                self._texture.image.filepath = path
+                self._texture.image.reload()
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         cos, sin = math.cos(-yaw), math.sin(-yaw)

@@ -2,6 +2,7 @@
 
 import math
 import queue
+import shutil
 import subprocess
 import sys
 import time
@@ -24,7 +25,7 @@ from planning.plan_file import Plan
 from planning.write import write_plan
 from render.annotations import targets
 from render.cache import load_assets
-from render.jobs import SceneryFile, job, mask_job, render_assets
+from render.jobs import SceneryFile, VehicleFile, job, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
@@ -337,3 +338,17 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     expected = vehicle_mask(Standing(target, up[None], {}), camera_of(row))
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99
+
+
+def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path):
+    """More than are kept in memory; the first one looks the same when it returns."""
+    alone = {**plan[0], "companions": []}
+    order = [0, 1, 2, 3, 4, 5, 0]
+    for i in set(order):
+        shutil.copy(assets.vehicles["tank"].tidy, tmp_path / f"{i}.blend")
+    messages = []
+    for n, i in enumerate(order):
+        vehicles = {"tank": VehicleFile(assets.vehicles["tank"].shape, tmp_path / f"{i}.blend")}
+        messages.append(job(alone, replace(assets, vehicles=vehicles), SETTINGS, tmp_path / f"{n}.png"))
+    first, *others = draw(tmp_path, messages)
+    assert all(np.array_equal(first, other) for other in others)
