@@ -21,7 +21,7 @@ ASSETS = small_assets()
 CASTERS = {name: RayCaster(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
 TERRAINS = {name: Terrain(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
 # A plan takes long beside what Hypothesis is made for.
-FEW = settings(max_examples=max(5, settings.default.max_examples // 5), suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=max(4, settings.default.max_examples // 6), suppress_health_check=list(HealthCheck))
 
 
 def interval(low, high, least=0.0):
@@ -35,7 +35,7 @@ def interval(low, high, least=0.0):
 def configs(draw):
     return small_config(
         seed=draw(st.integers(0, 2**70)),
-        budget={"images_per_class": draw(st.integers(1, 4)), "images_per_position": draw(st.integers(1, 3))},
+        budget={"images_per_class": draw(st.integers(2, 5)), "images_per_position": draw(st.integers(1, 3))},
         placement={
             "margin": draw(st.floats(0.3, 1.0)),
             "max_slope_deg": draw(st.floats(8.0, 40.0)),
@@ -43,7 +43,7 @@ def configs(draw):
             "contact": draw(st.sampled_from(["footprint", "box"])),
             "footprint": draw(st.integers(2, 6)),
             "max_gap": draw(st.floats(0.8, 3.0)),
-            "max_penetration": draw(st.floats(0.2, 1.0)),
+            "max_penetration": draw(st.floats(0.1, 0.4)),
             "obstacle_clearance": draw(st.floats(0.0, 2.0)),
             "vehicles_per_image": draw(st.sampled_from([[1, 1], [1, 2], [2, 2]])),
             "companion_distance": [10, 40],
@@ -58,7 +58,8 @@ def configs(draw):
             "elevation_sampling": draw(st.sampled_from(["angle", "sphere"])),
             "framing": draw(st.floats(0.0, 1.0)),
             "ground_clearance": draw(st.floats(0.0, 2.0)),
-            "visible_fraction": [draw(st.floats(0.0, 0.7)), 1.0],
+            "visible_fraction": [draw(st.floats(0.0, 0.9)), 1.0],
+            "min_box_px": draw(st.floats(1.0, 40.0)),
             "truncated_fraction": draw(st.sampled_from([[0.0, 0.0], [0.0, 0.4]])),
             "visibility_rays": draw(st.integers(16, 64)),
             "distance_m": [3.0, 400.0],
