@@ -283,3 +283,19 @@ def test_a_changed_plan_is_found_out(tmp_path, assets, rows, change, message):
     path.write_bytes(b"".join(lines))
     findings = check_plan(read_plan(path), assets)
     assert any(message in finding for finding in findings), findings
+
+
+def test_limits_that_bite(assets):
+    config = small_config(
+        camera={"min_box_px": 150, "visible_fraction": [0.97, 1.0]},
+        placement={"max_penetration": 0.12, "max_slope_deg": 9.0, "obstacle_clearance": 3.0},
+        assets={"sceneries": [{"path": "hills.blend"}, {"path": "bare.blend", "weight": 0}]},
+    )
+    rows = list(plan(config, assets))
+    for row in rows:
+        assert min(row["bbox"][2:]) >= 150
+        assert row["visible_fraction"] >= 0.97
+        assert row["penetration"] <= 0.12
+        assert row["slope_deg"] <= 9.0
+    met = {reason for row in rows for reason in row["rejected"]}
+    assert {"small", "too_steep", "obstacle"} <= met
