@@ -99,8 +99,9 @@ class InstancedScene:
         used = set(self.traced.tolist())
         self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
         self._tree = BoxTree(_padded(self.bounds))
-        self._boxes = RayCaster(_box_mesh(self.bounds)) if len(poses) >= MANY else None
-        self._widest = float(np.linalg.norm(np.ptp(self.bounds, axis=1), axis=1).max(initial=0.0))
+        roomy = _roomy(self.bounds)
+        self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= MANY else None
+        self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
     def cast(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
@@ -285,10 +286,15 @@ def _extreme_points(mesh: Mesh) -> Float[np.ndarray, "e 3"]:
         return used
 
 
+def _roomy(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
+    """Boxes larger by more than float32 can take away at the scale of the scene."""
+    extent = np.ptp(bounds.reshape(-1, 3), axis=0).max() if len(bounds) else 0.0
+    return bounds + 1e-5 * (extent + 1e-3) * np.array([[-1.0], [1.0]])
+
+
 def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
-    """The sides of all boxes, larger by more than float32 can take away at the scale of the scene."""
-    pad = 1e-5 * (np.ptp(bounds.reshape(-1, 3), axis=0).max() + 1e-3)
-    low, high = bounds[:, 0] - pad, bounds[:, 1] + pad
+    """The sides of all boxes."""
+    low, high = bounds[:, 0], bounds[:, 1]
     corners = np.stack([np.where([b & 1, b & 2, b & 4], high, low) for b in range(8)], axis=1)
     sides = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
     faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])

@@ -76,6 +76,14 @@ def test_a_scene_of_nothing_is_never_hit():
         assert not scene.occluded([[0, 0, 0]], [[0, 0, 1]]).any()
 
 
+def test_a_short_ray_beside_a_pebble_in_a_wide_scene_meets_it():
+    # Boxes are widened by the scene's extent before Embree sorts out idle rays: here to a hundred times the pebble.
+    scene = InstancedScene([CUBE], [0] * 20, [at(x, 0, 0, stretch=(0.01,) * 3) for x in np.linspace(0, 1e5, 20)])
+    origin, down = [[0.0, 0.0, 0.03]], [[0.0, 0.0, -1.0]]
+    assert scene.occluded(origin, down, max_distance=0.02).all()
+    assert scene.cast(origin, down, max_distance=0.02).instance.tolist() == [0]
+
+
 def test_no_rays_are_legal():
     scene = InstancedScene([CUBE], [0], [np.eye(4)])
     assert scene.cast(np.zeros((0, 3)), np.zeros((0, 3))).distance.shape == (0,)
