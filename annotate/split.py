@@ -171,6 +171,8 @@ def _flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
         name = path.name
         if path.stem.casefold() in taken:
             name = f"{path.stem}-{image['id']}{path.suffix}"
+        while PurePosixPath(name).stem.casefold() in taken:
+            name = f"{PurePosixPath(name).stem}-again{path.suffix}"
         taken.add(PurePosixPath(name).stem.casefold())
         names[image["id"]] = name
     return names
@@ -180,8 +182,8 @@ def _link(source: Path, target: Path) -> None:
     try:
         try:
             os.link(source, target)
-        except FileNotFoundError:
-            raise
+        except (FileNotFoundError, FileExistsError):
+            raise  # copied over, a target that is a link already would take the image it links to with it
         except OSError:
             shutil.copyfile(source, target)
     except OSError as error:

@@ -136,10 +136,13 @@ def test_crowds_have_no_yolo_line():
     assert label_lines([{"bbox": [0, 0, 1, 1], "category_id": 1, "iscrowd": 1}], {1: 0}, 10, 10) == []
 
 
-def test_equal_names_in_different_folders_are_kept_apart(tmp_path):
+@pytest.mark.parametrize(
+    "names", [("a/1.png", "b/1.png", "b/1.jpg"), ("1-3.png", "a/1.png", "b/1.png"), ("a/1-2.png", "b/1-2.png", "1.png")]
+)
+def test_equal_names_in_different_folders_are_kept_apart(tmp_path, names):
     folder = tmp_path / "dataset"
     with CocoDataset.open(folder) as dataset:
-        for i, name in enumerate(("a/1.png", "b/1.png", "b/1.jpg")):
+        for i, name in enumerate(names):
             (folder / name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (4 + i, 4)).save(folder / name)
             dataset.append({"file_name": name, "width": 4 + i, "height": 4}, [])
@@ -149,6 +152,9 @@ def test_equal_names_in_different_folders_are_kept_apart(tmp_path):
     for image in coco["images"]:
         with Image.open(tmp_path / "out" / "train" / image["file_name"]) as picture:
             assert picture.width == image["width"]
+    for i, name in enumerate(names):
+        with Image.open(folder / name) as picture:
+            assert picture.width == 4 + i
 
 
 def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
