@@ -13,6 +13,7 @@ import orjson
 
 from geometry.errors import DatasetError
 
+CLOSED = -1
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
 
@@ -52,6 +53,8 @@ class Journal:
         DatasetError
             If the disk is full or the file cannot be written; what was written of the line is taken back.
         """
+        if self._file == CLOSED:
+            raise ValueError(f"{self.path}: expected an open journal, got a closed one")
         try:
             written = os.write(self._file, line)
             while written < len(line):
@@ -67,8 +70,11 @@ class Journal:
         self._length += len(line)
 
     def close(self) -> None:
-        """Close the file; nothing is left to be written."""
-        os.close(self._file)
+        """Close the file; nothing is left to be written. Closing twice does nothing more."""
+        if self._file != CLOSED:
+            # The number may become another file's at once.
+            os.close(self._file)
+            self._file = CLOSED
 
     def __enter__(self) -> Journal:
         return self

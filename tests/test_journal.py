@@ -27,6 +27,18 @@ def test_a_line_is_on_disk_before_append_returns(tmp_path):
         assert path.read_bytes() == b'{"i":1}\n'
 
 
+def test_a_closed_journal_writes_to_no_file_that_was_opened_since(tmp_path):
+    journal = Journal(tmp_path / "journal.jsonl")
+    journal.append({"i": 1})
+    journal.close()
+    with (tmp_path / "other").open("wb") as other:
+        journal.close()
+        with pytest.raises(ValueError, match=r"journal\.jsonl: expected an open journal, got a closed one"):
+            journal.append({"i": 2})
+        other.write(b"untouched")
+    assert (tmp_path / "other").read_bytes() == b"untouched"
+
+
 @pytest.mark.parametrize("cut", [b'{"i":', b'{"i":2}', b"\0" * 70000, b"{" * 200000])
 def test_a_cut_off_last_line_is_dropped_with_a_warning(tmp_path, cut):
     path = tmp_path / "journal.jsonl"
