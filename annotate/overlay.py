@@ -65,7 +65,8 @@ def draw(
         if amodal and annotation.get("bbox_amodal"):
             pen.rectangle(_corners(annotation["bbox_amodal"], 1), outline=colour, width=1)
         left, top, right, bottom = _corners(annotation["bbox"], line)
-        corners = max(left, 0), max(top, 0), min(right, picture.width - 1), min(bottom, picture.height - 1)
+        left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
+        corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
         pen.rectangle(corners, outline=colour, width=line)
         _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
     return picture
@@ -154,7 +155,8 @@ def dataset_sheet(
 def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:
     """First and last pixel of an outline that lies around a box."""
     x, y, w, h = xywh
-    return math.floor(x) - line, math.floor(y) - line, math.ceil(x + w) - 1 + line, math.ceil(y + h) - 1 + line
+    left, top = math.floor(x) - line, math.floor(y) - line
+    return left, top, max(left, math.ceil(x + w) - 1 + line), max(top, math.ceil(y + h) - 1 + line)
 
 
 def _label(

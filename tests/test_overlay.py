@@ -32,6 +32,12 @@ def test_outlines_lie_just_outside_the_box_and_hide_nothing():
     assert np.array_equal(np.asarray(picture), np.asarray(grey()))
 
 
+@pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
+def test_a_box_beside_its_picture_is_drawn_at_the_edge(bbox):
+    outline = pixels_of(draw(grey(), [{"bbox": bbox, "category_id": 1}], NAMES), colour_of(1))
+    assert outline.any()
+
+
 def test_names_are_written_inside_the_picture():
     boxes = [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]]
     for box in boxes:
