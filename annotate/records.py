@@ -75,16 +75,18 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         where = f"annotation {annotation['id']}"
         if annotation["id"] < 1:
             yield Finding("warning", where, "ids below 1 are taken for unmatched by pycocotools' evaluation")
-        if annotation.get("category_id") not in categories:
-            yield Finding("error", where, f"category {annotation.get('category_id')!r} does not exist")
-        image = images.get(annotation.get("image_id"))
+        category_id, image_id = annotation.get("category_id"), annotation.get("image_id")
+        known = isinstance(category_id, int) and category_id in categories
+        if not known:
+            yield Finding("error", where, f"category {category_id!r} does not exist")
+        image = images.get(image_id) if isinstance(image_id, int) else None
         if image is None:
-            yield Finding("error", where, f"image {annotation.get('image_id')!r} does not exist")
+            yield Finding("error", where, f"image {image_id!r} does not exist")
             continue
         problems = list(_box_problems(annotation.get("bbox"), image))
         yield from (Finding("error", where, problem) for problem in problems)
         if not problems:
-            key = (annotation["image_id"], annotation.get("category_id"), *annotation["bbox"])
+            key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
                 yield Finding("warning", where, "repeats class and box of another one in the same image")
             seen.add(key)
@@ -98,9 +100,16 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
             yield Finding("error", f"{kind} {found}", f"its id is there {times} times")
 
 
+def _is_box(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 4
+        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+    )
+
+
 def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
-    numbers = isinstance(bbox, list) and len(bbox) == 4 and all(isinstance(n, int | float) for n in bbox)
-    if not numbers or not all(math.isfinite(n) for n in bbox):
+    if not _is_box(bbox):
         yield f"bbox {bbox!r} is not [x, y, width, height]"
         return
     x, y, w, h = bbox
@@ -138,7 +147,9 @@ def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
         if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
             yield f"{key} is {share!r}, expected a number from 0 to 1"
     amodal = annotation.get("bbox_amodal")
-    if amodal is not None:
+    if amodal is not None and not _is_box(amodal):
+        yield f"bbox_amodal {amodal!r} is not [x, y, width, height]"
+    elif amodal is not None:
         x, y, w, h = annotation["bbox"]
         a, b, c, d = amodal
         slack = OUTSIDE * max(1.0, c, d)
