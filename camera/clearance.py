@@ -68,6 +68,9 @@ class CameraSpots:
             Least distance in metres to the bounding boxes of their parts; never inside one.
         """
         place = checked(position, "position", ("n", 3))
+        for name, metres in (("obstacle_clearance", obstacle_clearance), ("vehicle_clearance", vehicle_clearance)):
+            if not metres >= 0.0:
+                raise ValueError(f"{name}: expected metres of 0 or more, got {metres}")
         n = len(place)
         spot = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:

@@ -139,6 +139,11 @@ def settle(
         raise ValueError(f"contact_n: expected 0 or more points a side, got {contact_n}")
     if not 0.0 <= max_slope < math.pi / 2:
         raise ValueError(f"max_slope: expected radians in [0, pi/2), got {max_slope}")
+    if not 0.0 <= min_share <= 1.0:
+        raise ValueError(f"min_share: expected a share in [0, 1], got {min_share}")
+    for name, limit in (("max_gap", max_gap), ("max_penetration", max_penetration)):
+        if not limit >= 0.0:
+            raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
     box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")

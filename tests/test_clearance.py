@@ -55,6 +55,13 @@ def test_cameras_keep_clear_of_obstacles(x: float, verdict: Spot) -> None:
     assert judge(CameraSpots(Terrain.flat(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == verdict
 
 
+@pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
+@pytest.mark.parametrize("metres", [-0.1, math.nan])
+def test_a_clearance_that_is_none_is_refused(name: str, metres: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected metres of 0 or more, got {metres}"):
+        judge(CameraSpots(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: metres})
+
+
 def test_a_camera_in_the_middle_of_a_house_is_inside_it() -> None:
     spots = CameraSpots(Terrain.flat(0.0), STREET)
     assert judge(spots, 20.0, 0.0, 3.0, obstacle_clearance=0.1) == Spot.OBSTACLE
