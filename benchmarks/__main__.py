@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "planning", "export", "rendering",
 )  # fmt: skip
+HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "open3d", "pycocotools")
 
 
@@ -47,6 +48,9 @@ def main() -> int:
         raw.write_text(json.dumps(results, indent=1) + "\n")
         console.print(f"{name}: {seconds:.0f} s")
     (arguments.output / "benchmarks.md").write_text(document(results, arguments.output / "plots"))
+    if "top_hits" in results:
+        table = importlib.import_module("benchmarks.top_hits").hard_cases(results["top_hits"]["figures"])
+        (arguments.output / "hard-cases.md").write_text(HARD_CASES.read_text().replace("{{top_hits}}", table))
     console.print(f"wrote {arguments.output / 'benchmarks.md'}")
     return 0
 

@@ -96,10 +96,7 @@ def report(results: dict) -> str:
     lines[-1] = "\n".join([lines.pop(-2), lines[-1], *table])
     lines += ["### Building", _build_table(results["build"])]
     lines += [
-        "### Errors against rational arithmetic",
-        "Missed / false hit / wrong surface in per cent of the points; then the largest error of height in metres and "
-        "of the normal in degrees, where both hit. `·` is zero.",
-        _error_table(results["errors"]),
+        "Errors of each method on the hard cases are on a [page of their own](hard-cases.md).",
     ]
     return "\n\n".join(lines)
 
@@ -139,7 +136,9 @@ def _build_table(build: dict[str, dict[str, dict[str, float]]]) -> str:
     return "\n".join(rows)
 
 
-def _error_table(found: dict[str, dict[str, dict[str, float]]]) -> str:
+def hard_cases(results: dict) -> str:
+    """A Markdown table: every hard case, every method, against rational arithmetic."""
+    found = results["errors"]
     methods = list(next(iter(found.values())))
     rows = [_row("case", *(_bold(m) for m in methods)), _row(*["---"] * (len(methods) + 1))]
     rows += [_row(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
