@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document, stays_inside
 from annotate.journal import Journal
 from geometry.errors import DatasetError
 
@@ -265,7 +265,7 @@ def _plain(value: Any, name: str) -> Any:
 
 def _check_image(record: Mapping[str, Any]) -> None:
     name = record.get("file_name")
-    if not isinstance(name, str) or not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
+    if not stays_inside(name):
         raise ValueError(f"image: file_name: expected a path inside the dataset, got {name!r}")
     for key in ("width", "height"):
         size = record.get(key)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeGuard
 
 import orjson
 
@@ -208,6 +208,13 @@ def read_document(folder: Path) -> Document:
         except (KeyError, TypeError, ValueError) as error:
             raise _foreign_line(journal, number) from error
     return document
+
+
+def stays_inside(file_name: object) -> TypeGuard[str]:
+    """Whether an image's ``file_name`` is a path, and one that does not leave the dataset's folder."""
+    if not isinstance(file_name, str) or not file_name or "\0" in file_name:
+        return False
+    return not file_name.startswith("/") and ".." not in PurePosixPath(file_name).parts
 
 
 def read_coco(folder: Path | str) -> dict[str, Any]:

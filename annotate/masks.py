@@ -89,7 +89,7 @@ def encode(mask: ArrayLike) -> dict[str, Any]:
     return {"size": [int(n) for n in record["size"]], "counts": record["counts"].decode("ascii")}
 
 
-def decode(segmentation: Mapping[str, Any] | Sequence[Any], width: int, height: int) -> Bool[np.ndarray, "h w"]:
+def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"]:
     """A COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
 
     Raises
@@ -101,12 +101,14 @@ def decode(segmentation: Mapping[str, Any] | Sequence[Any], width: int, height: 
         size = segmentation.get("size")
         if list(size or ()) != [height, width]:
             raise ValueError(f"segmentation: expected size [{height}, {width}], got {size!r}")
+        if "counts" not in segmentation:
+            raise ValueError(f"segmentation: expected run lengths under 'counts', got {sorted(segmentation)}")
         record: Any = dict(segmentation)
         if isinstance(record["counts"], list):
             record = rle_codec.frPyObjects(record, height, width)
     else:
-        rings = [list(ring) for ring in segmentation]
-        if not rings or any(len(ring) < 6 or len(ring) % 2 for ring in rings):
+        rings = list(segmentation) if isinstance(segmentation, Sequence) else []
+        if not rings or any(not isinstance(ring, Sequence) or len(ring) < 6 or len(ring) % 2 for ring in rings):
             raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
         record = rle_codec.merge(rle_codec.frPyObjects(rings, height, width))
     return rle_codec.decode(record).astype(bool)

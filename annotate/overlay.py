@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool
 from PIL import Image, ImageDraw, ImageFont
 
-from annotate.document import read_coco
 from annotate.masks import decode
+from annotate.records import read_usable
 from geometry.errors import DatasetError
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by colour-blind readers too. Black is left out.
@@ -130,7 +130,7 @@ def dataset_sheet(
         If the dataset has no images, or one of them cannot be read.
     """
     folder = Path(folder)
-    coco = read_coco(folder)
+    coco = read_usable(folder)
     images = coco["images"]
     if not images:
         raise DatasetError("has no images yet", path=folder, remedy="render some first")
@@ -149,6 +149,8 @@ def dataset_sheet(
                 pictures.append(draw(picture, mine[image["id"]], names, masks=masks))
         except OSError as error:
             raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error
+        except ValueError as error:
+            raise DatasetError(str(error), path=path, remedy="check the dataset with `hulldown verify`") from error
     return contact_sheet(pictures, columns=columns, tile_width=tile_width)
 
 

@@ -6,11 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from annotate.document import read_coco, stays_inside
 from annotate.masks import decode, mask_box
+from geometry.errors import DatasetError
 
 OUTSIDE = 1e-6  # pixels: what a box may reach beyond its image, by the rounding of decimal text
 MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
@@ -38,6 +41,39 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.problem}"
 
 
+def read_usable(folder: Path) -> dict[str, Any]:
+    """The dataset in `folder` as one COCO dictionary whose records can all be drawn and exported.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or naming the first record that lacks what pictures and exports need.
+    """
+    coco = read_coco(folder)
+    for where, problem in _hindrances(coco):
+        raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
+    return coco
+
+
+def _hindrances(coco: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    categories = {category["id"] for category in coco["categories"]}
+    for category in coco["categories"]:
+        if not isinstance(category.get("name"), str):
+            yield f"category {category['id']}", f"has no name but {category.get('name')!r}"
+    for image in coco["images"]:
+        if not stays_inside(image.get("file_name")):
+            yield f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset"
+        yield from ((f"image {image['id']}", problem) for problem in _size_problems(image))
+    for annotation in coco["annotations"]:
+        where = f"annotation {annotation['id']}"
+        if not isinstance(annotation.get("image_id"), int):
+            yield where, f"image {annotation.get('image_id')!r} does not exist"
+        if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in categories:
+            yield where, f"category {annotation.get('category_id')!r} does not exist"
+        if not _is_box(annotation.get("bbox")):
+            yield where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]"
+
+
 def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
     """Ids and names, each once."""
     yield from _repeated("category", [c["id"] for c in categories])
@@ -60,9 +96,7 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         if times > 1:
             yield Finding("error", name, f"belongs to {times} image records")
     for image in images:
-        for key in ("width", "height"):
-            if not isinstance(image.get(key), int) or image[key] < 1:
-                yield Finding("error", f"image {image['id']}", f"{key} is {image.get(key)!r}")
+        yield from (Finding("error", f"image {image['id']}", problem) for problem in _size_problems(image))
 
 
 def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
@@ -100,6 +134,12 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
             yield Finding("error", f"{kind} {found}", f"its id is there {times} times")
 
 
+def _size_problems(image: Mapping[str, Any]) -> Iterator[str]:
+    for key in ("width", "height"):
+        if not isinstance(image.get(key), int) or image[key] < 1:
+            yield f"{key} is {image.get(key)!r}"
+
+
 def _is_box(value: Any) -> bool:
     return (
         isinstance(value, list)
@@ -127,7 +167,7 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
         return
     try:
         mask = decode(annotation["segmentation"], image["width"], image["height"])
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
         yield str(error)
         return
     box = mask_box(mask)

@@ -11,7 +11,7 @@ from typing import Any
 
 import orjson
 
-from annotate.document import read_coco
+from annotate.records import read_usable
 from annotate.yolo import class_numbers, label_lines, write_data_file
 from geometry.errors import DatasetError
 
@@ -115,7 +115,7 @@ def export(
     if layout not in ("coco", "yolo"):
         raise ValueError(f"layout: expected 'coco' or 'yolo', got {layout!r}")
     dataset, out = Path(dataset), Path(out)
-    coco = read_coco(dataset)
+    coco = read_usable(dataset)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
     boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 from pycocotools.coco import COCO
 
-from annotate.document import ANNOTATIONS_NAME, read_coco
+from annotate.document import ANNOTATIONS_NAME, read_coco, stays_inside
 from annotate.masks import decode, iou, mask_box
 from annotate.records import Finding, check_annotations, check_categories, check_images
 from geometry.arrays import checked
@@ -184,7 +184,7 @@ def _check_files(
 
 def _check_file(folder: Path, image: Mapping[str, Any], decode_images: bool) -> tuple[list[Finding], bytes | None]:
     name = image.get("file_name")
-    if not isinstance(name, str) or not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
+    if not stays_inside(name):
         return [Finding("error", f"image {image['id']}", f"file_name {name!r} is no path inside the dataset")], None
     path = folder / name
     if not path.is_file():

@@ -115,3 +115,9 @@ def test_polygon_of_a_square_has_its_four_corners():
     (ring,) = polygons(square(20, 10, 5, 7))
     assert sorted(zip(ring[::2], ring[1::2], strict=True)) == [(20, 10), (20, 17), (25, 10), (25, 17)]
     assert polygons(np.zeros((3, 3))) == []
+
+
+@pytest.mark.parametrize("segmentation", [5, "x", [1], {"size": [3, 4]}, [[1, 2, 3, 4]], []])
+def test_what_is_no_segmentation_is_refused(segmentation):
+    with pytest.raises(ValueError, match="segmentation: expected"):
+        decode(segmentation, 4, 3)

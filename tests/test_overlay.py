@@ -109,6 +109,15 @@ def test_sheet_of_a_dataset(tmp_path):
         dataset_sheet(tmp_path)
 
 
+def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
+    grey(32, 24).save(tmp_path / "1.png")
+    with CocoDataset.open(tmp_path) as dataset:
+        box = {"category": "tank", "bbox": [4, 4, 8, 8], "segmentation": [1]}
+        dataset.append({"file_name": "1.png", "width": 32, "height": 24}, [box])
+    with pytest.raises(DatasetError, match=r"1\.png: segmentation: expected polygons.*hulldown verify"):
+        dataset_sheet(tmp_path)
+
+
 def test_sheet_of_nothing_is_explained(tmp_path):
     CocoDataset.open(tmp_path).close()
     with pytest.raises(DatasetError, match="has no images yet; render some first"):

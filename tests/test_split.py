@@ -157,6 +157,31 @@ def test_equal_names_in_different_folders_are_kept_apart(tmp_path, names):
             assert picture.width == 4 + i
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c["images"][0].update(file_name="../a.png"), "image 1: file_name '../a.png' is no path inside"),
+        (lambda c: c["images"][0].pop("width"), "image 1: width is None"),
+        (lambda c: c["annotations"][0].update(image_id=[1]), r"annotation 1: image \[1\] does not exist"),
+        (lambda c: c["annotations"][0].update(category_id=7), "annotation 1: category 7 does not exist"),
+        (lambda c: c["annotations"][0].pop("bbox"), "annotation 1: bbox None is not"),
+        (lambda c: c["categories"][0].pop("name"), "category 1: has no name but None"),
+    ],
+)
+def test_a_record_that_cannot_be_exported_is_named_before_anything_is_written(tmp_path, change, message):
+    coco = {
+        "images": [{"id": 1, "file_name": "a.png", "width": 8, "height": 6}],
+        "annotations": [{"id": 1, "image_id": 1, "category_id": 1, "bbox": [1, 1, 3, 3]}],
+        "categories": [{"id": 1, "name": "tank"}],
+    }
+    change(coco)
+    Image.new("RGB", (8, 6)).save(tmp_path / "a.png")
+    (tmp_path / "annotations.json").write_text(json.dumps(coco))
+    with pytest.raises(DatasetError, match=message):
+        export(tmp_path, tmp_path / "out", layout="yolo")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
