@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -166,6 +166,8 @@ def visible_fraction(
     n = len(poses)
     if len(vehicles) not in (1, n):
         raise ValueError(f"world_from_vehicle: expected 1 or {n} poses, got {len(vehicles)}")
+    if not isinstance(articulation, Mapping | None) and len(articulation) != n:
+        raise ValueError(f"articulation: expected one or {n}, got {len(articulation)}")
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
     standing = Standing(target, vehicles, articulation or {})

@@ -301,6 +301,7 @@ def test_no_cameras_is_legal() -> None:
             {"articulation": {"barrel": 1.0}},
             r"articulation: 'box' has no part \['barrel'\]; it has \['turret', 'gun'\]",
         ),
+        ({"articulation": [{}, {}]}, "articulation: expected one or 1, got 2"),
         ({"vehicles": np.tile(np.eye(4), (3, 1, 1))}, "world_from_vehicle: expected 1 or 1 poses, got 3"),
     ],
 )
