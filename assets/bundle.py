@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -133,5 +134,6 @@ def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
             return {name: file[name] for name in wanted}
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError, TypeError) as error:
+    except (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        # zipfile takes damaged flags for encryption or an unknown method: RuntimeError.
         raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=REMEDY) from error

@@ -121,6 +121,20 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("at", "value"), [(6, 250), (8, 1), (8, 64), (10, 8), (10, 99)])
+def test_a_damaged_directory_is_refused_in_one_line(tmp_path: Path, at: int, value: int) -> None:
+    path = tmp_path / "v.npz"
+    save_vehicle(path, vehicle())
+    content = bytearray(path.read_bytes())
+    entry = content.find(b"PK\x01\x02")
+    while entry >= 0:
+        content[entry + at] = value
+        entry = content.find(b"PK\x01\x02", entry + 1)
+    path.write_bytes(content)
+    with pytest.raises(AssetError, match="cannot be read as a bundle"):
+        load_vehicle(path)
+
+
 def test_a_scenery_is_no_vehicle(tmp_path: Path) -> None:
     save_scenery(tmp_path / "s.npz", scenery())
     with pytest.raises(AssetError, match="is a bundle of a scenery, expected a vehicle"):
