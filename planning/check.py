@@ -13,13 +13,14 @@ from jaxtyping import Bool, Float
 from camera.clearance import Spot
 from camera.visibility import visible_fraction
 from geometry.transforms import apply
-from planning.aiming import baseline_distance, intrinsics_of
+from planning.aiming import SIZED, baseline_distance, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
 from planning.inputs import Assets
 from planning.placing import clear_of_obstacles, clear_of_vehicle
 from planning.plan_file import Plan
 from planning.schema import Config
+from planning.sizing import fraction_of
 from planning.stage import Placed, Site, Stage, make_stage
 
 ROWS = 2048  # checked together
@@ -72,10 +73,15 @@ class _Checker:
         self.findings: list[str] = []
         self.images: Counter[str] = Counter()
         self.before: dict[str, Any] | None = None
+        self.file_names: set[str] = set()
 
     def look_at(self, rows: list[dict[str, Any]]) -> None:
         """Everything about some consecutive rows."""
         known = [row for row in rows if self._names_are_known(row)]
+        for row in rows:
+            if row["file_name"] in self.file_names:
+                self.findings.append(f"image {row['index']}: has the file name {row['file_name']!r} of another")
+            self.file_names.add(row["file_name"])
         for row in known:
             self.images[row["vehicle"]] += 1
             self._sequence(row)
@@ -186,12 +192,13 @@ class _Checker:
         away = poses[:, :3, 3] - target.centres
         distance = np.linalg.norm(away, axis=1)
         self._within(rows, "camera.distance_m", distance, limits.distance_m, slack=METRES)
-        nearest, farthest = (
-            factor * baseline_distance(target.model.smallest, fov, np.full(len(rows), share), self.config.render)
-            for factor, share in zip(limits.distance_factor, limits.target_fraction[::-1], strict=True)
-        )
-        on = (distance >= nearest * (1 - SHARE)) & (distance <= farthest * (1 + SHARE))
-        self._demand(rows, on, "camera.distance_factor of equation 6")
+        if limits.size_measure == "paper":
+            nearest, farthest = (
+                factor * baseline_distance(target.model.smallest, fov, np.full(len(rows), share), self.config.render)
+                for factor, share in zip(limits.distance_factor, limits.target_fraction[::-1], strict=True)
+            )
+            on = (distance >= nearest * (1 - SHARE)) & (distance <= farthest * (1 + SHARE))
+            self._demand(rows, on, "camera.distance_factor of equation 6")
         elevation = np.degrees(np.arctan2(away[:, 2].copy(), np.hypot(away[:, 0], away[:, 1])))
         self._within(rows, "camera.elevation_deg", elevation, limits.elevation_deg, slack=DEGREES)
         spots = site.camera_room.judge(
@@ -234,6 +241,10 @@ class _Checker:
             self._within(rows, "visible_fraction", visible, limits.visible_fraction)
             self._within(rows, "truncated_fraction", boxes.truncated_fraction, limits.truncated_fraction)
             self._demand(rows, boxes.xywh[:, 2:].min(axis=1) >= limits.min_box_px, "camera.min_box_px")
+            if limits.size_measure != "paper":
+                filled = fraction_of(boxes.amodal, limits.size_measure, self.config.render)
+                what = f"share of the image's {limits.size_measure}"
+                self._within(rows, what, filled, limits.target_fraction, slack=SIZED * limits.target_fraction[1])
 
     def _within(
         self,

@@ -18,6 +18,7 @@ import orjson
 from jaxtyping import Int
 
 from geometry.errors import ConfigError
+from planning.row_types import misfit
 
 FORMAT = 1
 TARGET_KEYS = (
@@ -55,6 +56,7 @@ ROW_KEYS = (
     "rejected",
 )
 _CHUNK = 1 << 24
+_BEGINNING = b'{"hulldown_plan":'
 
 
 class Plan:
@@ -125,9 +127,22 @@ class Plan:
             raise self._damaged(number, f"is more than the {len(self)} images of the header")
         if row["index"] != index:
             raise self._damaged(number, f"has index {row['index']!r}, expected {index}")
+        if wrong := misfit(row):
+            raise self._damaged(number, wrong)
+        if row["image_id"] != index + 1:
+            raise self._damaged(number, f"has image_id {row['image_id']}, expected {index + 1}")
+        self._check_categories(row, number)
         if not is_inside(row["file_name"]):
             raise self._damaged(number, f"has file_name {row['file_name']!r}, which leaves the dataset's folder")
         return row
+
+    def _check_categories(self, row: dict[str, Any], number: int) -> None:
+        """A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse."""
+        for target in (row, *row["companions"]):
+            known = self.header["vehicles"].get(target["vehicle"])
+            if known is not None and target["category"] != known["category"]:
+                what = f"has the class {target['category']!r} for {target['vehicle']!r}, expected {known['category']!r}"
+                raise self._damaged(number, what)
 
     def _damaged(self, number: int, what: str) -> ConfigError:
         return ConfigError(f"line {number} {what}", path=self.path, remedy="plan again with `hulldown plan`")
@@ -208,7 +223,8 @@ class PlanWriter:
     Raises
     ------
     ConfigError
-        If another process is writing the same plan, or the folder cannot be written.
+        If another process is writing the same plan, the path is that of a folder or of a file that is no plan, or
+        the folder cannot be written.
     """
 
     def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
@@ -216,6 +232,7 @@ class PlanWriter:
         self.partial = self.path.with_name(self.path.name + ".partial")
         self._lock = filelock.FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0)
         self._header = encode(header)
+        _refuse_other_file(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
@@ -269,6 +286,17 @@ class PlanWriter:
             self.partial.unlink(missing_ok=True)
         self._lock.release()
         Path(self._lock.lock_file).unlink(missing_ok=True)
+
+
+def _refuse_other_file(path: Path) -> None:
+    """A slip such as `-o` with the config's name must not cost the user that file."""
+    if path.is_dir():
+        raise ConfigError("is a folder", path=path, remedy="name a file for the plan, such as plan.jsonl")
+    if path.is_file():
+        with path.open("rb") as file:
+            start = file.read(len(_BEGINNING))
+        if start not in (b"", _BEGINNING):
+            raise ConfigError("exists and is no plan", path=path, remedy="name another file, or delete it first")
 
 
 def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:

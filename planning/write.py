@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from geometry.errors import ConfigError
 from planning.inputs import Assets
 from planning.plan_file import FORMAT, Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
@@ -49,7 +50,11 @@ def write_plan(
     """
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
-    planner = Planner(config, assets)
+    try:
+        planner = Planner(config, assets)
+    except ConfigError as error:
+        # What looks at a section does not know its file.
+        raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
     with PlanWriter(path, make_header(config, assets, path, images=budget.n_images)) as writer:
         start = _resume(writer, planner)

@@ -20,8 +20,42 @@ HEADER = {
 }
 
 
+POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+VEHICLE = {
+    "vehicle": "t72",
+    "category": "tank",
+    "world_from_vehicle": POSE,
+    "articulation": {"turret": 0.1},
+    "bbox": [1.0, 2.0, 3.0, 4.0],
+    "bbox_amodal": [1.0, 2.0, 3.0, 4.0],
+    "visible_fraction": 0.5,
+    "truncated_fraction": 0.0,
+    "slope_deg": 1.0,
+    "gap": 0.1,
+    "penetration": 0.0,
+    "tries": 1,
+}
+ROW = {
+    "scenery": "hills",
+    "position": 0,
+    "shot": 0,
+    "world_from_camera": POSE,
+    "fov_x_deg": 50.0,
+    "width": 64,
+    "height": 48,
+    "hdri": "noon",
+    "hdri_yaw_deg": 3.0,
+    "strength": 1.0,
+    "weather": None,
+    "sample_seed": 7,
+    **VEHICLE,
+    "companions": [],
+    "rejected": {},
+}
+
+
 def row(i):
-    return {**dict.fromkeys(ROW_KEYS), "index": i, "file_name": f"images/{i:08d}.png", "gap": 0.1 * i}
+    return {**ROW, "index": i, "image_id": i + 1, "file_name": f"images/{i:08d}.png", "gap": 0.1 * i}
 
 
 def written(path, rows=5, header=HEADER):
@@ -71,6 +105,53 @@ def test_a_damaged_line_is_named(path, line, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         list(read_plan(path))
     assert str(path) in str(caught.value)
+
+
+def test_the_row_of_these_tests_has_every_key():
+    assert set(row(0)) == set(ROW_KEYS)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"image_id": 1}, "line 4 has image_id 1, expected 3"),
+        ({"world_from_vehicle": POSE[:2]}, r"line 4 has world_from_vehicle .*, expected a 4x4 matrix"),
+        ({"world_from_camera": [[None] * 4] * 4}, r"line 4 has world_from_camera .*, expected a 4x4 matrix"),
+        ({"bbox": "big"}, r"line 4 has bbox 'big', expected \[x, y, width, height\]"),
+        ({"bbox": None}, r"line 4 has bbox None"),
+        ({"hdri_yaw_deg": "x"}, "line 4 has hdri_yaw_deg 'x', expected a number"),
+        ({"strength": True}, "line 4 has strength True"),
+        ({"width": 0}, "line 4 has width 0, expected a whole number of at least 1"),
+        ({"weather": {"fog": 1}}, "line 4 has weather"),
+        ({"articulation": {"turret": "left"}}, "line 4 has articulation"),
+        ({"companions": {"a": 1}}, "line 4 has companions that are no list of vehicles"),
+        ({"companions": [{"vehicle": "t72"}]}, r"line 4 lacks companions\[0\].category"),
+        ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
+        ({"category": "zeppelin"}, "line 4 has the class 'zeppelin' for 't72', expected 'tank'"),
+        ({"companions": [{**VEHICLE, "category": "car"}]}, "line 4 has the class 'car' for 't72', expected 'tank'"),
+    ],
+)
+def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
+    header = {**HEADER, "vehicles": {"t72": {"category": "tank"}}}
+    path = written(tmp_path / "plan.jsonl", header=header)
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[3] = encode({**row(2), **changed})
+    path.write_bytes(b"".join(lines))
+    with pytest.raises(ConfigError, match=message):
+        list(read_plan(path))
+
+
+def test_no_file_but_a_plan_is_written_over(path):
+    written(path, rows=5)
+    config = path.with_name("hulldown.toml")
+    config.write_text("seed = 0\n")
+    with pytest.raises(ConfigError, match=r"hulldown.toml: exists and is no plan; name another file"):
+        PlanWriter(config, HEADER)
+    assert config.read_text() == "seed = 0\n"
+    with pytest.raises(ConfigError, match="is a folder; name a file for the plan"):
+        PlanWriter(path.parent, HEADER)
+    assert sorted(os.listdir(path.parent)) == ["hulldown.toml", "plan.jsonl"]
+    assert not path.parent.with_name(path.parent.name + ".partial").exists()
 
 
 @pytest.mark.parametrize(
