@@ -13,6 +13,8 @@ from pydantic import ValidationError
 from geometry.errors import ConfigError
 from planning.schema import Config, Section
 
+HDRI_SUFFIXES = (".exr", ".hdr")
+
 __all__ = ["Config", "hdri_paths", "load_config", "parse_config"]
 
 
@@ -125,7 +127,16 @@ def hdri_paths(config: Config) -> dict[str, Path]:
     for pattern in config.assets.hdris:
         folder = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else config.folder
         relative = str(Path(pattern).relative_to(folder)) if Path(pattern).is_absolute() else pattern
-        matches = sorted(p for p in folder.glob(relative) if p.is_file())
+        try:
+            matches = sorted(p for p in folder.glob(relative) if p.is_file())
+        except (ValueError, NotImplementedError, OSError) as error:
+            raise ConfigError(f"assets.hdris: {pattern!r} is no pattern of files ({error})", path=config.path) from None
+        if wrong := [match.name for match in matches if match.suffix.lower() not in HDRI_SUFFIXES]:
+            raise ConfigError(
+                f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which is no {' or '.join(HDRI_SUFFIXES)} file",
+                path=config.path,
+                remedy="narrow the pattern, such as 'hdris/*.exr'",
+            )
         if not matches:
             raise ConfigError(
                 f"assets.hdris: {pattern!r} matches no file in {folder}",

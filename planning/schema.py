@@ -96,7 +96,7 @@ class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
     cache: str = ".hulldown-cache"
-    hdris: Patterns = ("hdris/*.exr",)
+    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
     sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
 
@@ -150,7 +150,7 @@ class PlacementSection(Section):
     contact: Literal["footprint", "box"] = "footprint"
     footprint: Annotated[int, Field(ge=2, le=101)] = 5
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.8
-    max_gap: AtLeastZero = 0.5
+    max_gap: AtLeastZero = 1.0
     max_penetration: AtLeastZero = 0.3
     obstacle_clearance: AtLeastZero = 0.5
     vehicle_clearance: AtLeastZero = 2.0
@@ -164,6 +164,7 @@ class CameraSection(Section):
     """Where cameras may be and what they must see (paper, section 2.1.6)."""
 
     fov_x_deg: FieldsOfView = (40.0, 60.0)
+    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = "paper"
     target_fraction: TargetFractions = (0.1, 0.3)
     distance_factor: Factors = (0.7, 4.0)
     distance_m: Lengths = (2.0, 5000.0)
@@ -251,7 +252,7 @@ class RenderSection(Section):
 class Config(Section):
     """A whole config; see docs/config.md for every key."""
 
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     assets: AssetsSection
     ground: GroundSection = GroundSection()
     placement: PlacementSection = PlacementSection()

@@ -224,3 +224,30 @@ def test_two_hdris_of_one_name(read, tmp_path):
         (tmp_path / folder / "a.exr").touch()
     with pytest.raises(ConfigError, match="have one name; rename one of them"):
         hdri_paths(read("[assets]\nhdris = ['*/a.exr']\n" + MINIMAL))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "message"),
+    [
+        ("", "assets.hdris: '' is no pattern of files"),
+        ("sky/**.exr", r"assets.hdris: 'sky/\*\*.exr' is no pattern of files"),
+        ("n*", r"assets.hdris: 'n\*' matches 'notes.txt', which is no .exr or .hdr file; narrow the pattern"),
+    ],
+)
+def test_patterns_that_are_none(read, tmp_path, pattern, message):
+    for name in ("notes.txt", "z.exr"):
+        (tmp_path / name).touch()
+    with pytest.raises(ConfigError, match=message):
+        hdri_paths(read(f"[assets]\nhdris = ['{pattern}']\n" + MINIMAL))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("[assets]\nhdris = []", "assets.hdris = []: expected at least one"),
+        (f"seed = {2**63}", f"seed = {2**63}: expected less than {2**63}"),
+    ],
+)
+def test_no_hdris_and_a_seed_beyond_the_plan_file(read, line, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        read(f"{line}\n" + MINIMAL)
