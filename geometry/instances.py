@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from geometry.arrays import checked
 from geometry.boxtree import BoxTree
 from geometry.meshes import Mesh
-from geometry.rays import RayCaster
+from geometry.rays import RayCaster, checked_rays
 from geometry.transforms import apply
 
 RAYS = 1 << 16  # rays whose crossings are held at a time
@@ -107,7 +107,7 @@ class InstancedScene:
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> InstanceHits:
         """The first face along each ray; arguments as for `RayCaster.cast`."""
-        start, along, reach = _rays(origins, directions, max_distance)
+        start, along, reach = checked_rays(origins, directions, max_distance)
         n = len(start)
         hits = InstanceHits(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
         for i in range(0, n, RAYS):
@@ -122,7 +122,7 @@ class InstancedScene:
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray; arguments as for `RayCaster.cast`."""
-        start, along, reach = _rays(origins, directions, max_distance)
+        start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for i in range(0, len(start), RAYS):
             part = slice(i, i + RAYS)
@@ -153,7 +153,7 @@ class InstancedScene:
         ray, instance
             (p,) indices: the pairs to try.
         """
-        start, along, reach = _rays(origins, directions, max_distance)
+        start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
             met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale)
@@ -243,21 +243,6 @@ class _Queue:
             now = np.flatnonzero((rank >= done) & (rank < upto))
             yield self.ray[now], self.instance[now], self.entry[now]
             done = upto
-
-
-def _rays(
-    origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Origins, unit directions and reaches, checked."""
-    start = checked(origins, "origins", ("n", 3))
-    along = checked(directions, "directions", (len(start), 3))
-    reach = np.asarray(max_distance, dtype=np.float64)
-    if reach.shape not in ((), (len(start),)) or np.isnan(reach).any():
-        raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {reach.shape}")
-    length = np.sqrt(np.einsum("ij,ij->i", along, along))
-    if not length.all():
-        raise ValueError(f"directions: expected lengths above zero, got a zero at index {int(np.argmin(length))}")
-    return start, along / length[:, None], np.broadcast_to(reach, length.shape)
 
 
 def _bounds(

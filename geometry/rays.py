@@ -157,17 +157,7 @@ class RayCaster:
         return origins
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> _Rays:
-        start = checked(origins, "origins", ("n", 3))
-        along = checked(directions, "directions", ("n", 3))
-        if len(along) != len(start):
-            raise ValueError(f"directions: expected shape {start.shape} as origins have, got {along.shape}")
-        limit = np.asarray(max_distance, dtype=np.float64)
-        if limit.shape not in ((), (len(start),)) or np.isnan(limit).any():
-            raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {limit.shape}")
-        length = np.sqrt(np.einsum("ij,ij->i", along, along))
-        if not length.all():
-            raise ValueError(f"directions: expected lengths above zero, got a zero at index {int(np.argmin(length))}")
-        unit = along / length[:, None]
+        start, unit, limit = checked_rays(origins, directions, max_distance)
         relative = start - self._centre
         nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the centre
         # No ray enters the bounding sphere sooner than this: what lies before is walked in float64.
@@ -176,6 +166,23 @@ class RayCaster:
         reach = np.minimum(limit - skipped, _FAR).astype(np.float32)
         passing = relative + np.maximum(nearest, 0.0)[:, None] * unit
         return _Rays(entry, unit.astype(np.float32), reach, skipped, passing)
+
+
+def checked_rays(
+    origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Origins, unit directions and how far to look, from the arguments of `RayCaster.cast`."""
+    start = checked(origins, "origins", ("n", 3))
+    along = checked(directions, "directions", (len(start), 3))
+    reach = np.asarray(max_distance, dtype=np.float64)
+    if reach.shape not in ((), (len(start),)):
+        raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {reach.shape}")
+    if np.isnan(reach).any():
+        raise ValueError("max_distance: expected metres, got nan")
+    length = np.sqrt(np.einsum("ij,ij->i", along, along))
+    if not length.all():
+        raise ValueError(f"directions: expected lengths above zero, got a zero at index {int(np.argmin(length))}")
+    return start, along / length[:, None], np.broadcast_to(reach, length.shape)
 
 
 def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:

@@ -89,10 +89,10 @@ def test_no_rays_are_no_hits():
     [
         ([[0, 0]], [DOWN], 1.0, r"origins: expected shape \(n, 3\), got \(1, 2\)"),
         ([[0, 0, np.nan]], [DOWN], 1.0, r"origins: expected finite numbers"),
-        ([[0, 0, 1]] * 2, [DOWN], 1.0, r"directions: expected shape \(2, 3\) as origins have, got \(1, 3\)"),
+        ([[0, 0, 1]] * 2, [DOWN], 1.0, r"directions: expected shape \(2, 3\), got \(1, 3\)"),
         ([[0, 0, 1]] * 2, [DOWN, [0, 0, 0]], 1.0, r"directions: expected lengths above zero, got a zero at index 1"),
         ([[0, 0, 1]], [DOWN], [1.0, 2.0], r"max_distance: expected a number or shape \(1,\), got shape \(2,\)"),
-        ([[0, 0, 1]], [DOWN], np.nan, r"max_distance: expected a number"),
+        ([[0, 0, 1]], [DOWN], np.nan, "max_distance: expected metres, got nan"),
     ],
 )
 def test_wrong_calls_are_named(origins, directions, limit, message):
