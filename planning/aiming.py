@@ -16,7 +16,10 @@ from camera.visibility import visible_fraction
 from planning.draws import Draws, Purpose, StackedGenerator, between
 from planning.refusal import Refusal
 from planning.schema import CameraSection, RenderSection
+from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Placed, Site
+
+SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -107,17 +110,37 @@ def try_cameras(
     rng = StackedGenerator(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
     shots.fov_x_deg[:] = between(*limits.fov_x_deg, uniform[:, 0])
-    baseline = baseline_distance(
-        target.model.smallest, shots.fov_x_deg, between(*limits.target_fraction, uniform[:, 1]), render
-    )
-    distance = baseline * between(*limits.distance_factor, uniform[:, 2])
+    fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
+
+    def framing(rows: Int[np.ndarray, " k"]) -> StackedGenerator:
+        return StackedGenerator(draws, Purpose.FRAMING, image[rows], attempt[rows])
+
+    if limits.size_measure == "paper":
+        distance = baseline_distance(target.model.smallest, shots.fov_x_deg, fraction, render)
+        distance *= between(*limits.distance_factor, uniform[:, 2])
+    else:
+        every = np.arange(n)
+        sized, distance = sized_cameras(
+            target,
+            limits,
+            render,
+            intrinsics=intrinsics_of(render, shots.fov_x_deg),
+            fraction=fraction,
+            azimuth=azimuth,
+            elevation=elevation,
+            framing=lambda: framing(every),
+        )
+        shots.refusal[np.isnan(distance)] = Refusal.SIZE
     shots.refusal[(distance < limits.distance_m[0]) | (distance > limits.distance_m[1])] = Refusal.DISTANCE
 
     rows = np.flatnonzero(shots.refusal == Refusal.NONE)
-    poses = camera_pose(target.rows(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+    if limits.size_measure == "paper":
+        poses = camera_pose(target.rows(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+    else:
+        poses = sized[rows]
     vehicles = [vehicle.rows(rows) for vehicle in (target, *others)]
     shots.refusal[rows] = spot_refusal(site, poses[:, :3, 3], vehicles, limits)
 
@@ -125,21 +148,24 @@ def try_cameras(
     rows, poses = rows[on], poses[on]
     aimed_at = target.rows(rows)
     intrinsics = intrinsics_of(render, shots.fov_x_deg[rows])
-    framed = frame_target(
-        poses,
-        aimed_at.corners(),
-        intrinsics,
-        rng=StackedGenerator(draws, Purpose.FRAMING, image[rows], attempt[rows]),
-        spread=limits.framing,
-        truncated=limits.truncated_fraction,
-    )
-    shots.world_from_camera[rows] = framed.world_from_camera
-    boxes = target.model.boxes.boxes(
-        aimed_at.world_from_vehicle, framed.world_from_camera, intrinsics, aimed_at.articulation
-    )
+    if limits.size_measure == "paper":
+        poses = frame_target(
+            poses,
+            aimed_at.corners(),
+            intrinsics,
+            rng=framing(rows),
+            spread=limits.framing,
+            truncated=limits.truncated_fraction,
+        ).world_from_camera
+    shots.world_from_camera[rows] = poses
+    boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, intrinsics, aimed_at.articulation)
     shots.bbox[rows], shots.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     shots.truncated_fraction[rows] = boxes.truncated_fraction
     shots.refusal[rows] = box_refusal(boxes.xywh, boxes.truncated_fraction, limits)
+    if limits.size_measure != "paper":
+        # The box leaves out what is nearer than the near plane.
+        filled = fraction_of(boxes.amodal, limits.size_measure, render)
+        shots.refusal[rows[~(np.abs(filled - fraction[rows]) <= SIZED * fraction[rows])]] = Refusal.SIZE
 
     rows = rows[shots.refusal[rows] == Refusal.NONE]
     shots.visible_fraction[rows] = visible_shares(

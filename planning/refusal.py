@@ -34,6 +34,7 @@ class Refusal(IntEnum):
     SMALL = 17
     HIDDEN = 18
     EXPOSED = 19
+    SIZE = 20
 
     @property
     def key(self) -> str:
@@ -55,6 +56,7 @@ _PHRASES = {
     Refusal.CAMERA_OBSTACLE: "had the camera in or too near an obstacle",
     Refusal.CAMERA_VEHICLE: "had the camera in or too near a vehicle",
     Refusal.TRUNCATION: "were cut off more or less than camera.truncated_fraction",
+    Refusal.SIZE: "could have the wanted size at no distance",
     Refusal.SMALL: "were smaller than camera.min_box_px",
     Refusal.HIDDEN: "were hidden more than camera.visible_fraction",
     Refusal.EXPOSED: "were hidden less than camera.visible_fraction",

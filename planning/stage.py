@@ -137,6 +137,11 @@ class Placed:
         corners = apply(self.world_from_parts(), self.model.corners)
         return corners.reshape(len(corners), 8 * len(self.model.corners), 3)
 
+    def hull(self) -> Float[np.ndarray, "n k 3"]:
+        """Vertices of the convex hulls of all parts, turned and placed: any projected box is theirs."""
+        poses = self.world_from_parts()
+        return np.concatenate([apply(poses[:, i], part.hull) for i, part in enumerate(self.model.target.parts)], axis=1)
+
     def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
         """Where each part at rest goes."""
         vehicle_from_parts = self.model.target.vehicle_from_parts(self.articulation)[:, self.model.corner_part]

@@ -92,7 +92,7 @@ rule = "support"           # how the resting plane is found: "support", "least_s
 contact = "footprint"      # what stands on the ground: "footprint", tracks or wheels; "box", all under the bounding box
 footprint = 5              # n x n rays under it
 min_valid_share = 0.8      # least share of them that must meet ground
-max_gap = 0.5              # metres of air under the vehicle's underside, at most
+max_gap = 1.0              # metres of air under the vehicle's underside, at most
 max_penetration = 0.3      # metres of ground above it, at most
 obstacle_clearance = 0.5   # metres between vehicles and obstacles, at least
 vehicle_clearance = 2.0    # metres between vehicles, at least
@@ -103,8 +103,10 @@ max_tries = 10000          # places tried before giving up, with the counted rea
 
 [camera]
 fov_x_deg = [40.0, 60.0]       # horizontal field of view
-target_fraction = [0.1, 0.3]   # share of the image height that the vehicle's smallest dimension fills: T_f of eq 5
-distance_factor = [0.7, 4.0]   # distances are D of eq 6 times this
+size_measure = "paper"         # "paper": distance by eq 6; "height", "width", "diagonal", "area": of the box, exactly
+target_fraction = [0.1, 0.3]   # share of the image height that the vehicle's smallest dimension fills: T_f of eq 5;
+                               # with another measure the share of the image's height, width, ... that its box fills
+distance_factor = [0.7, 4.0]   # distances are D of eq 6 times this; only with "paper"
 distance_m = [2.0, 5000.0]     # and within these metres
 elevation_deg = [3.0, 35.0]    # of the camera above the vehicle's horizon
 elevation_sampling = "angle"   # "angle": uniform in degrees; "sphere": uniform on the shell's area

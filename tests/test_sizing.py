@@ -1,0 +1,98 @@
+"""Targets as large as asked: the exact measures of `camera.size_measure`, from config to plan to check."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from annotate.boxes import surface_box
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from geometry.transforms import apply
+from planning.check import check_plan
+from planning.inputs import Assets
+from planning.plan_file import encode, read_plan
+from planning.planner import Planner, plan
+from planning.write import make_header
+from tests.planning_assets import small_assets, small_config
+
+# Of the wanted size: what the plan promises, and `hulldown plan --check` allows.
+RELATIVE = 1e-9
+MEASURES = {
+    "height": lambda w, h: h / 1080,
+    "width": lambda w, h: w / 1920,
+    "diagonal": lambda w, h: math.hypot(w, h) / math.hypot(1920, 1080),
+    "area": lambda w, h: w * h / (1920 * 1080),
+}
+
+
+@pytest.fixture(scope="module")
+def assets():
+    base = small_assets()
+    return Assets({"t72": base.vehicles["t72"]}, {"t72": "tank"}, base.sceneries, base.hdris)
+
+
+def config_of(**camera):
+    vehicles = [{"path": "t72.blend", "category": "tank"}]
+    return small_config(camera=camera, budget={"images_per_class": 6}, assets={"vehicles": vehicles})
+
+
+def amodal_size(row, assets):
+    """By the exact rule, from the row's poses alone."""
+    shape = assets.vehicles[row["vehicle"]]
+    vertices = apply(row["world_from_vehicle"], shape.vertices_at(row["articulation"]))
+    intrinsics = Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"]))
+    camera = Camera(intrinsics, np.array(row["world_from_camera"]))
+    return surface_box(vertices, shape.mesh.faces, camera, frame=False)[2:]
+
+
+@pytest.mark.parametrize("truncated", [[0.0, 0.0], [0.1, 0.4]], ids=["whole", "cut"])
+@pytest.mark.parametrize("measure", MEASURES)
+def test_the_box_has_the_size_that_was_asked_for(assets, measure, truncated):
+    config = config_of(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated)
+    for row in plan(config, assets):
+        assert MEASURES[measure](*amodal_size(row, assets)) == pytest.approx(0.15, rel=RELATIVE)
+        assert truncated[0] <= row["truncated_fraction"] <= truncated[1]
+
+
+def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
+    options = {"size_measure": "area", "target_fraction": [0.0005, 0.0044]}
+    rows = list(plan(config_of(**options, distance_factor=1.0), assets))
+    shares = [MEASURES["area"](*amodal_size(row, assets)) for row in rows]
+    assert 0.0005 <= min(shares) < 0.0015 < 0.003 < max(shares) <= 0.0044
+    assert list(plan(config_of(**options, distance_factor=4.0), assets)) == rows
+
+
+def test_rows_of_exact_sizes_do_not_depend_on_their_company(assets):
+    config = config_of(size_measure="diagonal", target_fraction=[0.02, 0.9], truncated_fraction=[0.0, 0.5])
+    planner = Planner(config, assets)
+    n = planner.budget.n_positions
+    apart = [row for k in range(n) for row in planner.rows(k, k + 1)]
+    assert planner.rows(0, n) == apart
+
+
+def test_a_size_that_no_distance_gives_is_counted(assets):
+    # A box ten times as high as the image has the camera among the vehicle's vertices, or too near the vehicle.
+    config = config_of(
+        size_measure="height", target_fraction=[0.3, 10.0], truncated_fraction=[0.0, 1.0], distance_m=[0.0, 5000.0],
+        obstacle_clearance=0.0, fov_x_deg=120.0, max_tries=500,
+    )  # fmt: skip
+    rows = list(plan(config, assets))
+    assert sum(row["rejected"].get("size", 0) for row in rows) > 0
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_the_check_recomputes_the_size(assets, tmp_path, measure):
+    config = config_of(size_measure=measure, target_fraction=[0.1, 0.2])
+    path, rows = tmp_path / "plan.jsonl", list(plan(config, assets))
+    header = make_header(config, assets, path, images=6)
+    path.write_bytes(b"".join(map(encode, [header, *rows])))
+    assert check_plan(read_plan(path), assets) == []
+    header = json.loads(encode(header))
+    header["config"]["camera"]["target_fraction"] = [0.3, 0.4]
+    path.write_bytes(b"".join(map(encode, [header, *rows])))
+    findings = check_plan(read_plan(path), assets)
+    assert len(findings) == 6
+    assert f"share of the image's {measure} is 0.1" in findings[0]
+    assert findings[0].endswith("allowed are 0.3 to 0.4")
