@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -26,9 +27,18 @@ from rich.table import Table
 
 from geometry.errors import HulldownError
 
-STDERR = Console(stderr=True, highlight=False)
-STDOUT = Console(highlight=False)
+
+class _Terminal(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to `main`: Rich would end the process with exit code 1, as if something had been found."""
+        raise BrokenPipeError
+
+
+STDERR = _Terminal(stderr=True, highlight=False)
+STDOUT = _Terminal(highlight=False)
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130
+# What a disk or its owner refuses is nobody's bug.
+REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,8 +54,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return STOPPED
     except BrokenPipeError:
         # The reader of our stdout has gone, as `head` does; nothing more can be said there.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_stdout()
         return DONE
+    except OSError as error:
+        if error.errno not in REFUSALS:
+            raise
+        STDERR.print(f"hulldown: {escape(error.filename or 'stdout')}: {error.strerror}", soft_wrap=True)
+        _silence_stdout()
+        return MISTAKE
+
+
+def _silence_stdout() -> None:
+    """What is still buffered must not fail again when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -62,6 +83,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
     if arguments.output and len(arguments.files) > 1:
         raise HulldownError(f"-o {arguments.output}: one picture, {len(arguments.files)} files", remedy="name one file")
+    if arguments.output:
+        _make_room(arguments.output)
     reports = []
     for path in arguments.files:
         with STDERR.status(f"reading {escape(str(path))}"):
@@ -83,6 +106,10 @@ def _plan(arguments: argparse.Namespace) -> int:
         return _check_plan(arguments)
     if arguments.output is None:
         raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
+    if arguments.output.suffix.lower() == ".png":
+        raise HulldownError(
+            "a plan is text, and its picture gets this name", path=arguments.output, remedy="name it .jsonl"
+        )
     config = load_config(arguments.config)
     with STDERR.status("reading assets") as status:
         assets = load_assets(
@@ -122,7 +149,7 @@ def _check_plan(arguments: argparse.Namespace) -> int:
         _print_json(findings)
     else:
         for finding in findings:
-            STDOUT.print(escape(finding))
+            STDOUT.print(escape(finding), soft_wrap=True)
     _say(f"{len(plan)} images checked, {len(findings)} limits broken")
     return FOUND if findings else DONE
 
@@ -133,6 +160,7 @@ def _preview(arguments: argparse.Namespace) -> int:
     from render.cache import load_planned_assets
 
     plan = read_plan(arguments.plan)
+    _make_room(arguments.output)
     with STDERR.status("reading assets") as status:
         assets = load_planned_assets(plan, progress=lambda path: status.update(f"reading {path}"))
     with _progress("shading") as advance:
@@ -195,7 +223,7 @@ def _verify(arguments: argparse.Namespace) -> int:
         _print_json([dataclasses.asdict(finding) for finding in findings])
     else:
         for finding in findings:
-            STDOUT.print(escape(str(finding)))
+            STDOUT.print(escape(str(finding)), soft_wrap=True)
     errors = sum(finding.severity == "error" for finding in findings)
     masks = f", {checked} masks rendered" if arguments.masks else ""
     _say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
@@ -285,6 +313,18 @@ def _print_report(report: Any) -> None:
         STDOUT.print(f"doubt: {escape(doubt)}", soft_wrap=True)
 
 
+def _make_room(path: Path) -> None:
+    """Make the folder of a file that shall be written, before the long work, or refuse."""
+    if path.is_dir():
+        raise HulldownError("is a folder", path=path, remedy="name a file in it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HulldownError(
+            f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
+        ) from None
+
+
 def _say(line: str) -> None:
     STDERR.print(escape(line), soft_wrap=True)
 
@@ -295,6 +335,7 @@ def _warn(line: str) -> None:
 
 def _print_json(value: Any) -> None:
     sys.stdout.write(json.dumps(value, indent=2, default=str) + "\n")
+    sys.stdout.flush()
 
 
 @contextmanager
@@ -316,6 +357,12 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
         # A bar that never started has nothing to say: a mistake stays one line.
         if bar.live.is_started:
             bar.stop()
+
+
+def _picture(text: str) -> Path:
+    if Path(text).suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(f"expected the name of a .png file, got {text!r}")
+    return Path(text)
 
 
 def _shares(text: str) -> tuple[float, ...]:
@@ -360,7 +407,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("files", type=Path, nargs="+", metavar="FILE")
     sub.add_argument("--as", dest="kind", choices=("vehicle", "scenery"), help="default: judged by what is in the file")
-    sub.add_argument("-o", "--output", type=Path, metavar="PNG", help="shaded picture, parts in colours")
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="shaded picture, parts in colours")
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
 
     sub = verb(
@@ -377,7 +424,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument("-o", "--output", type=Path, metavar="PNG", default=Path("preview.png"))
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"))
     sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
 
     sub = verb(

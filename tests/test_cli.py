@@ -69,3 +69,68 @@ def test_doctor_speaks_json(tmp_path):
     assert found["blender"].startswith("5.0")
     assert found["devices"][-1]["kind"] == "CPU"
     assert (ran.returncode == 0) == (found["problems"] == [])
+
+
+@pytest.mark.parametrize("verb", ["preview", "inspect"])
+def test_no_picture_is_written_over_a_config(verb, tmp_path):
+    config = tmp_path / "hulldown.toml"
+    config.write_text("seed = 0\n")
+    ran = run(verb, "x.jsonl", "-o", config.name, cwd=tmp_path)
+    assert ran.returncode == 2
+    assert "expected the name of a .png file, got 'hulldown.toml'" in ran.stderr
+    assert config.read_text() == "seed = 0\n"
+
+
+def test_a_plan_is_not_named_as_its_picture(tmp_path):
+    ran = run("plan", "hulldown.toml", "-o", "plan.png", cwd=tmp_path)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert ran.stderr == "hulldown: plan.png: a plan is text, and its picture gets this name; name it .jsonl\n"
+
+
+@pytest.mark.parametrize(
+    ("output", "message"), [("folder.png", "is a folder; name a file"), ("file/x.png", "cannot be written")]
+)
+def test_a_picture_that_cannot_be_written_is_refused_before_the_work(output, message, tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
+    ran = run("inspect", "none.blend", "-o", output, cwd=tmp_path)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert f"{output}: {message}" in ran.stderr
+    assert len(ran.stderr.splitlines()) == 1
+
+
+def dataset_with_findings(folder, n):
+    images = [{"id": i, "file_name": f"images/{'x' * 90}{i}.png", "width": 8, "height": 8} for i in range(1, n + 1)]
+    folder.mkdir()
+    (folder / "annotations.json").write_text(json.dumps({"images": images, "annotations": [], "categories": []}))
+    return folder
+
+
+def test_a_finding_is_one_line_however_narrow_the_terminal(tmp_path):
+    ran = run("verify", dataset_with_findings(tmp_path / "dataset", 3), cwd=tmp_path)
+    assert ran.returncode == 1
+    missing = [line for line in ran.stdout.splitlines() if line.endswith(".png: is missing")]
+    assert len(missing) == 3
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_nobody_listens_or_no_room_for_the_result(options, tmp_path):
+    words = [
+        sys.executable,
+        "-P",
+        "-m",
+        "cli",
+        "verify",
+        str(dataset_with_findings(tmp_path / "dataset", 2000)),
+        *options,
+    ]
+    where = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path}
+    reading, writing = os.pipe()
+    os.close(reading)
+    unheard = subprocess.run(words, stdout=writing, timeout=120, **where)
+    os.close(writing)
+    assert (unheard.returncode, unheard.stderr) == (0, "")
+    with open("/dev/full", "w") as full:
+        crowded = subprocess.run(words, stdout=full, timeout=120, **where)
+    assert crowded.returncode == 2
+    assert crowded.stderr == "hulldown: stdout: No space left on device\n"
