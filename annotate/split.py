@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,6 +17,7 @@ from annotate.yolo import class_numbers, label_lines, write_data_file
 from geometry.errors import DatasetError
 
 SPLITS = ("train", "valid", "test")
+UNFINISHED_NAME = ".unfinished"
 COCO_NAME = "_annotations.coco.json"  # what RF-DETR and Roboflow look for in every split's folder
 
 
@@ -110,13 +112,14 @@ def export(
     Raises
     ------
     DatasetError
-        If the dataset cannot be read, an image of it is missing, or `out` has something in it.
+        If the dataset cannot be read, an image of it is missing, or `out` has something in it or cannot be written.
+        Nothing is left in `out` then.
     """
     if layout not in ("coco", "yolo"):
         raise ValueError(f"layout: expected 'coco' or 'yolo', got {layout!r}")
     dataset, out = Path(dataset), Path(out)
     coco = read_usable(dataset)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
         raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
     boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
     for annotation in coco["annotations"]:
@@ -125,29 +128,55 @@ def export(
     split_of = share_out(coco["images"], boxes, fractions=fractions, seed=seed)
     names = _flat_names(coco["images"])
     numbers = class_numbers(coco["categories"])
-    for folder in [part for split in SPLITS for part in _folders(out, layout, split)]:
-        folder.mkdir(parents=True, exist_ok=True)
-    for done, image in enumerate(coco["images"], start=1):
-        pictures, texts = _folders(out, layout, split_of[image["id"]])
-        name = names[image["id"]]
-        _link(dataset / image["file_name"], pictures / name)
+    with _all_or_nothing(out) as unfinished:
+        for folder in [part for split in SPLITS for part in _folders(unfinished, layout, split)]:
+            folder.mkdir(parents=True, exist_ok=True)
+        for done, image in enumerate(coco["images"], start=1):
+            pictures, texts = _folders(unfinished, layout, split_of[image["id"]])
+            name = names[image["id"]]
+            _link(dataset / image["file_name"], pictures / name)
+            if layout == "yolo":
+                lines = label_lines(boxes[image["id"]], numbers, image["width"], image["height"])
+                (texts / f"{PurePosixPath(name).stem}.txt").write_text("".join(f"{line}\n" for line in lines))
+            if progress is not None:
+                progress(done, len(coco["images"]))
         if layout == "yolo":
-            lines = label_lines(boxes[image["id"]], numbers, image["width"], image["height"])
-            (texts / f"{PurePosixPath(name).stem}.txt").write_text("".join(f"{line}\n" for line in lines))
-        if progress is not None:
-            progress(done, len(coco["images"]))
-    if layout == "yolo":
-        write_data_file(out / "data.yaml", coco["categories"], SPLITS)
-    else:
-        for split in SPLITS:
-            mine = [image for image in coco["images"] if split_of[image["id"]] == split]
-            part = {
-                **{key: value for key, value in coco.items() if key not in ("images", "annotations")},
-                "images": [{**image, "file_name": names[image["id"]]} for image in mine],
-                "annotations": [annotation for image in mine for annotation in boxes[image["id"]]],
-            }
-            (out / split / COCO_NAME).write_bytes(orjson.dumps(part))
+            write_data_file(unfinished / "data.yaml", coco["categories"], SPLITS)
+        else:
+            for split in SPLITS:
+                mine = [image for image in coco["images"] if split_of[image["id"]] == split]
+                part = {
+                    **{key: value for key, value in coco.items() if key not in ("images", "annotations")},
+                    "images": [{**image, "file_name": names[image["id"]]} for image in mine],
+                    "annotations": [annotation for image in mine for annotation in boxes[image["id"]]],
+                }
+                (unfinished / split / COCO_NAME).write_bytes(orjson.dumps(part))
     return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
+
+
+@contextmanager
+def _all_or_nothing(out: Path) -> Iterator[Path]:
+    """A folder to write to, whose content becomes that of `out` if all goes well.
+
+    It lies in `out`, so that moving is renaming. What a killed export left in it is not seen by training tools, and
+    the next export replaces it.
+    """
+    unfinished = out / UNFINISHED_NAME
+    made = not out.exists()
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        yield unfinished
+        for path in sorted(unfinished.iterdir()):
+            path.rename(out / path.name)
+        unfinished.rmdir()
+    except BaseException as error:
+        shutil.rmtree(out if made else unfinished, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise DatasetError(
+                f"cannot be written ({error.strerror})", path=out, remedy="choose a folder that you may write to"
+            ) from error
+        raise
 
 
 def _filled(have: Mapping[int, int], more: Mapping[int, int]) -> int:

@@ -119,7 +119,8 @@ def _check_counts(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
     planned: Counter[str] = Counter()
     try:
         with plan.open("rb") as file:
-            next(file)
+            if "hulldown_plan" not in orjson.loads(next(file)):
+                raise KeyError("hulldown_plan")
             for line in file:
                 row = orjson.loads(line)
                 # What is wholly hidden or out of the picture gets no label.

@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -200,3 +201,31 @@ def test_a_missing_image_is_named(tmp_path):
 def test_no_dataset_is_named(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         export(tmp_path, tmp_path / "out")
+
+
+@pytest.mark.parametrize("layout", ["coco", "yolo"])
+@pytest.mark.parametrize("exists", [False, True])
+def test_an_export_that_fails_leaves_nothing(dataset, tmp_path, layout, exists):
+    broken = tmp_path / "dataset"
+    shutil.copytree(dataset, broken)
+    (broken / "images" / "200.png").unlink()
+    out = tmp_path / "out"
+    if exists:
+        out.mkdir()
+    with pytest.raises(DatasetError, match=r"200.png: cannot be exported"):
+        export(broken, out, layout=layout)
+    assert list(out.iterdir()) == [] if exists else not out.exists()
+
+
+def test_what_a_killed_export_left_is_replaced(dataset, tmp_path):
+    (tmp_path / "out" / ".unfinished" / "train").mkdir(parents=True)
+    (tmp_path / "out" / ".unfinished" / "train" / "old.png").touch()
+    export(dataset, tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(SPLITS)
+    assert not (tmp_path / "out" / "train" / "old.png").exists()
+
+
+def test_an_export_to_where_nothing_can_be_written(dataset, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(DatasetError, match=r"out: cannot be written \(Not a directory\)"):
+        export(dataset, tmp_path / "file" / "out")

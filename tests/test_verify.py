@@ -149,3 +149,10 @@ def test_compare_measures_box_and_mask():
 def test_compare_with_one_of_the_two_missing(bbox, mask, error):
     assert compare(bbox, mask).box_error == error
     assert compare(None, MASK & False).box_error == 0.0
+
+
+@pytest.mark.parametrize("header", ["{}", "3", "[1]", "seed = 0"])
+def test_a_file_without_a_plans_header_is_no_plan(dataset, header):
+    (dataset / "plan.jsonl").write_text(header + "\n")
+    with pytest.raises(DatasetError, match=r"plan.jsonl: cannot be read as a plan"):
+        list(verify(dataset, plan=dataset / "plan.jsonl"))
