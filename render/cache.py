@@ -19,6 +19,8 @@ from render.export import Exported
 from render.report import FileReport
 from render.store import cached, sha256
 
+HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
@@ -89,6 +91,8 @@ def load_library(
     """
     cache = config.folder / config.assets.cache
     hdris = hdri_paths(config)
+    for hdri in hdris.values():
+        _refuse_no_picture(hdri)
     wanted: list[tuple[str, VehicleEntry | SceneryEntry, Options]] = []
     wanted += [("vehicle", entry, vehicle_options(entry)) for entry in config.assets.vehicles]
     wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
@@ -200,3 +204,14 @@ def _as_given(path: Path, config: Config) -> str:
         return path.relative_to(config.folder).as_posix()
     except ValueError:
         return str(path)
+
+
+def _refuse_no_picture(hdri: Path) -> None:
+    """Blender lights a scene with magenta where a picture cannot be read, and says nothing."""
+    try:
+        with open(hdri, "rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=hdri) from None
+    if not start.startswith(HDRI_MAGIC):
+        raise AssetError("is no OpenEXR or Radiance picture", path=hdri, remedy="copy it again, or leave it out")

@@ -66,6 +66,10 @@ class HdriWorld:
                 # A new image in place of the old one would make Blender build its graph of all objects anew.
                 self._texture.image.filepath = path
                 self._texture.image.reload()
+            self._path = ""
+            # Without pixels Cycles would light the scene with magenta.
+            if 0 in self._texture.image.size:
+                raise RuntimeError(f"{path}: Blender cannot read this picture")
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         cos, sin = math.cos(-yaw), math.sin(-yaw)

@@ -158,7 +158,7 @@ def test_a_failed_export_leaves_nothing_behind(
 def config_in(folder: Path, **more: object) -> Config:
     for file in ("a.blend", "b.blend", "field.blend"):
         (folder / file).write_bytes(BLEND + file.encode())
-    (folder / "sky.exr").write_bytes(b"sky")
+    (folder / "sky.exr").write_bytes(b"#?sky")
     data = {
         "assets": {
             "hdris": ["*.exr"],
@@ -229,6 +229,15 @@ def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp
     }
     plan = Plan(tmp_path / "plan.jsonl", header)
     assert list(load_planned_assets(plan).vehicles) == ["b", "T"]
-    (tmp_path / "sky.exr").write_bytes(b"dusk")
+    (tmp_path / "sky.exr").write_bytes(b"#?dusk")
     with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):
         load_planned_assets(plan)
+
+
+@pytest.mark.parametrize("content", [b"", b"sky", b"<html>", b"\x89PNG"])
+def test_an_hdri_that_is_no_picture_is_refused(exporter: Exporter, tmp_path: Path, content: bytes) -> None:
+    config = config_in(tmp_path)
+    (tmp_path / "sky.exr").write_bytes(content)
+    with pytest.raises(AssetError, match=r"sky.exr: is no OpenEXR or Radiance picture; copy it again"):
+        load_assets(config)
+    assert exporter.read == [], "before the long work"

@@ -293,6 +293,10 @@ def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
     good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
     bad = {**good, "light": {**good["light"], "hdri": str(tmp_path / "nowhere.exr")}}
     assert "nowhere.exr" in talk.ask(bad)["failed"]
+    (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
+    for _ in range(2):
+        cut = {**good, "light": {**good["light"], "hdri": str(tmp_path / "cut.exr")}}
+        assert "cut.exr: Blender cannot read this picture" in talk.ask(cut)["failed"]
     assert talk.ask(good)["done"] == "render"
     talk.worker.stop()
 
