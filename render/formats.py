@@ -25,11 +25,11 @@ def format_of(path: Path) -> str:
     AssetError
         If `path` is no file, is empty, or is of no format that can be read.
     """
-    if not path.exists():
-        raise AssetError("does not exist", path=path)
-    if not path.is_file():
-        raise AssetError("is no file", path=path)
     try:
+        if not path.exists():
+            raise AssetError("does not exist", path=path)
+        if not path.is_file():
+            raise AssetError("is no file", path=path)
         with open(path, "rb") as file:
             start = file.read(64)
     except OSError as error:

@@ -45,31 +45,44 @@ class Progress:
     line: str = ""
 
 
-class Todo:
-    """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
+class Outline:
+    """What a plan will add to a dataset: names, order and numbers of labels; read whole before anything is written.
 
     Parameters
     ----------
     plan
         The plan.
-    dataset
-        Open.
-    wanted
-        Only the first so many rows.
 
     Raises
     ------
     ConfigError
-        If two rows have one file name, or a file name cannot be that of a picture.
+        If a line is damaged, two rows have one file name, or a file name cannot be that of a picture.
     """
 
-    def __init__(self, plan: Plan, dataset: CocoDataset, wanted: int) -> None:
-        rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
-        _check_names([row[3] for row in rows], plan)
-        counts = np.array([row[2] for row in rows], dtype=np.int64)
+    def __init__(self, plan: Plan) -> None:
+        self.rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
+        _check_names([row[3] for row in self.rows], plan)
         with plan.path.open("rb") as file:
-            key = hashlib.file_digest(file, "sha256").hexdigest()
-        self.run: Run = dataset.run(key, images=len(rows), annotations=int(counts.sum()))
+            self.key = hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class Todo:
+    """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
+
+    Parameters
+    ----------
+    outline
+        Of the plan.
+    dataset
+        Open.
+    wanted
+        Only the first so many rows.
+    """
+
+    def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int) -> None:
+        rows = outline.rows
+        counts = np.array([row[2] for row in rows], dtype=np.int64)
+        self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(counts.sum()))
         # Ids depend on the plan alone, never on the order in which pictures are finished.
         self.first_annotation = np.cumsum(counts) - counts + self.run.annotation_offset + 1
         left = [row for row in rows[:wanted] if not dataset.finished(self.run.file_name(row[3]))]

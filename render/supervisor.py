@@ -15,7 +15,7 @@ from planning.plan_file import Plan, read_plan
 from render import provenance
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
-from render.session import LOGS_NAME, Progress, Session, Todo, confined
+from render.session import LOGS_NAME, Outline, Progress, Session, Todo, confined
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +102,10 @@ def render_plan(
     say = progress or (lambda _: None)
     if assets is None:
         assets = render_assets(plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")))
+    outline = Outline(plan)
     wanted = len(plan) if limit is None else min(limit, len(plan))
     with CocoDataset.open(folder, categories=_categories(plan)) as dataset, _stop_on_signals() as stopping:
-        todo = Todo(plan, dataset, wanted)
+        todo = Todo(outline, dataset, wanted)
         session = Session(plan, dataset, todo, assets, say)
         pool = Pool(
             confined(folder, LOGS_NAME),

@@ -379,6 +379,7 @@ def test_what_nodes_make_belongs_to_the_part_that_carries_it(messy: Messy) -> No
     ("file", "content", "problem"),
     [
         ("no.blend", None, "does not exist"),
+        (f"{'x' * 300}.blend", None, "cannot be read (File name too long)"),
         ("empty.blend", b"", "is empty"),
         ("cipher.blend", bytes(range(7, 256)), "is no .blend file: it does not begin like one"),
         ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),

@@ -257,6 +257,20 @@ def test_two_images_of_one_name_are_refused_before_rendering(tmp_path, blender, 
     plan = write_plan(tmp_path, [make_row(0), make_row(1, file_name="images/00000001.png")])
     with pytest.raises(ConfigError, match=r"2 images are called 'images/00000001.png'"):
         render_plan(plan, tmp_path / "d", assets=assets, blender=blender)
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_damaged_plan_leaves_the_dataset_as_it_was(tmp_path, blender, assets):
+    """Down to the categories: the dataset may be somebody's real photographs."""
+    plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
+    plan.write_bytes(plan.read_bytes()[:-40])
+    dataset = tmp_path / "d"
+    dataset.mkdir()
+    (dataset / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
+    with pytest.raises(ConfigError, match="line 4 is no JSON"):
+        render_plan(plan, dataset, assets=assets, blender=blender)
+    assert [path.name for path in dataset.iterdir()] == ["annotations.json"]
+    assert (dataset / "annotations.json").read_text() == '{"images": [], "annotations": [], "categories": []}'
 
 
 @pytest.mark.parametrize("change", [{"vehicle": "tank"}, {"hdri": "night"}, {"world_from_camera": None, "weather": 3}])
