@@ -72,6 +72,7 @@ def _silence_stdout() -> None:
 def _init(arguments: argparse.Namespace) -> int:
     from render.demo.project import create_project
 
+    _make_room(arguments.folder / "hulldown.toml")
     with _progress("building demo assets") as advance:
         config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, progress=advance)
     _say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")

@@ -134,3 +134,12 @@ def test_nobody_listens_or_no_room_for_the_result(options, tmp_path):
         crowded = subprocess.run(words, stdout=full, timeout=120, **where)
     assert crowded.returncode == 2
     assert crowded.stderr == "hulldown: stdout: No space left on device\n"
+
+
+@pytest.mark.parametrize("words", [["init", "file"], ["init", "file/project"], ["demo", "--output", "file"]])
+def test_a_project_in_place_of_a_file_is_refused(words, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    ran = run(*words, cwd=tmp_path)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert "cannot be written" in ran.stderr.splitlines()[-1]
+    assert (tmp_path / "file").read_text() == "mine"
