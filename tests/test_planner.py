@@ -17,7 +17,7 @@ from planning.inputs import AssetFile, Assets
 from planning.plan_file import ROW_KEYS, TARGET_KEYS, PlanWriter, encode, read_plan
 from planning.planner import Planner, plan
 from planning.write import make_header, write_plan
-from tests.planning_assets import CLASSES, bare, small_assets, small_config, vehicle
+from tests.planning_assets import CLASSES, bare, hills, small_assets, small_config, vehicle
 
 
 @pytest.fixture(scope="module")
@@ -288,14 +288,15 @@ def test_a_changed_plan_is_found_out(tmp_path, assets, rows, change, message):
 def test_limits_that_bite(assets):
     config = small_config(
         camera={"min_box_px": 150, "visible_fraction": [0.97, 1.0]},
-        placement={"max_penetration": 0.12, "max_slope_deg": 9.0, "obstacle_clearance": 3.0},
-        assets={"sceneries": [{"path": "hills.blend"}, {"path": "bare.blend", "weight": 0}]},
+        placement={"rule": "averaged", "max_penetration": 0.04, "max_slope_deg": 9.0, "obstacle_clearance": 1.0},
+        assets={"sceneries": [{"path": "hills.blend"}]},
     )
-    rows = list(plan(config, assets))
+    wood = Assets(assets.vehicles, assets.categories, {"hills": hills("hills", trees=1000)}, assets.hdris)
+    rows = list(plan(config, wood))
     for row in rows:
         assert min(row["bbox"][2:]) >= 150
         assert row["visible_fraction"] >= 0.97
-        assert row["penetration"] <= 0.12
+        assert row["penetration"] <= 0.04
         assert row["slope_deg"] <= 9.0
     met = {reason for row in rows for reason in row["rejected"]}
-    assert {"small", "too_steep", "obstacle"} <= met
+    assert {"small", "hidden", "too_steep", "penetration", "obstacle"} <= met

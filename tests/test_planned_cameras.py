@@ -1,0 +1,115 @@
+"""Cameras are drawn as the config says: every direction, distance and place in the frame as likely as stated.
+
+On a bare plane nothing is refused: what is in the plan is what was drawn. Seeds are fixed: a failure is a change.
+"""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from camera.intrinsics import Intrinsics
+from geometry.transforms import apply
+from planning.inputs import Assets
+from planning.planner import plan
+from tests.planning_assets import bare, small_config, vehicle
+
+N = 600
+TANK = vehicle("t72")
+# Kolmogorov's D: a uniform sample exceeds this with probability 0.001; one drawn another way is far beyond it.
+FAR = 1.95 / math.sqrt(N)
+FRACTION, FACTOR = 0.15, 2.0
+
+
+def drawn(**camera):
+    """Of each image: the camera's distance over S f / H, azimuth, elevation, field of view, box."""
+    options = {
+        "fov_x_deg": [40, 60], "target_fraction": FRACTION, "distance_factor": FACTOR, "elevation_deg": [10, 60],
+        "visible_fraction": [0, 1], "min_box_px": 0, "visibility_rays": 1, "framing": 1.0, **camera,
+    }  # fmt: skip
+    config = small_config(
+        assets={"vehicles": [{"path": "t72.blend", "category": "tank"}], "sceneries": [{"path": "bare.blend"}]},
+        budget={"images_per_class": N, "images_per_position": 3},
+        camera=options,
+    )
+    rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {"bare": bare("bare")}, ("noon",))))
+    assert all(row["rejected"] == {} for row in rows)
+    poses = np.array([row["world_from_vehicle"] for row in rows])
+    centres = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]
+    away = np.array([row["world_from_camera"] for row in rows])[:, :3, 3] - centres
+    distance = np.linalg.norm(away, axis=1)
+    fov = np.array([row["fov_x_deg"] for row in rows])
+    full = np.array([Intrinsics(1920, 1080, math.radians(f)).distance_for(TANK.size_xyz.min(), 1.0) for f in fov])
+    return {
+        "distance": distance / full,
+        "azimuth": np.degrees(np.arctan2(away[:, 1], away[:, 0])),
+        "elevation": np.degrees(np.arcsin(away[:, 2] / distance)),
+        "fov": fov,
+        "box": np.array([row["bbox"] for row in rows]),
+    }
+
+
+def off_uniform(values, low, high):
+    """Largest distance between the values' distribution and the uniform one on [low, high]."""
+    at = np.sort((values - low) / (high - low))
+    assert at[0] >= -1e-9
+    assert at[-1] <= 1 + 1e-9
+    steps = np.arange(len(at) + 1) / len(at)
+    return max(np.abs(at - steps[1:]).max(), np.abs(at - steps[:-1]).max())
+
+
+@pytest.fixture(scope="module")
+def found():
+    return drawn(distance_factor=[1.0, 4.0])
+
+
+def test_directions_and_fields_of_view_are_uniform(found):
+    assert off_uniform(found["azimuth"], -180.0, 180.0) < FAR
+    assert off_uniform(found["elevation"], 10.0, 60.0) < FAR
+    assert off_uniform(found["fov"], 40.0, 60.0) < FAR
+
+
+def test_distances_are_equation_6_times_the_factor(found):
+    assert off_uniform(found["distance"] * FRACTION, 1.0, 4.0) < FAR
+
+
+def test_a_single_factor_and_fraction_give_one_distance():
+    assert drawn()["distance"] * FRACTION == pytest.approx(np.full(N, FACTOR), rel=1e-12)
+
+
+def test_target_fractions_are_uniform():
+    assert off_uniform(FACTOR / drawn(target_fraction=[0.05, 0.3])["distance"], 0.05, 0.3) < FAR
+
+
+def test_the_target_may_be_anywhere_in_the_frame(found):
+    x, y, w, h = found["box"].T
+    assert off_uniform(x / (1920 - w), 0.0, 1.0) < FAR
+    assert off_uniform(y / (1080 - h), 0.0, 1.0) < FAR
+
+
+@pytest.mark.parametrize("framing", [0.0, 0.4])
+def test_framing_keeps_the_target_about_the_middle(framing):
+    x, y, w, h = drawn(framing=framing)["box"].T
+    for place in (x / (1920 - w), y / (1080 - h)):
+        spread = np.abs(place - 0.5)
+        # A thousandth of a pixel, of at least 300 that there is room for.
+        assert spread.max() <= framing / 2 + 4e-6
+        assert spread.max() >= 0.95 * framing / 2
+
+
+def test_elevations_are_uniform_on_the_sphere_if_asked():
+    elevation = drawn(elevation_sampling="sphere", elevation_deg=[10, 85])["elevation"]
+    low, high = (math.sin(math.radians(angle)) for angle in (10.0, 85.0))
+    assert off_uniform(np.sin(np.radians(elevation)), low, high) < FAR
+    assert off_uniform(elevation, 10.0, 85.0) > FAR
+
+
+def test_what_is_drawn_has_nothing_to_do_with_the_rest(found):
+    x, y, w, h = found["box"].T
+    columns = [found[key] for key in ("distance", "azimuth", "elevation", "fov")] + [x / (1920 - w), y / (1080 - h)]
+    for a, b in itertools.combinations(columns, 2):
+        assert abs(np.corrcoef(a, b)[0, 1]) < 4.0 / math.sqrt(N)
+    for column in columns:
+        # Nor with the shot before it.
+        assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 4.0 / math.sqrt(N)

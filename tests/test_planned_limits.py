@@ -1,0 +1,79 @@
+"""Limits that bite: small worlds in which a plan that forgot one of them would break it."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from camera.target import VehicleTarget
+from geometry.transforms import apply
+from planning.inputs import Assets
+from planning.planner import plan
+from tests.planning_assets import hills, small_config, vehicle
+
+TANK = vehicle("t72")
+TANK_TARGET = VehicleTarget(TANK)
+ROCK = 1  # of the obstacle meshes; lower than the gun
+EDGE = np.linspace(0.0, 1.0, 9)
+# Points all over a vehicle's three boxes, at most an eighth of a side apart.
+OVER_A_BOX = np.stack(np.meshgrid(EDGE, EDGE, EDGE), -1).reshape(-1, 3)
+
+
+def planned(scenery, *, images=20, **sections):
+    config = small_config(
+        assets={
+            "vehicles": [{"path": "t72.blend", "category": "tank"}],
+            "sceneries": [{"path": f"{scenery.name}.blend"}],
+        },
+        budget={"images_per_class": images, "images_per_position": 2},
+        **sections,
+    )
+    rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {scenery.name: scenery}, ("noon",))))
+    return rows, sum((Counter(row["rejected"]) for row in rows), Counter())
+
+
+@pytest.mark.parametrize(("low", "high", "images"), [(0.97, 1.0, 12), (0.6, 0.9, 4)])
+def test_visible_fractions_in_a_wood(low, high, images):
+    wood = hills("wood", height=0.5, size=120.0, trees=250)
+    rows, rejected = planned(wood, images=images, camera={"visible_fraction": [low, high], "max_tries": 300})
+    assert all(low <= row["visible_fraction"] <= high for row in rows)
+    assert rejected["hidden"] > 0
+    assert bool(rejected["exposed"]) == (high < 1.0)
+
+
+@pytest.mark.parametrize("limit", ["max_penetration", "max_gap"])
+def test_contact_on_rough_ground(limit):
+    rough = hills("rough", height=12.0, size=80.0, cells=40, trees=0)
+    # The averaged rule neither rests on the ground nor clears it.
+    loose = {"rule": "averaged", "max_slope_deg": 60.0, "max_gap": 9.0, "max_penetration": 9.0}
+    rows, rejected = planned(rough, placement={**loose, limit: 0.1})
+    key = limit.removeprefix("max_")
+    assert rejected[key] > 5
+    assert all(row[key] <= 0.1 for row in rows)
+    other = {"gap": "penetration", "penetration": "gap"}[key]
+    assert max(row[other] for row in rows) > 0.1
+
+
+@pytest.mark.parametrize("clearance", [0.0, 3.0])
+def test_vehicles_keep_their_distance_from_obstacles(clearance):
+    # Boxes of parts grow to the sides and upwards: what is beside a level part, and higher, is so far away.
+    wood = hills("wood", height=0.0, size=80.0, trees=90)
+    rows, rejected = planned(wood, images=40, placement={"obstacle_clearance": clearance, "articulate": not clearance})
+    assert rejected["obstacle"] > 10
+    parts = [TANK.mesh.vertices[TANK.vertex_part == k] for k in range(3)]
+    points = [low + OVER_A_BOX * (high - low) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in parts)]
+    boxes = [
+        apply(pose, wood.obstacle_meshes[k].vertices)[[0, -1]]
+        for pose, k in zip(wood.world_from_instance, wood.instance_mesh.tolist(), strict=True)
+        if not (clearance and k == ROCK)
+    ]
+    nearest = []
+    for row in rows:
+        poses = TANK_TARGET.vehicle_from_parts(row["articulation"])
+        world = apply(row["world_from_vehicle"], np.concatenate([apply(poses[k], points[k]) for k in range(3)]))
+        away = [np.maximum(np.maximum(low - world, world - high), 0.0) for low, high in boxes]
+        nearest.append(min(np.linalg.norm(d, axis=1).min() for d in away))
+    assert min(nearest) >= clearance
+    if not clearance:
+        # They may be near, and do not overlap: no point is in an obstacle.
+        assert 0.0 < min(nearest) < 3.0
