@@ -14,6 +14,7 @@ from assets.vehicle import VehicleShape
 from camera.clearance import CameraSpots
 from camera.target import Standing, VehicleTarget
 from camera.visibility import Occluder, Plane
+from geometry.errors import ConfigError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from geometry.transforms import apply, rigid
@@ -157,9 +158,26 @@ class Stage:
 
 
 def make_stage(config: Config, assets: Assets) -> Stage:
-    """Build every hierarchy that planning needs."""
+    """Build every hierarchy that planning needs.
+
+    Raises
+    ------
+    ConfigError
+        If a vehicle is too large for a scenery, as when one is taken for the other.
+    """
+    sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
+    for site in sites:
+        room = config.placement.margin * (site.bounds[1] - site.bounds[0])
+        for name, shape in assets.vehicles.items():
+            if max(shape.size_xyz[:2]) > min(room):
+                raise ConfigError(
+                    f"assets.vehicles: {name!r} is {max(shape.size_xyz[:2]):.4g} m long; in {site.name!r} vehicles "
+                    f"are placed within {room[0]:.4g} x {room[1]:.4g} m",
+                    path=config.path,
+                    remedy="look at both with `hulldown inspect`, and set the scale or the file that is wrong",
+                )
     return Stage(
-        sites=tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values()),
+        sites=sites,
         models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
     )
 
