@@ -1,0 +1,50 @@
+"""A companion out of the frame has no box: all that read a plan take it, and nobody labels it."""
+
+import pytest
+
+from planning.check import check_plan
+from planning.preview import Artist
+from planning.summary import summarise
+from planning.write import write_plan
+from render.annotations import Segmenter, annotation_records, labelled
+from tests.planning_assets import small_assets, small_config
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets()
+
+
+@pytest.fixture(scope="module")
+def plan(assets, tmp_path_factory):
+    config = small_config(
+        budget={"images_per_class": 4}, placement={"vehicles_per_image": 2, "companion_distance": [30, 40]}
+    )
+    return write_plan(config, assets, tmp_path_factory.mktemp("out_of_frame") / "plan.jsonl")
+
+
+@pytest.fixture(scope="module")
+def outside(plan):
+    rows = [row for row in plan if row["companions"][0]["bbox"] is None]
+    assert rows
+    return rows
+
+
+def test_its_numbers_say_so(outside):
+    for row in outside:
+        (companion,) = row["companions"]
+        assert (companion["visible_fraction"], companion["truncated_fraction"]) == (0.0, 1.0)
+
+
+def test_it_is_not_labelled(outside, assets):
+    segmenter = Segmenter(assets.vehicles, assets.sceneries)
+    for row in outside:
+        assert labelled(row) == [row]
+        (record,) = annotation_records(row, segmenter.segmentations(row))
+        assert record["bbox"] == row["bbox"]
+
+
+def test_it_is_counted_checked_and_previewed(plan, outside, assets):
+    assert check_plan(plan, assets) == []
+    assert sum(summarise(plan).companions.values()) == len(plan)
+    assert Artist(plan, assets).picture(outside[0], width=64).width == 64
