@@ -1,0 +1,114 @@
+"""What README and docs tell a reader to type must work: every `hulldown` line is run, every link leads somewhere."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from pycocotools.coco import COCO
+
+from planning.template import config_text
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCE = re.compile(r"^ *```(?:sh|console)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+# Instead of 420 pictures of 1080p: two of each class, as small as stamps.
+SMALL = {
+    "budget.images_per_class": 2,
+    "budget.images_per_position": 2,
+    "render.profile": "fast",
+    "render.width": 96,
+    "render.height": 54,
+    "camera.min_box_px": 1.0,
+}
+
+
+def commands(page):
+    lines = [line.strip() for block in FENCE.findall(page.read_text(encoding="utf-8")) for line in block.splitlines()]
+    return [line for line in lines if line.startswith("hulldown ")]
+
+
+def hulldown(words, folder):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-P", "-m", "cli", *words],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
+    )  # fmt: skip
+
+
+def shrink(config):
+    """The same project with a vehicle of each class, one scenery and a handful of small pictures."""
+    parsed = tomllib.loads(config.read_text(encoding="utf-8"))
+    one_a_class = {entry["category"]: entry for entry in parsed["assets"]["vehicles"]}
+    text = config_text(
+        vehicles=list(one_a_class.values()),
+        sceneries=parsed["assets"]["sceneries"][-1:],
+        hdris=parsed["assets"]["hdris"],
+        values=SMALL,
+    )
+    config.write_text(text.replace("# samples = 128", "samples = 2"), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory):
+    """A folder in which the README was followed from top to bottom, and what each command answered."""
+    folder = tmp_path_factory.mktemp("reader")
+    answers = {}
+    for command in commands(ROOT / "README.md"):
+        answers[command] = hulldown(shlex.split(command, comments=True)[1:], folder)
+        if command.startswith("hulldown init"):
+            shrink(folder / "project" / "hulldown.toml")
+    return folder, answers
+
+
+@pytest.mark.blender
+def test_every_command_of_the_readme_works(reader):
+    _, answers = reader
+    assert {command.split()[1] for command in answers} >= {
+        "init",
+        "inspect",
+        "plan",
+        "preview",
+        "render",
+        "verify",
+        "export",
+    }
+    assert {c: (a.returncode, a.stderr[-500:]) for c, a in answers.items() if a.returncode} == {}
+
+
+@pytest.mark.blender
+def test_following_the_readme_ends_in_a_dataset(reader):
+    folder, _ = reader
+    coco = COCO(folder / "project" / "dataset" / "annotations.json")
+    assert len(coco.imgs) == len(coco.anns) == 6
+    assert {len(coco.getImgIds(catIds=[category])) for category in coco.cats} == {2}
+    assert (folder / "project" / "training" / "train" / "_annotations.coco.json").exists()
+    assert (folder / "project" / "preview.png").exists()
+    assert (folder / "parts.png").exists()
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("page", PAGES[1:], ids=lambda page: page.stem)
+def test_every_command_of_a_page_works_in_that_project(page, reader):
+    folder, _ = reader
+    for command in commands(page):
+        words = shlex.split(command, comments=True)[1:]
+        if words[:1] != ["init"]:
+            answer = hulldown(words, folder)
+            assert answer.returncode == 0, f"{command}: {answer.stderr[-500:]}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_link_leads_somewhere(page):
+    links = re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8"))
+    assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
+
+
+def test_make_help_lists_every_target():
+    said = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for target in ("setup", "demo", "test", "check", "bench", "thorough", "clean", "help"):
+        assert f"make {target} " in said
