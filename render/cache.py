@@ -118,8 +118,8 @@ def load_library(
     return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()})
 
 
-def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> Assets:
-    """The assets that a plan was made from.
+def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None = None) -> tuple[Config, Library]:
+    """The config that a plan was made from, knowing its folder, and the library of its assets.
 
     Parameters
     ----------
@@ -138,9 +138,14 @@ def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = 
     root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
     # Only the folder of the config counts: what the file said is in the header.
     config = parse_config(plan.header["config"], path=root / plan.path.name)
-    assets = load_library(config, progress=progress).assets
-    refuse_changed(plan, assets)
-    return assets
+    library = load_library(config, progress=progress)
+    refuse_changed(plan, library.assets)
+    return config, library
+
+
+def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> Assets:
+    """The assets that a plan was made from; parameters and errors as of `load_planned_library`."""
+    return load_planned_library(plan, progress=progress)[1].assets
 
 
 def refuse_changed(plan: Plan, assets: Assets) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +15,10 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
-from planning.config import hdri_paths, parse_config
+from planning.config import hdri_paths
 from planning.plan_file import Plan
 from render.annotations import targets
-from render.cache import Library, load_library
+from render.cache import Library, load_planned_library
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
@@ -68,30 +67,14 @@ def render_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) 
     AssetError
         If a file cannot be read.
     """
-    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
-    # Only the folder of the config counts: what the file said is in the header.
-    config = parse_config(plan.header["config"], path=root / plan.path.name)
-    library = load_library(config, progress=progress)
-    hdris = hdri_paths(config)
-    for kind, now in (
-        ("vehicles", library.assets.vehicle_files),
-        ("sceneries", library.assets.scenery_files),
-        ("hdris", library.assets.hdri_files),
-    ):
-        for name, was in plan.header[kind].items():
-            if name not in now or (was["sha256"] and was["sha256"] != now[name].sha256):
-                raise ConfigError(
-                    f"{kind}: {name!r} ({was['path']}) is not what it was when this was planned",
-                    path=plan.path,
-                    remedy="plan again with `hulldown plan`, or bring the old file back",
-                )
+    config, library = load_planned_library(plan, progress=progress)
     return RenderAssets(
         vehicles={n: VehicleFile(shape, library.vehicles[n].tidy) for n, shape in library.assets.vehicles.items()},
         sceneries={
             entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
             for entry in config.assets.sceneries
         },
-        hdris=hdris,
+        hdris=hdri_paths(config),
     )
 
 
