@@ -80,7 +80,7 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from render.inspect import inspect_file
+    from render.reading.inspect import inspect_file
 
     if arguments.output and len(arguments.files) > 1:
         raise HulldownError(f"-o {arguments.output}: one picture, {len(arguments.files)} files", remedy="name one file")
@@ -101,7 +101,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 def _plan(arguments: argparse.Namespace) -> int:
     from planning.config import load_config
     from planning.write import write_plan
-    from render.cache import load_assets
+    from render.reading.cache import load_assets
 
     if arguments.check:
         return _check_plan(arguments)
@@ -139,7 +139,7 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
 def _check_plan(arguments: argparse.Namespace) -> int:
     from planning.check import check_plan
     from planning.plan_file import read_plan
-    from render.cache import load_planned_assets
+    from render.reading.cache import load_planned_assets
 
     plan = read_plan(arguments.config)
     with STDERR.status("reading assets") as status:
@@ -158,7 +158,7 @@ def _check_plan(arguments: argparse.Namespace) -> int:
 def _preview(arguments: argparse.Namespace) -> int:
     from planning.plan_file import read_plan
     from planning.preview import preview_sheet
-    from render.cache import load_planned_assets
+    from render.reading.cache import load_planned_assets
 
     plan = read_plan(arguments.plan)
     _make_room(arguments.output)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import matplotlib
 
-from render.build import Options
-from render.export import export
-from render.store import cached
+from render.reading.build import Options
+from render.reading.export import export
+from render.reading.store import cached
 
 matplotlib.use("Agg")
 

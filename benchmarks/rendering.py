@@ -21,10 +21,10 @@ from PIL import Image
 from planning.config import load_config, parse_config
 from planning.plan_file import Plan
 from planning.write import write_plan
-from render.cache import load_assets
 from render.demo.project import create_project
 from render.jobs import RenderAssets, job, render_assets
 from render.process import WorkerProcess, worker_command
+from render.reading.cache import load_assets
 from render.session import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")

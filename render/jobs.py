@@ -18,7 +18,7 @@ from geometry.errors import ConfigError
 from planning.config import hdri_paths
 from planning.plan_file import Plan
 from render.annotations import targets
-from render.cache import Library, load_planned_library
+from render.reading.cache import Library, load_planned_library
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
@@ -26,7 +26,7 @@ FAR = 5000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's shape, and the .blend that `render.tidy` made of its file."""
+    """A vehicle's shape, and the .blend that `render.reading.tidy` made of its file."""
 
     shape: VehicleShape
     tidy: Path

@@ -61,7 +61,7 @@ class Stage:
         Parameters
         ----------
         vehicles
-            Each with `tidy` (path of the file that `render.tidy` made) and `world_from_parts` (p, 4, 4).
+            Each with `tidy` (path of the file that `render.reading.tidy` made) and `world_from_parts` (p, 4, 4).
         """
         used: dict[str, int] = {}
         placed = []

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import render.store
+import render.reading.store
 from assets.bundle import save_scenery, save_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
@@ -14,11 +14,11 @@ from geometry.errors import AssetError, ConfigError
 from geometry.meshes import Mesh
 from planning.config import Config, parse_config
 from planning.plan_file import Plan
-from render.build import Options
-from render.cache import load_assets, load_library, load_planned_assets
-from render.export import Exported
-from render.report import FileReport, Missing
-from render.store import cached
+from render.reading.build import Options
+from render.reading.cache import load_assets, load_library, load_planned_assets
+from render.reading.export import Exported
+from render.reading.report import FileReport, Missing
+from render.reading.store import cached
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -64,7 +64,7 @@ class Exporter:
 @pytest.fixture
 def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
     stand_in = Exporter()
-    monkeypatch.setattr(render.store, "export", stand_in)
+    monkeypatch.setattr(render.reading.store, "export", stand_in)
     return stand_in
 
 
@@ -147,11 +147,11 @@ def test_a_failed_export_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise AssetError("broken")
 
-    monkeypatch.setattr(render.store, "export", fail)
+    monkeypatch.setattr(render.reading.store, "export", fail)
     with pytest.raises(AssetError, match="broken"):
         read()
     assert [p.suffix for p in (tmp_path / "cache").iterdir()] == [".lock"]
-    monkeypatch.setattr(render.store, "export", exporter)
+    monkeypatch.setattr(render.reading.store, "export", exporter)
     assert read()
 
 

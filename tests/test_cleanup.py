@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from assets.naming import GROUND, GUN, HELPERS, says, words
-from render.build import Options, build_scenery, likely_kind
-from render.cleanup import Link, Piece, scenery_roles, vehicle_roles
-from render.parts import find_parts
+from render.reading.build import Options, build_scenery, likely_kind
+from render.reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
+from render.reading.parts import find_parts
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

@@ -247,7 +247,7 @@ def test_sceneries_hold_copies_instances_and_the_litter_of_real_files(sceneries)
 @pytest.mark.parametrize("name", CATEGORY)
 def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
     from assets.bundle import load_vehicle
-    from render.export import export
+    from render.reading.export import export
 
     exported = export(vehicles / "vehicles" / f"{name}.blend", tmp_path)
     shape = load_vehicle(exported.bundle)

@@ -20,8 +20,8 @@ from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
 from geometry.transforms import apply
-from render.build import Options
-from render.export import Exported, export, export_vehicle, exported_by, job_for
+from render.reading.build import Options
+from render.reading.export import Exported, export, export_vehicle, exported_by, job_for
 
 pytestmark = pytest.mark.blender
 HERE = Path(__file__).resolve().parent
@@ -111,7 +111,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
         (folder / f"{name}.blend").write_bytes(content)
         add(name, f"{name}.blend", kind="vehicle")
     # One process for all of them, which is not how it is done in earnest but starts Blender once.
-    _python("-m", "render.reader", *(str(folder / f"{name}.job") for name in jobs))
+    _python("-m", "render.reading.reader", *(str(folder / f"{name}.job") for name in jobs))
     exported, errors = {}, {}
     for name, job in jobs.items():
         try:

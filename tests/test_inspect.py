@@ -13,10 +13,10 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
-from render.build import Options
-from render.doubts import scenery_doubts, vehicle_doubts
-from render.inspect import COLOURS, draw, inspect_file
-from render.report import FileReport, Missing, PartRow, Row, gathered
+from render.reading.build import Options
+from render.reading.doubts import scenery_doubts, vehicle_doubts
+from render.reading.inspect import COLOURS, draw, inspect_file
+from render.reading.report import FileReport, Missing, PartRow, Row, gathered
 
 FILE = """
 import bpy, sys

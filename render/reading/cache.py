@@ -14,10 +14,10 @@ from planning.config import Config, hdri_paths, parse_config
 from planning.inputs import AssetFile, Assets
 from planning.plan_file import Plan
 from planning.schema import SceneryEntry, VehicleEntry
-from render.build import Options
-from render.export import Exported
-from render.report import FileReport
-from render.store import cached, sha256
+from render.reading.build import Options
+from render.reading.export import Exported
+from render.reading.report import FileReport
+from render.reading.store import cached, sha256
 
 HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 

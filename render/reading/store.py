@@ -17,10 +17,10 @@ from filelock import FileLock
 
 from assets.bundle import FORMAT
 from geometry.errors import AssetError
-from render.build import Options
-from render.export import Exported, export
-from render.formats import format_of
-from render.report import FileReport
+from render.reading.build import Options
+from render.reading.export import Exported, export
+from render.reading.formats import format_of
+from render.reading.report import FileReport
 
 EXPORTER = 1  # raised whenever the same file would be read as something else
 CHUNK = 1 << 20

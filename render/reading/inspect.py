@@ -17,10 +17,10 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
-from render.build import Options
-from render.cache import refuse_missing
-from render.export import DEFAULTS, export
-from render.report import FileReport
+from render.reading.build import Options
+from render.reading.cache import refuse_missing
+from render.reading.export import DEFAULTS, export
+from render.reading.report import FileReport
 
 # Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)

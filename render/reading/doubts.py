@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from render.build import Options
-from render.report import Missing, PartRow, Row
+from render.reading.build import Options
+from render.reading.report import Missing, PartRow, Row
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8

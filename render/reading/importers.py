@@ -42,7 +42,7 @@ def open_file(path: Path, kind: str) -> Opened:
     path
         The file.
     kind
-        Its format, as `render.formats.format_of` tells it.
+        Its format, as `render.reading.formats.format_of` tells it.
 
     Raises
     ------

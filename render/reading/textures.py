@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from render.report import Missing
+from render.reading.report import Missing
 
 TILES = "<UDIM>"
 

@@ -16,11 +16,11 @@ from assets.bundle import load_scenery, load_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
-from render.build import Options
-from render.formats import format_of
-from render.report import FileReport
+from render.reading.build import Options
+from render.reading.formats import format_of
+from render.reading.report import FileReport
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 LAST_WORDS = 2000  # characters of what Blender said before it crashed
 DEFAULTS = Options()
 
@@ -36,7 +36,7 @@ class Exported:
     bundle
         The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
     tidy
-        A .blend that holds what is rendered and nothing else, see `render.tidy`.
+        A .blend that holds what is rendered and nothing else, see `render.reading.tidy`.
     files
         Absolute path of every file that the asset refers to: textures, libraries.
     """
@@ -147,7 +147,7 @@ def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
     # -P: a folder `render` where the user happens to be must not come first. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
     ran = subprocess.run(
-        [sys.executable, "-P", "-m", "render.reader", str(job_file)],
+        [sys.executable, "-P", "-m", "render.reading.reader", str(job_file)],
         env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply
-from render.capture import OUR_CAMERA, visit_render
-from render.cleanup import Link, Piece
-from render.poses import Poses
+from render.reading.capture import OUR_CAMERA, visit_render
+from render.reading.cleanup import Link, Piece
+from render.reading.poses import Poses
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 UNREAD = {

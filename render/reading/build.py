@@ -13,9 +13,9 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply, rotation_z
-from render.cleanup import Link, Piece, Role, scenery_roles, vehicle_roles
-from render.parts import GUN_PART, TURRET_PART, Parts, find_parts
-from render.report import PartRow
+from render.reading.cleanup import Link, Piece, Role, scenery_roles, vehicle_roles
+from render.reading.parts import GUN_PART, TURRET_PART, Parts, find_parts
+from render.reading.report import PartRow
 
 YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from render.blender_frames import pose as set_pose
-from render.cleanup import Piece
+from render.reading.cleanup import Piece
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"

@@ -1,7 +1,7 @@
 """The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
 
-Run as ``python -m render.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded, and
-talks on stdout; so every file gets a process of its own and answers come in files.
+Run as ``python -m render.reading.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded,
+and talks on stdout; so every file gets a process of its own and answers come in files.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from jaxtyping import Float
 
 from assets.bundle import save_scenery, save_vehicle
 from geometry.errors import HulldownError
-from render.build import Options, build_scenery, build_vehicle, likely_kind, metres_from_file
-from render.cleanup import Piece
-from render.doubts import scenery_doubts, vehicle_doubts
-from render.evaluate import Evaluated, evaluate
-from render.importers import open_file
-from render.report import FileReport, Missing, Row, gathered
-from render.textures import missing_files, used_files
-from render.tidy import Keeper, write_scenery, write_vehicle
+from render.reading.build import Options, build_scenery, build_vehicle, likely_kind, metres_from_file
+from render.reading.cleanup import Piece
+from render.reading.doubts import scenery_doubts, vehicle_doubts
+from render.reading.evaluate import Evaluated, evaluate
+from render.reading.importers import open_file
+from render.reading.report import FileReport, Missing, Row, gathered
+from render.reading.textures import missing_files, used_files
+from render.reading.tidy import Keeper, write_scenery, write_vehicle
 
 
 def main(job_path: str) -> None:
