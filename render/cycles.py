@@ -17,12 +17,17 @@ from typing import Any
 import bpy
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
+OIDN = "OPENIMAGEDENOISE"
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
+
+
+class Unusable(Exception):
+    """Whatever the image, Blender or the machine cannot do what is asked; args: what is so, and the remedy."""
 
 
 def available_devices() -> list[dict[str, str]]:
     """`kind` and `name` of every device that Cycles could render on here, the preferred ones first; the CPU is last."""
-    preferences = bpy.context.preferences.addons["cycles"].preferences
+    preferences = _preferences()
     found = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
     preferences.compute_device_type = "NONE"
     return [*found, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
@@ -40,10 +45,10 @@ def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
 
     Raises
     ------
-    RuntimeError
-        If a GPU is asked for and there is none of that kind.
+    Unusable
+        If a GPU is asked for and there is none of that kind, or Blender has no Cycles.
     """
-    preferences = bpy.context.preferences.addons["cycles"].preferences
+    preferences = _preferences()
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
     for kind in kinds:
         if cards := _cards(preferences, kind):
@@ -52,9 +57,16 @@ def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
                 device.use = device == mine
             return f"{kind} {mine.name}", len(cards)
     if wanted not in ("auto", "cpu"):
-        raise RuntimeError(f"Cycles finds no {wanted} device here; use --device auto or cpu")
+        raise Unusable(f"Cycles finds no {wanted} device here", "use --device auto or cpu")
     preferences.compute_device_type = "NONE"
     return "CPU", 1
+
+
+def _preferences() -> Any:
+    addon = bpy.context.preferences.addons.get("cycles")
+    if addon is None:
+        raise Unusable(f"Blender {bpy.app.version_string} was built without Cycles", "use one from blender.org")
+    return addon.preferences
 
 
 def _cards(preferences: Any, kind: str) -> list[Any]:
@@ -88,6 +100,11 @@ def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: 
         The first thing that `choose_device` said.
     threads
         CPU threads; 0 for all.
+
+    Raises
+    ------
+    Unusable
+        If Blender was built without the denoiser that is asked for.
     """
     render, cycles = scene.render, scene.cycles
     # A property's own default is not always what a new scene has, so a new scene is asked.
@@ -112,12 +129,23 @@ def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: 
     if cycles.use_adaptive_sampling:
         cycles.adaptive_threshold = settings["adaptive_threshold"]
     cycles.use_denoising = bool(settings["denoise"])
-    cycles.denoiser = "OPENIMAGEDENOISE"
-    cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
-    cycles.denoising_use_gpu = device != "CPU"
+    if cycles.use_denoising:
+        _denoise(cycles, gpu=device != "CPU")
     _bounces(cycles, int(settings["bounces"]))
     # Keeps textures, geometry and BVHs from one image to the next.
     render.use_persistent_data = True
+
+
+def _denoise(cycles: Any, *, gpu: bool) -> None:
+    try:
+        cycles.denoiser = OIDN
+    except TypeError:  # the distributions' builds often lack it
+        raise Unusable(
+            f"Blender {bpy.app.version_string} was built without OpenImageDenoise",
+            "use the bpy module or a Blender from blender.org, or plan with `denoise = false`",
+        ) from None
+    cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+    cycles.denoising_use_gpu = gpu
 
 
 def _bounces(cycles: Any, bounces: int) -> None:

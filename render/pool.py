@@ -110,6 +110,8 @@ class Pool:
         self.blender_version = ""
         self._logs, self._device, self._limits = logs, device, limits
         self._command = worker_command(blender)
+        # The doctor looks at the bpy module only.
+        self._remedy = "run `hulldown doctor`" if blender is None else f"see whether `{blender} --background` starts"
         self._say, self._stopping = say, stopping
         self._one_per_gpu = workers is None
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
@@ -167,6 +169,8 @@ class Pool:
     def _hear(self, worker: _Worker, process: WorkerProcess, answer: dict[str, Any] | None) -> None:
         if answer is None:
             self._lost(worker, process.last_words())
+        elif "unusable" in answer:
+            raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
         elif "ready" in answer:
             self.blender_version = answer["ready"]
             cores = psutil.cpu_count() or 1
@@ -175,7 +179,7 @@ class Pool:
         elif answer.get("done") == "start":
             self._started(worker, answer)
         elif worker.current is None:
-            raise HulldownError(f"Blender cannot be used: {answer.get('failed')}", remedy="run `hulldown doctor`")
+            raise HulldownError(f"Blender cannot be used: {answer.get('failed')}", remedy=self._remedy)
         elif "failed" in answer:
             job, worker.current = worker.current, None
             self._attempt_failed(worker, job, answer["failed"])
@@ -226,7 +230,7 @@ class Pool:
             raise HulldownError(
                 f"Blender has not started {worker.starts} times running: {worker.reason}",
                 path=log,
-                remedy="run `hulldown doctor`",
+                remedy=self._remedy,
             )
         worker.starts += 1
         worker.deadline = time.monotonic() + self._limits.start_s

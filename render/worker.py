@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import queue
 import signal
 import sys
@@ -24,6 +25,7 @@ from typing import Any
 _ROOT = Path(__file__).resolve().parent.parent
 sys.path[:] = [*(entry for entry in sys.path if Path(entry or ".").resolve() != _ROOT / "render"), str(_ROOT)]
 
+OLDEST = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
 ANSWER = "@hulldown "  # begins the lines that are answers; an installed Blender prints before we can stop it
 
 
@@ -35,24 +37,39 @@ def main() -> int:
     threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
-    from render.renderer import Renderer
-
-    renderer = Renderer()
-
     def answer(message: Mapping[str, Any]) -> None:
         answers.write(ANSWER + json.dumps(message) + "\n")
         answers.flush()
 
+    if bpy.app.version < OLDEST:
+        wanted = ".".join(map(str, OLDEST))
+        answer(_unusable(f"it is Blender {bpy.app.version_string}", f"use version {wanted} or later"))
+        return 1
+    try:
+        from render.cycles import Unusable
+        from render.renderer import Renderer
+    except ModuleNotFoundError as error:
+        python = f"the Python {platform.python_version()} of Blender {bpy.app.version_string}"
+        answer(_unusable(f"{python} has no {error.name}", f"install {error.name} for that Python"))
+        return 1
+    renderer = Renderer()
     answer({"ready": bpy.app.version_string})
     while line := jobs.get():
         try:
             message = renderer.do(json.loads(line))
+        except Unusable as error:
+            message = _unusable(*error.args)
         except Exception as error:
             traceback.print_exc()
             message = {"failed": f"{type(error).__name__}: {error}"}
             renderer.reset()
         answer(message)
     return 0
+
+
+def _unusable(problem: str, remedy: str) -> dict[str, str]:
+    """The answer that ends the run: other images would fare no better."""
+    return {"unusable": problem, "remedy": remedy}
 
 
 def _claim_stdout() -> Any:

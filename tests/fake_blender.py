@@ -40,6 +40,8 @@ def touched(size):
 def misbehave(how):
     if how == "hold":
         held.append(touched(105 << 20))
+    if how == "unusable":
+        return {"unusable": "no denoiser, as asked", "remedy": "use another"}
     if how == "fail":
         return {"failed": "ValueError: as asked"}
     if how == "crash":

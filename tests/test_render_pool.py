@@ -108,8 +108,15 @@ def test_a_run_in_which_nothing_succeeds_is_stopped(tmp_path, blender):
 
 def test_blender_that_does_not_start_is_an_error_with_its_words(tmp_path, blender, monkeypatch):
     monkeypatch.setenv("FAKE_BLENDER", "will not start")
-    with pytest.raises(HulldownError, match=r"has not started 3 times running.*no such library.*hulldown doctor"):
+    with pytest.raises(HulldownError, match=r"has not started 3 times.*no such library.*blender --background` starts"):
         Work(tmp_path, [""]).run(tmp_path, blender, workers=1)
+
+
+def test_what_no_image_can_succeed_with_ends_the_run_at_the_first(tmp_path, blender):
+    work = Work(tmp_path, ["unusable"] * 3)
+    with pytest.raises(HulldownError, match=r"Blender cannot be used: no denoiser, as asked; use another$"):
+        work.run(tmp_path, blender, workers=1)
+    assert work.failed == {}
 
 
 def test_a_path_that_is_no_blender_is_an_error(tmp_path):
