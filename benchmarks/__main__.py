@@ -21,7 +21,7 @@ from rich.console import Console
 ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "planning", "export", "rendering",
-    "omissions",
+    "resuming", "omissions",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "open3d", "pycocotools")

@@ -63,7 +63,7 @@ def run(quick: bool) -> dict:
         }
 
 
-def _planned(
+def planned(
     folder: Path,
     config_path: Path,
     per_class: int,
@@ -95,7 +95,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     Three vehicles with four images each: in a dataset of some size a vehicle has many more that follow each other.
     """
     size = (160, 90) if quick else (480, 270)
-    plan, assets = _planned(folder, config_path, 4, size, one_of_a_class=True)
+    plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
     settings = {**PAPER, "samples": 4 if quick else 32}
     jobs = [job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
     start = time.perf_counter()
@@ -127,7 +127,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
 
 def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
     """Resident memory of one worker after each of many small images; each scenery is loaded once."""
-    plan, assets = _planned(folder, config_path, 12 if quick else 100, (64, 36))
+    plan, assets = planned(folder, config_path, 12 if quick else 100, (64, 36))
     settings = {**PAPER, "samples": 1}
     talk = Talk(folder)
     held: dict[str, list[float]] = {}
@@ -146,7 +146,7 @@ def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
 
 def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     size, reference_samples = ((96, 54), 256) if quick else ((240, 135), 4096)
-    plan, assets = _planned(folder, config_path, 1, size, camera={"target_fraction": [0.3, 0.5]})
+    plan, assets = planned(folder, config_path, 1, size, camera={"target_fraction": [0.3, 0.5]})
     rows = _in_order(plan)[:: 2 if quick else 1]
     talk = Talk(folder)
     points: dict[str, list[dict]] = {}

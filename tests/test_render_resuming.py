@@ -1,0 +1,83 @@
+"""`hulldown render` with real Blender, killed without warning: the dataset must be that of a run left alone."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.resuming import Kill, differences, render
+from planning.config import load_config
+from planning.write import write_plan
+from render.reading.cache import load_assets
+
+pytestmark = pytest.mark.blender
+WORLDS = Path(__file__).with_name("render_worlds.py")
+CONFIG = """
+[assets]
+hdris = ["grey.exr"]
+vehicles = [{path = "tank.blend", category = "tank"}]
+sceneries = [{path = "field.blend"}]
+[budget]
+images_per_class = 12
+[camera]
+target_fraction = [0.3, 0.6]
+[render]
+width = 96
+height = 54
+samples = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A plan, rendered into `whole` by a run that was left alone and into `killed` by one that was not."""
+    made = tmp_path_factory.mktemp("resuming")
+    subprocess.run([sys.executable, "-P", str(WORLDS), str(made)], check=True, capture_output=True)
+    (made / "hulldown.toml").write_text(CONFIG)
+    config = load_config(made / "hulldown.toml")
+    plan = write_plan(config, load_assets(config), made / "plan.jsonl")
+    render(plan.path, made / "whole")
+    course = render(plan.path, made / "killed", [Kill("worker", 2, 0.02), Kill("run", 3, 0.05)])
+    assert course.killed == {"run": 1, "worker": 1}
+    assert course.started == 2
+    return made
+
+
+def test_two_kills_lose_and_double_nothing(folder):
+    found = differences(folder / "whole", folder / "killed")
+    assert found == dict.fromkeys(found, 0)
+    assert len(list((folder / "killed" / "images").iterdir())) == 12
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        ("lost", {"pictures lost": 1}),
+        ("other", {"pictures that differ": 1}),
+        ("left over", {"files too many": 1}),
+        ("renumbered", {"images lost": 1, "images doubled": 1}),
+        ("twice", {"images doubled": 1, "file names doubled": 1}),
+    ],
+)
+def test_the_comparison_sees(folder, tmp_path, what, expected):
+    changed = tmp_path / "changed"
+    shutil.copytree(folder / "killed", changed)
+    first, second = sorted((changed / "images").iterdir())[:2]
+    coco = changed / "annotations.json"
+    if what == "lost":
+        first.unlink()
+    elif what == "other":
+        shutil.copy(second, first)
+    elif what == "left over":
+        (changed / ".unfinished").mkdir()
+        shutil.copy(first, changed / ".unfinished")
+    elif what == "renumbered":
+        coco.write_text(coco.read_text().replace('"id":1,"file_name"', '"id":99,"file_name"'))
+    else:
+        text = coco.read_text()
+        record = text[text.index('{"id":1,"file_name"') : text.index('{"id":2,"file_name"')]
+        coco.write_text(text.replace(record, record * 2))
+    found = differences(folder / "whole", changed)
+    assert {key: n for key, n in found.items() if n} == expected
