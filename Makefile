@@ -39,5 +39,5 @@ thorough: setup ## the property tests with thousands of examples each
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
 
 clean: ## remove what the other targets made, .venv included
-	rm -rf $(VENV) $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks *.egg-info
+	rm -rf $(VENV) $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -2,7 +2,8 @@
 
 Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)`
 makes a Markdown section of it, `plots(results, folder)` draws it and returns the files. Peers run beside hulldown in
-the same process, in turn, so that the ratios hold on a noisy machine.
+the same process, in turn, so that the ratios hold on a noisy machine; tools such as pytest-benchmark finish one way
+before they begin the next.
 """
 
 from __future__ import annotations
