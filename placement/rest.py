@@ -17,11 +17,15 @@ from placement.support import support_plane
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rest:
-    """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings."""
+    """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings.
+
+    `margin` is that of `placement.support.Support`; nan for the rules that know no contacts.
+    """
 
     height: Float[np.ndarray, " k"]
     gradient: Float[np.ndarray, "k 2"]
     found: Bool[np.ndarray, " k"]
+    margin: Float[np.ndarray, " k"]
 
 
 def averaged(
@@ -56,7 +60,9 @@ def averaged(
     # The mean height belongs to the mean position of the valid samples, which need not be the origin.
     centre_x = (valid * samples[:, 0]).sum(axis=1) / count
     centre_y = (valid * samples[:, 1]).sum(axis=1) / count
-    return Rest(height - gradient[:, 0] * centre_x - gradient[:, 1] * centre_y, gradient, found)
+    return Rest(
+        height - gradient[:, 0] * centre_x - gradient[:, 1] * centre_y, gradient, found, np.full(len(found), np.nan)
+    )
 
 
 def least_squares(
@@ -76,7 +82,7 @@ def least_squares(
     found = determinant > 1e-9 * np.ptp(x) ** 2 * np.ptp(y) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         gx, gy = (sxz * syy - syz * sxy) / determinant, (syz * sxx - sxz * sxy) / determinant
-    return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found)
+    return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found, np.full(len(found), np.nan))
 
 
 def support(
@@ -84,9 +90,6 @@ def support(
 ) -> Rest:
     """The lowest plane above all hits at the centre of the footprint, where the centre of gravity is taken to be."""
     centre = (samples.min(axis=0) + samples.max(axis=0)) / 2
-    # Relative to the highest valid sample, so that rounding scales with the relief and not with the altitude.
-    top = np.where(valid, heights, -np.inf).max(axis=1, keepdims=True, initial=-np.inf)
-    top[~np.isfinite(top)] = 0.0
-    plane = support_plane(samples - centre, heights - top, valid)
-    height = plane.height + top[:, 0] - plane.gradient[:, 0] * centre[0] - plane.gradient[:, 1] * centre[1]
-    return Rest(height, plane.gradient, plane.found)
+    plane = support_plane(samples - centre, heights, valid)
+    height = plane.height - plane.gradient[:, 0] * centre[0] - plane.gradient[:, 1] * centre[1]
+    return Rest(height, plane.gradient, plane.found, plane.margin)

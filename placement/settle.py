@@ -40,6 +40,9 @@ class Settled:
         (k,) radians: inclination of the rest plane, which is the vehicle's.
     share
         (k,) share of the footprint's rays that met ground.
+    margin
+        (k,) metres: how far inside the triangle of its three contacts the centre of gravity lies, seen from above; the
+        nearer to 0, the less sure the pose. nan for the rules that know no contacts.
     gap
         (k,) metres: the largest vertical distance from the tilted underside down to the ground.
     penetration
@@ -52,6 +55,7 @@ class Settled:
     slope: Float[np.ndarray, " k"]
     tilt: Float[np.ndarray, " k"]
     share: Float[np.ndarray, " k"]
+    margin: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
     penetration: Float[np.ndarray, " k"]
     verdict: UInt8[np.ndarray, " k"]
@@ -206,8 +210,9 @@ def _settle_block(
     terrain: Terrain, xy: Float[np.ndarray, "k 2"], yaw: Float[np.ndarray, " k"], options: _Options
 ) -> Settled:
     k = len(xy)
-    slope, tilt, share, gap, penetration = np.full((5, k), np.nan)
-    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, gap, penetration, np.zeros(k, dtype=np.uint8))
+    slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
+    verdict = np.zeros(k, dtype=np.uint8)
+    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, verdict)
     spot = terrain.top_hits(xy, method=options.method)
     out.slope[:] = _inclination(spot.normal)
     out.verdict[~spot.hit] = Verdict.OFF_GROUND
@@ -224,7 +229,7 @@ def _settle_block(
     gx, gy = cos * gradient[:, 0] - sin * gradient[:, 1], sin * gradient[:, 0] + cos * gradient[:, 1]
     length = np.sqrt(1.0 + gx**2 + gy**2)
     normal = np.stack([-gx / length, -gy / length, 1.0 / length], axis=1)
-    out.tilt[rows] = _inclination(normal)
+    out.tilt[rows], out.margin[rows] = _inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
     out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
     out.verdict[rows[out.tilt[rows] > options.max_slope]] = Verdict.MEAN_TOO_STEEP
@@ -260,7 +265,7 @@ def _rest(
         rest = least_squares(options.samples, heights, valid)
     else:
         rest = support(options.samples, heights, valid)
-    return Rest(rest.height + spot_z, rest.gradient, rest.found), valid.mean(axis=1)
+    return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
 
 def _contact(

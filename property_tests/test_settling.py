@@ -175,7 +175,7 @@ def test_a_candidate_does_not_depend_on_its_company(seed, rule):
     together = settle(terrain, SIZE, xy, yaw, rule=rule)
     for i in (0, 13, 29):
         alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], rule=rule)
-        for name in ("world_from_vehicle", "slope", "tilt", "share", "gap", "penetration", "verdict"):
+        for name in ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "verdict"):
             np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)
 
 

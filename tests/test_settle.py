@@ -96,6 +96,20 @@ def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n
     assert support.penetration[0] < 0.02 < averaged.penetration[0]
 
 
+def test_the_margin_is_how_far_the_centre_lies_inside_its_contacts():
+    # Three cones to stand on, under samples of 5 x 5: the nose, and both sides 1.75 m behind the centre.
+    def cones(x, y):
+        return sum(np.maximum(0.0, 0.2 - np.hypot(x - a, y - b)) for a, b in ((3.5, 0), (-1.75, 1.75), (-1.75, -1.75)))
+
+    terrain = Terrain(height_field(cones, half=8, cell=0.05))
+    xy, yaw = [[0.0, 0.0], [0.0, 0.0], [-7.9, 0.0]], [0.0, math.pi, 0.0]
+    settled = settle(terrain, TANK, xy, yaw)
+    np.testing.assert_allclose(settled.margin[:2], 3.5 * 1.75 / math.hypot(5.25, 1.75), atol=1e-9)
+    assert settled.verdict.tolist() == [Verdict.OK, Verdict.OK, Verdict.OVERHANG]
+    assert np.isnan(settled.margin[2])
+    assert np.isnan(settle(terrain, TANK, xy, yaw, rule="averaged").margin).all()
+
+
 def test_a_bump_between_the_rays_is_seen_by_the_denser_measurement():
     terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
     free, limited = (settle(terrain, TANK, [[0.0, 0.0]], [0.0], max_penetration=d) for d in (math.inf, 0.3))

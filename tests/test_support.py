@@ -73,6 +73,62 @@ def test_on_a_ridge_below_the_centre_it_stands_level():
     np.testing.assert_allclose([plane.height[0], *plane.gradient[0]], 0.0, atol=1e-15)
 
 
+def test_over_an_edge_it_tips_to_the_mean_of_both_sides():
+    roof = np.where(GRID[:, 0] < 0, 0.2, -0.4) * GRID[:, 0]
+    roof[12] = -1.0  # nothing right below the centre
+    both = np.ones((1, 25), dtype=bool)
+    np.testing.assert_allclose(support_plane(GRID, roof[None], both).gradient, [[-0.1, 0.0]], atol=1e-15)
+    # Where there is no ground beyond the edge there is one side only.
+    one = (GRID[:, 0] >= 0)[None]
+    np.testing.assert_allclose(support_plane(GRID, roof[None], one).gradient, [[-0.4, 0.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 9, 21])
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_at_any_density_the_contacts_touch_surround_the_centre_and_nothing_is_above(n, share):
+    # By duality no lower plane exists then. Steps of 0.1 m, so that many triangles tie.
+    rng = np.random.default_rng(n)
+    side = np.linspace(-1, 1, n)
+    xy = np.stack(np.meshgrid(3.5 * side, 1.75 * side, indexing="ij"), -1).reshape(-1, 2)
+    heights = np.round(rng.normal(0, 0.3, (300, n * n)) + xy @ [0.2, -0.1], 1) + 500.0
+    valid = rng.random(heights.shape) < share
+    plane = support_plane(xy, heights, valid)
+    f = np.flatnonzero(plane.found)
+    assert len(f) > (30 if n == 2 and share < 1 else 200)
+    corners = xy[plane.contacts[f]]
+    ends = np.roll(corners, -1, axis=1)
+    around = corners[..., 0] * ends[..., 1] - corners[..., 1] * ends[..., 0]
+    assert (around > -1e-12).all()
+    above = plane.height[f, None] + plane.gradient[f] @ xy.T - heights[f]
+    sure = plane.margin[f] > 1e-9
+    touching = np.take_along_axis(above, plane.contacts[f], axis=1)
+    np.testing.assert_allclose(touching[sure], 0, atol=1e-11)
+    assert above[valid[f]].min() > -1e-11
+
+
+def test_a_row_does_not_depend_on_its_company():
+    rng = np.random.default_rng(5)
+    heights = np.round(rng.normal(0, 0.2, (300, 25)), 1)
+    valid = rng.random((300, 25)) < 0.9
+    together = support_plane(GRID, heights, valid)
+    for i in (0, 127, 128, 299):
+        alone = support_plane(GRID, heights[i : i + 1], valid[i : i + 1])
+        for name in ("height", "gradient", "contacts", "margin", "found"):
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)
+
+
+def test_the_margin_is_the_distance_from_the_centre_to_the_nearest_side():
+    heights = np.full((1, 25), -1.0)
+    on = [np.flatnonzero((at == GRID).all(axis=1))[0] for at in ([3.5, 0.0], [-1.75, 1.75], [-1.75, -1.75])]
+    heights[0, on] = 0.0
+    plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
+    assert set(plane.contacts[0].tolist()) == set(on)
+    # Twice the area of (centre, nose, left) over the length of that side; the rear side is 1.75 away.
+    np.testing.assert_allclose(plane.margin, 3.5 * 1.75 / np.hypot(5.25, 1.75), atol=1e-15)
+    heights[0, 12] = 1.0
+    assert support_plane(GRID, heights, np.ones((1, 25), dtype=bool)).margin[0] < 1e-15
+
+
 def test_a_ledge_is_tipped_over_as_far_as_the_lower_ground():
     # High ground under the rear two rows only, the centre just beyond: the vehicle lies on the edge and on its nose.
     heights = np.where(GRID[:, 0] < -1, 1.0, 0.0)[None]
