@@ -19,7 +19,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document, stays_inside
-from annotate.journal import Journal
+from annotate.journal import MERGED, Journal
 from geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
@@ -202,7 +202,7 @@ class CocoDataset:
         start = time.monotonic()
         if self._document.pending or not path.exists():
             self._document.write(path)
-            self._journal.append({"merged": True})
+            self._journal.append_bytes(MERGED)
             self._document.pending = 0
         self._merged_at = time.monotonic()
         self._merge_took = self._merged_at - start

@@ -14,6 +14,7 @@ import orjson
 from geometry.errors import DatasetError
 
 CLOSED = -1
+MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
 
@@ -108,6 +109,14 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
             if not isinstance(record, dict):
                 raise _damaged(path, number, f"a {type(record).__name__} where an object was expected")
             yield record
+
+
+def last_merged(path: Path) -> int:
+    """The number of the last line of a journal that is `MERGED`; 0 if there is none."""
+    if not path.exists():
+        return 0
+    with path.open("rb") as file:
+        return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
 
 
 def sync_folder(folder: Path) -> None:

@@ -10,14 +10,18 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import annotate.coco
+import annotate.document
 from annotate.coco import CocoDataset
-from annotate.document import read_coco
+from annotate.document import read_coco, read_document
+from annotate.layout import OtherLayoutError, read_by_line
+from geometry.errors import DatasetError
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
 numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
@@ -192,3 +196,57 @@ def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[i
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         return {int(line) for line in (heard + pipe.read()).split()}
+
+
+STRUCTURE = [
+    b"{",
+    b"}",
+    b"[",
+    b"]",
+    b",",
+    b"\n",
+    b"},\n",
+    b"],\n",
+    b"]}\n",
+    b"{}",
+    b"{}}",
+    b'"images":[',
+    b'"images":[\n',
+]
+VALUES = [b'"id":1,', b'{"id":9},\n', b"NaN", b"1e5", b"\xff", b"\\ud800", b" ", b"\r", b'"x']
+PIECES = STRUCTURE + VALUES
+
+
+@given(batches, st.lists(st.tuples(*[st.floats(0, 1)] * 3, st.sampled_from(["cut", "copy", *PIECES])), max_size=3))
+def test_by_line_reads_what_a_parser_of_the_whole_reads(batch: list, changes: list) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        append_all(folder, batch, 0)
+        path = folder / "annotations.json"
+        content = path.read_bytes()
+        for where, end, to, change in changes:
+            # At the brackets and line ends first of all, where a reader by line makes its decisions.
+            places = [0, *(i for i, byte in enumerate(content) if byte in b'{}[],"\n:'), len(content)]
+            i, j, k = (places[round(share * (len(places) - 1))] for share in (where, end, to))
+            i, j = min(i, j), max(i, j)
+            piece = {"cut": b"", "copy": content[i:j]}.get(change, change)
+            content = content[:i] + content[j:] if change == "cut" else content[:k] + piece + content[k:]
+        path.write_bytes(content)
+        found = state(folder)
+        if not changes:
+            with path.open("rb") as file:
+                head, images, boxed = read_by_line(file)
+                assert {**head, "images": list(images), "annotations": list(boxed)} == json.loads(content)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(annotate.document, "read_by_line", Mock(side_effect=OtherLayoutError))
+            assert found == state(folder)
+
+
+def state(folder: Path) -> dict | str:
+    """All that a document holds, or why there is none."""
+    try:
+        document = read_document(folder)
+    except DatasetError as error:
+        return str(error)
+    names = ("head", "categories", "category_ids", "images", "annotations", "file_names", "runs", "pending")
+    return {name: getattr(document, name) for name in names}
