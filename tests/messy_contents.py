@@ -1,0 +1,126 @@
+"""Files with more, less or worse in them than a vehicle: clutter, lost files, scripts, broken numbers. In Blender."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import bpy
+from messy_parts import FOLDER, box, case, link, tank
+
+
+@case
+def clutter():
+    """What a vehicle's file is full of besides the vehicle; two floors have names that say nothing."""
+    tank()
+    box("Cabin_Floor", (2, 2, 0.1), (-1.5, 0, 1.6))
+    box("Plane.004", (0.05, 2.5, 0.8), (-3.4, 0, 1))
+    litter = [
+        box("Floor", (40, 40, 0.1), (0, 0, -0.05)),
+        box("Object_17", (90, 70, 0.01), (3, 2, -0.2)),
+        box("shadowCatcher.002", (9, 9, 0.02), (0, 0, 0.3)),
+        box("UCX_Hull_01", (6.4, 3.4, 3), (0, 0, 1.5)),
+        box("Backdrop", (0.2, 30, 12), (-15, 0, 6)),
+        box("ground", (2, 1, 0.02), (0, 0, 0.49)),
+        box("ref_side", (9, 0.01, 5), (0, 6, 2)),
+    ]
+    caught = box("Catcher", (8, 8, 0.1), (0, 0, 0.4))
+    caught.is_shadow_catcher = True
+    ghost = box("Ghost", (4, 4, 4), (0, 0, 3))
+    ghost.visible_camera = False
+    link(bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA")))
+    link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
+    return {"hide": [o.name for o in [*litter, caught, ghost]]}
+
+
+@case
+def textured():
+    """Pictures that are there, packed, missing, missing in a library, and missing where nobody sees it."""
+    picture = bpy.data.images.new("there", 4, 4)
+    picture.filepath_raw, picture.file_format = str(FOLDER / "there.png"), "PNG"
+    picture.save()
+    packed = bpy.data.images.new("packed", 4, 4)
+    packed.pack()
+    hull, turret, _ = (box(n, (4, 2, 1), (0, 0, i)) for i, n in enumerate(("Hull", "Turret", "Spare")))
+    floor = box("Floor", (60, 60, 0.1), (0, 0, -0.6))
+    for obj, images in (
+        (hull, [picture, packed]),
+        (turret, [image("//textures/gone.png")]),
+        (floor, [image("//floor_gone.png")]),
+    ):
+        material = bpy.data.materials.new(obj.name)
+        for each in images:
+            node = material.node_tree.nodes.new("ShaderNodeTexImage")
+            node.image = each
+        obj.data.materials.append(material)
+    group = bpy.data.node_groups.new("inner", "ShaderNodeTree")
+    group.nodes.new("ShaderNodeTexImage").image = image("//nested_gone.exr")
+    bpy.data.materials["Turret"].node_tree.nodes.new("ShaderNodeGroup").node_tree = group
+    return {"hide": ["Floor"]}
+
+
+def image(path):
+    made = bpy.data.images.new(Path(path).name, 1, 1)
+    made.source, made.filepath = "FILE", path
+    return made
+
+
+@case
+def lost_library():
+    """A wheel comes from a library that is not there any more."""
+    tank()
+    with bpy.data.libraries.load(str(FOLDER / "soon_gone.blend"), link=True, relative=True) as (_, target):
+        target.objects = ["Wheel"]
+    link(target.objects[0])
+    return {}
+
+
+@case
+def malicious():
+    """A text that registers itself and a driver, both of which would write a file."""
+    turret, _ = tank()
+    order = f"open({str(FOLDER / 'ran')!r}, 'w').write('x')"
+    text = bpy.data.texts.new("startup.py")
+    text.from_string(f"import bpy\n{order}\nbpy.app.driver_namespace['f'] = lambda: {order}\n")
+    text.use_module = True
+    driver = turret.driver_add("rotation_euler", 2).driver
+    driver.type, driver.expression = "SCRIPTED", f"{order} or 1.5"
+    return {}
+
+
+@case
+def no_numbers():
+    """A vertex that is no number, as broken exporters write them."""
+    box("Hull", (6, 3, 1)).data.vertices[3].co.y = math.nan
+    return {"truth": False}
+
+
+@case
+def nothing():
+    """A camera, a lamp and something hidden."""
+    link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
+    box("Hull", (6, 3, 1)).hide_render = True
+    return {"truth": False}
+
+
+@case
+def odd_ones():
+    """Two scenes, two view layers, and what Cycles makes of meshes that nobody else sees."""
+    bpy.data.scenes.new("Other")
+    bpy.context.scene.view_layers.new("Second")
+    hull = box("Hull", (6, 3, 1), (0, 0, 1))
+    hull.modifiers.new("s", "SUBSURF").use_adaptive_subdivision = True
+    rough = box("Rough", (1, 1, 1), (0, 0, 2))
+    material = bpy.data.materials.new("rough")
+    material.displacement_method = "DISPLACEMENT"
+    tree = material.node_tree
+    tree.links.new(
+        tree.nodes.new("ShaderNodeDisplacement").outputs[0], tree.get_output_node("CYCLES").inputs["Displacement"]
+    )
+    rough.data.materials.append(material)
+    furry = box("Furry", (1, 1, 1), (2, 0, 2))
+    furry.modifiers.new("p", "PARTICLE_SYSTEM")
+    furry.particle_systems[0].settings.type = "HAIR"
+    strands = link(bpy.data.objects.new("Strands", bpy.data.hair_curves.new("Strands")))
+    strands.data.add_curves([4, 4])
+    return {"truth": False}

@@ -1,0 +1,111 @@
+"""What the messy cases are built of: objects, collections, a tank, a sheet of ground, scattering nodes. In Blender."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+FOLDER = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
+CASES: dict[str, Callable[[], dict]] = {}
+
+
+def case(build: Callable[[], dict]) -> Callable[[], dict]:
+    """A case by the name of the function that builds it, which answers with what is special about it."""
+    CASES[build.__name__] = build
+    return build
+
+
+def link(obj, collection=None):
+    (collection or bpy.context.scene.collection).objects.link(obj)
+    return obj
+
+
+def empty(name, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), collection=None):
+    obj = link(bpy.data.objects.new(name, None), collection)
+    obj.location, obj.rotation_euler, obj.scale, obj.parent = at, rot, scale, parent
+    return obj
+
+
+def box(name, size, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), collection=None, shift=(0, 0, 0)):
+    """A wedge-shaped box (no symmetry that would hide a mirrored or turned axis); `shift` moves it off its origin."""
+    sx, sy, sz = (s / 2 for s in size)
+    points = [(-sx, -sy, -sz), (sx, -sy, -sz), (sx, sy, -sz), (-sx, sy, -sz)]
+    points += [(-sx, -sy, sz), (0.7 * sx, -sy, 0.8 * sz), (0.5 * sx, 0.6 * sy, sz), (-sx, sy, 0.9 * sz)]
+    mesh = bpy.data.meshes.new(name)
+    faces = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    mesh.from_pydata([tuple(np.add(p, shift)) for p in points], [], faces)
+    obj = link(bpy.data.objects.new(name, mesh), collection)
+    obj.location, obj.rotation_euler, obj.scale, obj.parent = at, rot, scale, parent
+    return obj
+
+
+def collection(name, parent=None):
+    made = bpy.data.collections.new(name)
+    (parent or bpy.context.scene.collection).children.link(made)
+    return made
+
+
+def layer(name, root=None):
+    root = root or bpy.context.view_layer.layer_collection
+    for child in root.children:
+        if child.name == name:
+            return child
+        if found := layer(name, child):
+            return found
+    return None
+
+
+def tank(parent=None, coll=None, *, turret_deg=0.0, gun_deg=0.0, turn=(0, 0, 0)):
+    """Hull, turret and gun under empties; the angles are what a plan would ask for."""
+    box("Hull", (6, 3, 1), (0, 0, 1), parent, collection=coll)
+    box("Nose", (1, 2, 0.6), (3.2, 0.2, 1), parent, collection=coll)
+    turret = empty("Turret", (0.5, 0.1, 1.5), parent, (0, 0, math.radians(turret_deg)), collection=coll)
+    box("Dome", (2.4, 2, 0.8), (0, 0, 0.4), turret, collection=coll)
+    gun = empty("Gun", (1, 0, 0.4), turret, (0, -math.radians(gun_deg), 0), collection=coll)
+    box("Tube", (3, 0.25, 0.25), (1.5, 0, 0), gun, collection=coll)
+    return turret, gun
+
+
+def scatter(name, obj=None):
+    """A node group that keeps the mesh and puts an instance (of `obj`, or a cube of its own) on each vertex."""
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes = {k: group.nodes.new(k) for k in ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeJoinGeometry")}
+    on_points = group.nodes.new("GeometryNodeInstanceOnPoints")
+    if obj:
+        source = group.nodes.new("GeometryNodeObjectInfo")
+        source.inputs["Object"].default_value, source.inputs["As Instance"].default_value = obj, True
+        made = source.outputs["Geometry"]
+    else:
+        made = group.nodes.new("GeometryNodeMeshCube").outputs["Mesh"]
+    join = nodes["GeometryNodeJoinGeometry"]
+    for a, b in (
+        (made, on_points.inputs["Instance"]),
+        (nodes["NodeGroupInput"].outputs[0], on_points.inputs["Points"]),
+        (nodes["NodeGroupInput"].outputs[0], join.inputs[0]),
+        (on_points.outputs[0], join.inputs[0]),
+        (join.outputs[0], nodes["NodeGroupOutput"].inputs[0]),
+    ):
+        group.links.new(a, b)
+    return group
+
+
+def sheet(name, size, cells, at=(0, 0, 0), coll=None, shift=(0, 0, 0)):
+    mesh = bpy.data.meshes.new(name)
+    side = np.linspace(-size / 2, size / 2, cells + 1)
+    points = [(x + shift[0], y + shift[1], 0.6 * math.sin(x / 5) + shift[2]) for y in side for x in side]
+    n = cells + 1
+    mesh.from_pydata(
+        points,
+        [],
+        [(j * n + i, j * n + i + 1, (j + 1) * n + i + 1, (j + 1) * n + i) for j in range(cells) for i in range(cells)],
+    )
+    obj = link(bpy.data.objects.new(name, mesh), coll)
+    obj.location = at
+    return obj

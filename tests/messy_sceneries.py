@@ -1,0 +1,70 @@
+"""Sceneries as people build them: scattered, without names, at map coordinates. In Blender."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from messy_parts import box, case, collection, empty, layer, scatter, sheet
+
+MAP = (500_000.0, 5_400_000.0, 200.0)
+
+
+@case
+def scattered():
+    """Trees and rocks by particles, geometry nodes, vertices and collections; LODs, fog and sky around them."""
+    ground = sheet("Cube.001", 60, 6, coll=collection("Terrain"))
+    stock = collection("Assets on the landscape")
+    oak = box("Oak", (1, 1, 6), collection=stock, shift=(0, 0, 3))
+    pebble = box("Pebble", (1.5, 1, 1), collection=stock)
+    layer("Assets on the landscape").exclude = True
+    ground.modifiers.new("p", "PARTICLE_SYSTEM")
+    particles = ground.particle_systems[0].settings
+    particles.type, particles.count, particles.use_advanced_hair = "HAIR", 12, True
+    particles.render_type, particles.instance_object, particles.particle_size = "OBJECT", oak, 0.5
+    carrier = sheet("Ground_spread", 20, 2, (0, 0, 0.5), coll=bpy.data.collections["Terrain"])
+    carrier.modifiers.new("g", "NODES").node_group = scatter("object", pebble)
+    second = sheet("Ground_cubes", 8, 1, (20, 20, 0), coll=bpy.data.collections["Terrain"])
+    second.modifiers.new("g", "NODES").node_group = scatter("anonymous")
+    for i in range(3):
+        spot = empty(f"Terrain_rock_spot.{i:03}", (-20 + 9 * i, -15, 0), scale=(1 + i, 2, -1.5), rot=(0, 0, i))
+        spot.instance_type, spot.instance_collection = "COLLECTION", stock
+    for lod in (1, 2):
+        sheet(f"Terrain_LOD{lod}", 60, 2).hide_render = True
+    fog = box("Volume", (80, 80, 40))
+    fog.data.materials.append(volume_material())
+    sky = box("Skydome", (400, 400, 400))
+    return {"hide": [fog.name, sky.name], "kind": "scenery", "distance": 75.0}
+
+
+def volume_material():
+    material = bpy.data.materials.new("fog")
+    tree = material.node_tree
+    output = tree.get_output_node("CYCLES")
+    for old in list(output.inputs["Surface"].links):
+        tree.links.remove(old)
+    tree.links.new(tree.nodes.new("ShaderNodeVolumePrincipled").outputs[0], output.inputs["Volume"])
+    return material
+
+
+@case
+def unnamed():
+    """A scenery that does not say what its ground is."""
+    sheet("Mesh", 60, 6)
+    box("Thing", (5, 5, 5), (5, 5, 2))
+    return {"kind": "scenery", "distance": 75.0}
+
+
+@case
+def map_in_mesh():
+    """Map coordinates in the vertices."""
+    sheet("Terrain", 64, 4, shift=MAP)
+    box("Hut", (8, 6, 4), shift=np.add(MAP, (3, 2, 1)))
+    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}
+
+
+@case
+def map_in_object():
+    """Map coordinates in the object; what hangs on it has small ones, that float32 matrices would round to 0.5 m."""
+    ground = sheet("Terrain", 64, 4, at=MAP)
+    box("Hut", (8, 6, 4), (3.14159, 2.71828, 1.41421), ground, rot=(0, 0, 0.3))
+    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}

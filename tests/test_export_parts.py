@@ -1,0 +1,102 @@
+"""Files as people bring them: what is vehicle, part, ground or obstacle, and what is dropped."""
+
+import numpy as np
+import pytest
+
+from tests.messy_export import Messy
+
+pytestmark = pytest.mark.blender
+
+
+def test_what_is_not_the_vehicle_is_dropped_and_the_reason_is_given(messy: Messy) -> None:
+    rows = {row.name: row for row in messy.exported["clutter"].report.rows}
+    reasons = {
+        "Floor": "says 'floor' and reaches",
+        "Object_17": "a flat sheet",
+        "shadowCatcher.002": "says 'shadow catcher'",
+        "UCX_Hull_01": "says 'ucx'",
+        "Backdrop": "says 'backdrop'",
+        "ground": "lies at the underside",
+        "ref_side": "says 'ref' and reaches",
+        "Catcher": "a shadow catcher",
+        "Ghost": "invisible to the camera",
+        "Key": "type light",
+        "Camera": "type camera",
+    }
+    for name, why in reasons.items():
+        assert rows[name].use == "dropped"
+        assert why in rows[name].why
+    assert {n for n, row in rows.items() if row.use != "dropped"} == {
+        *("Hull", "Nose", "Dome", "Tube", "Cabin_Floor", "Plane.004")
+    }
+
+
+def test_hidden_from_render_is_out_and_hidden_from_view_is_in(messy: Messy) -> None:
+    uses = messy.uses("modifiers")
+    assert uses["EyeHidden"] == {"hull"}
+    assert messy.uses("instances")["MonitorHidden"] == {"hull"}
+    for name in ("RenderHidden", "InHidden", "InExcluded", "InIndirect", "InHoldout"):
+        assert uses[name] == {"dropped"}
+
+
+def test_loose_vertices_do_not_count(messy: Messy) -> None:
+    assert messy.vehicle("surfaces").mesh.vertices[:, 2].max() < 4
+
+
+def test_origins_left_at_zero_are_not_believed(messy: Messy) -> None:
+    shape = messy.vehicle("no_origins")
+    reports = messy.exported["no_origins"].report
+    inside = shape.mesh.vertices[shape.vertex_part == 1]
+    assert np.allclose(shape.part_pivot[1, :2], (inside.min(axis=0) + inside.max(axis=0))[:2] / 2)
+    assert all("is not where" in part.why for part in reports.parts)
+    assert sum("turns about" in doubt for doubt in reports.doubts) == 2
+
+
+def test_a_turret_may_be_a_collection_or_a_bone(messy: Messy) -> None:
+    report = messy.exported["collections"].report
+    assert report.parts[0].why == "origin of 'pivot', named pivot"
+    assert messy.uses("collections") == {"Body": {"hull"}, "a": {"turret"}, "b": {"turret"}, "c": {"gun"}}
+    assert messy.exported["armature"].report.parts[0].why == "origin of 'turret'"
+
+
+def test_scenery_ground_and_obstacles(messy: Messy) -> None:
+    scenery = messy.scenery("scattered")
+    assert sorted(scenery.ground_names) == ["Cube.001", "Ground_cubes", "Ground_spread"]
+    names = list(scenery.instance_names)
+    assert (names.count("Oak"), names.count("Pebble"), names.count("Ground_cubes")) == (12 + 3, 9 + 3, 4)
+    # Oak, pebble, and the cube of the geometry nodes: one mesh each, however often they stand there.
+    assert len(scenery.obstacle_meshes) == 3
+    assert messy.uses("scattered")["Skydome"] == {"backdrop"}
+    for name in ("Volume", "Terrain_LOD1", "Terrain_LOD2"):
+        assert messy.uses("scattered")[name] == {"dropped"}
+    assert sum(row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak") == 15
+
+
+def test_no_ground_is_said_with_the_names_that_are_there(messy: Messy) -> None:
+    assert messy.scenery("unnamed").ground is None
+    (doubt,) = [d for d in messy.exported["unnamed"].report.doubts if d.startswith("NO GROUND")]
+    assert "'Mesh', 'Thing'" in doubt
+
+
+def test_map_coordinates_in_the_object_keep_what_hangs_on_it(messy: Messy) -> None:
+    scenery = messy.scenery("map_in_object")
+    assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
+    assert scenery.ground is not None
+    assert np.allclose(scenery.ground.bounds[:, :2], [[-32, -32], [32, 32]], atol=1e-5)
+    # In float32, Blender's own matrices, this would be 3.0 or 3.03125 and 2.5 or 3.0.
+    assert np.allclose(scenery.world_from_instance[0, :3, 3], [3.14159, 2.71828, 201.41421], atol=1e-6)
+
+
+def test_map_coordinates_in_the_mesh_are_those_of_the_file(messy: Messy) -> None:
+    scenery = messy.scenery("map_in_mesh")
+    assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
+    assert scenery.ground is not None
+    held = np.unique(np.float32(np.linspace(-32, 32, 5) + 5_400_000.0).astype(float) - 5_400_000.0)
+    assert np.unique(scenery.ground.vertices[:, 1]).tolist() == held.tolist()
+
+
+def test_what_nodes_make_belongs_to_the_part_that_carries_it(messy: Messy) -> None:
+    uses = messy.uses("nodes")
+    assert uses["Knob"] == {"hull"}
+    assert uses["Turret"] == {"turret"}
+    assert messy.vehicle("nodes").mesh.bounds[1, 0] > 3.1

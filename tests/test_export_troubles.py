@@ -1,0 +1,86 @@
+"""Files as people bring them: what is lost, broken, hostile or read otherwise than it renders is said."""
+
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import AssetError
+from render.reading.export import export_vehicle
+from tests.messy_export import Messy
+
+pytestmark = pytest.mark.blender
+DAMAGED = {
+    "truncated": "Blender cannot read it (Missing DNA block)",
+    "scrambled": "Blender cannot read it",
+    "newer": "was written by Blender 9.1, newer than the 5.",
+    "newer_compressed": "was written by Blender 9.1, newer than the 5.",
+}
+
+
+def test_missing_files_are_named_with_who_wants_them(messy: Messy) -> None:
+    missing = {Path(m.path).name: m.wanted_by for m in messy.exported["textured"].report.missing}
+    assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",)}
+    assert [Path(m.path).name for m in messy.exported["lost_library"].report.missing] == ["soon_gone.blend"]
+    assert any("gone.png, which 'Turret' wants" in doubt for doubt in messy.exported["textured"].report.doubts)
+    files = {Path(f).name for f in messy.exported["textured"].files}
+    assert {"there.png", "gone.png"} <= files
+    assert {Path(f).name for f in messy.exported["linked"].files} == {"library_vehicle.blend"}
+
+
+def test_a_file_never_runs_its_scripts_and_drivers(messy: Messy) -> None:
+    assert not (messy.folder / "ran").exists()
+
+
+@pytest.mark.parametrize(("name", "problem"), DAMAGED.items())
+def test_a_damaged_file_is_one_clear_line(messy: Messy, name: str, problem: str) -> None:
+    text = str(messy.errors[name])
+    assert text.startswith(f"{messy.folder / name}.blend: {problem}")
+    assert "\n" not in text
+    assert messy.errors[name].remedy
+
+
+def test_a_mesh_without_numbers_is_named(messy: Messy) -> None:
+    text = str(messy.errors["no_numbers"])
+    assert text.startswith(f"{messy.folder / 'no_numbers.blend'}: object 'Hull': mesh 'Hull': vertex 3 is [")
+    assert "nan" in text
+
+
+def test_nothing_that_is_rendered_is_no_vehicle(messy: Messy) -> None:
+    assert "no vehicle is left after clean-up; in it is nothing that is rendered" in str(messy.errors["nothing"])
+
+
+def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
+    doubts = "\n".join(messy.exported["odd_ones"].report.doubts)
+    for said in (
+        "only the scene 'Scene' is read, not 'Other'",
+        "only the view layer 'ViewLayer' is read, not 'Second'",
+        "'Hull' is subdivided adaptively",
+        "'Rough' is displaced by its material 'rough'",
+        "the hair 'p' of 'Furry' is left out",
+    ):
+        assert said in doubts
+    rows = {row.name: row for row in messy.exported["odd_ones"].report.rows}
+    assert rows["Strands"].why == "hair curves have no faces"
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "problem"),
+    [
+        ("no.blend", None, "does not exist"),
+        (f"{'x' * 300}.blend", None, "cannot be read (File name too long)"),
+        ("empty.blend", b"", "is empty"),
+        ("cipher.blend", bytes(range(7, 256)), "is no .blend file: it does not begin like one"),
+        ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),
+        ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
+        ("old.fbx", b"; FBX 6.1.0 project file\n", "is an ASCII FBX file"),
+        ("scene.gltf", b"{]", "is no .gltf file"),
+        ("model.glb", b"BLENDER17-01v0500", "is no .glb file"),
+    ],
+)
+def test_refused_without_asking_blender(tmp_path: Path, file: str, content: bytes | None, problem: str) -> None:
+    if content is not None:
+        (tmp_path / file).write_bytes(content)
+    with pytest.raises(AssetError) as caught:
+        export_vehicle(tmp_path / file)
+    assert str(caught.value).startswith(f"{tmp_path / file}: {problem}")
+    assert "\n" not in str(caught.value)
