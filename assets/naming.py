@@ -14,11 +14,16 @@ GUN = ("gun", "barrel", "cannon", "howitzer")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
 PIVOT = ("pivot",)
 
+VEHICLE = (  # what only a vehicle has
+    *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
+)
+
 HELPERS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
 )
-STAGES = ("floor", "ground", "groundplane", "grid", "plane", "terrain", "landscape", "stage", "ref", "reference")
+STAGES = ("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference")
+PRIMITIVES = ("grid", "plane")  # what Blender calls a new sheet, and whatever is modelled from one: many a car's body
 
 GROUND = (
     *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from assets.naming import GROUND, GUN, HELPERS, says, words
-from render.reading.build import Options, build_scenery, likely_kind
+from geometry.errors import AssetError
+from render.reading.build import Options, build_scenery
 from render.reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
+from render.reading.kinds import likely_kind, refuse_wrong_kind
 from render.reading.parts import find_parts
 
 
@@ -99,6 +101,24 @@ def test_stages_and_sheets_are_dropped_by_place(thing: Piece, use: str) -> None:
         assert vehicle_uses(*pieces)[pieces.index(thing)] == use
 
 
+@pytest.mark.parametrize("name", ["Plane", "Grid.001", "Plane_Plane.002"])
+def test_a_sheet_with_the_name_of_a_new_one_that_reaches_out_is_a_stage(name: str) -> None:
+    assert vehicle_uses(HULL, piece(name, size=(20, 20, 1.5))) == ["vehicle", "dropped"]
+
+
+def test_a_body_modelled_from_a_plane_is_the_vehicle() -> None:
+    """Exporters write "truck_Plane", and a mesh is called "Plane" for ever after the sheet that it began as."""
+    wheels = piece("wheels", size=(4, 2, 0.8), at=(0, 0, 0.4))
+    for body in (
+        piece("car_shell", data="Plane", size=(6, 2, 1.4), at=(0, 0, 1)),
+        piece("truck_Plane", size=(6, 2, 2.7), at=(0, 0, 1.5)),
+        piece("roof_Plane.003", size=(6, 2, 0.1), at=(0, 0, 3)),
+        piece("Plane", size=(6, 2, 1.4), at=(0, 0, 1)),
+        piece(link("body", "plane"), size=(6, 2, 1.4), at=(0, 0, 1)),
+    ):
+        assert vehicle_uses(wheels, body) == ["vehicle", "vehicle"]
+
+
 def test_two_floors_do_not_vouch_for_each_other() -> None:
     floors = [
         piece("A", size=(90, 70, 0.01)),
@@ -154,6 +174,31 @@ def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
     assert likely_kind([ground, HULL, far], Options()) == "scenery"
     assert likely_kind([ground, HULL], Options()) == "vehicle"
     assert likely_kind([HULL], Options()) == "vehicle"
+    assert likely_kind([piece("Grid", size=(24, 120, 0))], Options()) == "scenery"
+
+
+def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() -> None:
+    files = [piece("Ground", size=(200, 200, 5)), piece("House", size=(40, 10, 10))], [piece("Water", size=(99, 99, 0))]
+    for pieces in files:
+        with pytest.raises(AssetError, match=r"looks like a scenery and is listed as a vehicle: .* \[\[assets.scener"):
+            refuse_wrong_kind("vehicle", pieces, Options())
+        assert refuse_wrong_kind("scenery", pieces, Options()) == ""
+        for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
+            assert refuse_wrong_kind("vehicle", pieces, options) == ""
+
+
+def test_a_vehicle_listed_as_a_scenery_is_refused_if_its_names_say_so() -> None:
+    floor = piece("Floor", size=(50, 50, 0.1))
+    for pieces in ([HULL], [floor, HULL]):
+        with pytest.raises(AssetError, match=r"looks like a vehicle and is listed as a scenery: in it is 'Hull'"):
+            refuse_wrong_kind("scenery", pieces, Options())
+        assert refuse_wrong_kind("vehicle", pieces, Options()) == ""
+        assert refuse_wrong_kind("scenery", pieces, Options(include=("floor",))) == ""
+    rocks = [piece("Rock", size=(6, 3, 1))]
+    assert "list it under [[assets.vehicles]] if it is one" in refuse_wrong_kind("scenery", rocks, Options())
+    assert refuse_wrong_kind("scenery", [floor, *rocks], Options()) == ""
+    town = [piece("House", size=(9, 9, 9)), piece("Cartwheel", at=(90, 0, 0)), piece("wheel", at=(90, 0, 0))]
+    assert refuse_wrong_kind("scenery", town, Options()) == ""
 
 
 def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str) -> tuple[dict[str, str], object]:

@@ -15,6 +15,7 @@ from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from render.reading.build import Options
 from render.reading.doubts import scenery_doubts, vehicle_doubts
+from render.reading.formats import format_of
 from render.reading.inspect import COLOURS, draw, inspect_file
 from render.reading.report import FileReport, Missing, PartRow, Row, gathered
 
@@ -30,6 +31,20 @@ image = bpy.data.images.new("gone", 1, 1)
 image.source, image.filepath = "FILE", "//gone.png"
 material.node_tree.nodes.new("ShaderNodeTexImage").image = image
 bpy.data.objects["Hull"].data.materials.append(material)
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+HIDDEN = """
+import bpy, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+around = bpy.data.collections.new("layer 2")
+bpy.context.scene.collection.children.link(around)
+bpy.ops.mesh.primitive_cube_add()
+hull = bpy.context.object
+hull.name = "Hull"
+bpy.context.scene.collection.objects.unlink(hull)
+around.objects.link(hull)
+around.hide_render = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
@@ -168,6 +183,25 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
         inspect_file(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
         inspect_file(path, picture=tmp_path / "none" / "x.png")
+
+
+@pytest.mark.blender
+def test_a_file_with_nothing_to_see_says_what_hides_it(tmp_path: Path) -> None:
+    path = tmp_path / "hidden.blend"
+    subprocess.run([sys.executable, "-c", HIDDEN, str(path)], check=True, capture_output=True)
+    with pytest.raises(AssetError, match="nothing that is rendered: 'Hull' is hidden from render with its collection"):
+        inspect_file(path)
+
+
+@pytest.mark.parametrize(("version", "refused"), [("1.0", True), ("2.0", False)])
+def test_an_old_gltf_is_refused_by_its_version(tmp_path: Path, version: str, refused: bool) -> None:
+    path = tmp_path / "truck.gltf"
+    path.write_text(json.dumps({"asset": {"version": version}}), encoding="utf-8")
+    if not refused:
+        assert format_of(path) == "gltf"
+        return
+    with pytest.raises(AssetError, match=r"is glTF 1\.0, which Blender does not read; convert it to glTF 2\.0"):
+        format_of(path)
 
 
 def test_a_forest_is_one_row() -> None:

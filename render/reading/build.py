@@ -20,7 +20,6 @@ from render.reading.report import PartRow
 YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 KILOMETRE = 1000.0
-BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,17 +213,3 @@ def build_scenery(
         scenery_from_file=scenery_from_file,
     )
     return BuiltScenery(scenery, roles)
-
-
-def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
-    """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
-
-    A scenery has ground by its names, and what is no ground fills more than a vehicle would.
-    """
-    if not any(
-        role.use == "ground" for role in scenery_roles(pieces, include=options.include, exclude=options.exclude)
-    ):
-        return "vehicle"
-    kept = [p.bounds for p, r in zip(pieces, vehicle_roles(pieces), strict=True) if r.use == "vehicle"]
-    size = np.max(kept, axis=0)[1] - np.min(kept, axis=0)[0] if kept else np.zeros(3)
-    return "scenery" if not kept or size.max() > BIGGEST_VEHICLE else "vehicle"

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import BACKDROPS, GROUND, HELPERS, NOT_GROUND, STAGES, says
+from assets.naming import BACKDROPS, GROUND, HELPERS, NOT_GROUND, PRIMITIVES, STAGES, says, words
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
+THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
 REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
 UNDERSIDE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
 MUCH_LARGER = 4.0  # times the area of the rest's footprint
@@ -141,7 +142,16 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
         if pattern := says(name, STAGES):
             return name, pattern
+    # Half of the meshes in the world are called "Plane", or "truck_Plane" by exporters, after what they began as.
+    named = [word for word in words(piece.name) if not word.isdigit()]
+    if named and set(named) <= set(PRIMITIVES) and _is_thin(piece):
+        return piece.name, named[0]
     return None
+
+
+def _is_thin(piece: Piece) -> bool:
+    extent = piece.bounds[1] - piece.bounds[0]
+    return bool(extent.min() <= THIN * extent.max())
 
 
 def _is_sheet(piece: Piece) -> bool:

@@ -40,7 +40,8 @@ def vehicle_doubts(
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
     kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
     if sum(row.triangles * row.count for row in dropped) > kept:
-        doubts.append(f"more triangles are dropped than kept: {_names([row.name for row in dropped])}")
+        those = _names([row.name for row in dropped])
+        doubts.append(f"more triangles are dropped than kept; `keep` what of it is the vehicle: {those}")
     return (*doubts, *_missing(missing))
 
 
@@ -78,10 +79,12 @@ def _names(names: Sequence[str]) -> str:
 def _likely_scale(longest: float, unit: float) -> str:
     """The first of the usual units that would make a vehicle of it."""
     for usual in (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1):
-        if 3.0 <= longest / unit * usual <= 20.0:
+        if 2.0 <= longest / unit * usual <= 20.0:
             return f" = {usual:g} (now {unit:g})"
     return f" (now {unit:g})"
 
 
 def _metres(length: float) -> str:
+    if length >= 100:
+        return f"{length:,.0f} m"
     return f"{length:.3g} m" if length >= 1 else f"{100 * length:.3g} cm"

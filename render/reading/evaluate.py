@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -19,6 +19,7 @@ from render.reading.cleanup import Link, Piece
 from render.reading.poses import Poses
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+HIDDEN = "hidden from render"
 UNREAD = {
     "CURVES": "hair curves have no faces",
     "POINTCLOUD": "a point cloud has no faces",
@@ -278,7 +279,25 @@ def _is_displaced(material: Any) -> bool:
 def _list_hidden(scene: Any, result: Evaluated) -> None:
     """Name what the file holds but the render does not."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    off = dict(_switched_off(layer.layer_collection, False))
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in (*SURFACES, *UNREAD):
-            why = "hidden from render" if obj.hide_render else "not in the render, or without a surface"
-            result.left[Left(obj.name, obj.type, why)] += 1
+            result.left[Left(obj.name, obj.type, _why_hidden(obj, off))] += 1
+
+
+def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
+    """Whether a collection, or one around it, is hidden from render or left out of the view layer."""
+    off = already or layer.exclude or layer.collection.hide_render
+    yield layer.collection.name, off
+    for inner in layer.children:
+        yield from _switched_off(inner, off)
+
+
+def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
+    around = [c.name for c in obj.users_collection if c.name in off]
+    if obj.hide_render:
+        return HIDDEN
+    if around and all(off[name] for name in around):
+        return f"{HIDDEN} with its collection {around[0]!r}"
+    return "not in the render, or without a surface"

@@ -49,7 +49,11 @@ def format_of(path: Path) -> str:
         )
     if suffix == ".obj" and b"\0" not in start:
         return "obj"
-    if suffix == ".gltf" and _is_json(path):
+    if suffix == ".gltf" and (version := _gltf_version(path)):
+        if version.startswith("1"):
+            raise AssetError(
+                f"is glTF {version}, which Blender does not read", path=path, remedy="convert it to glTF 2.0"
+            )
         return "gltf"
     if suffix == ".fbx" and start.lstrip().startswith(b";"):
         raise AssetError("is an ASCII FBX file, which Blender does not read", path=path, remedy="save it as binary FBX")
@@ -62,8 +66,11 @@ def format_of(path: Path) -> str:
     )
 
 
-def _is_json(path: Path) -> bool:
+def _gltf_version(path: Path) -> str:
+    """The version that a .gltf file claims, "2.0" if none; empty if it is no JSON object."""
     try:
-        return isinstance(json.loads(path.read_bytes()), dict)
+        data = json.loads(path.read_bytes())
     except ValueError:
-        return False
+        return ""
+    asset = data.get("asset") if isinstance(data, dict) else None
+    return str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0" if isinstance(data, dict) else ""

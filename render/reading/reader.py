@@ -18,12 +18,13 @@ import numpy as np
 from jaxtyping import Float
 
 from assets.bundle import save_scenery, save_vehicle
-from geometry.errors import HulldownError
-from render.reading.build import Options, build_scenery, build_vehicle, likely_kind, metres_from_file
+from geometry.errors import AssetError, HulldownError
+from render.reading.build import Options, build_scenery, build_vehicle, metres_from_file
 from render.reading.cleanup import Piece
 from render.reading.doubts import scenery_doubts, vehicle_doubts
-from render.reading.evaluate import Evaluated, evaluate
+from render.reading.evaluate import HIDDEN, Evaluated, evaluate
 from render.reading.importers import open_file
+from render.reading.kinds import likely_kind, refuse_wrong_kind
 from render.reading.report import FileReport, Missing, Row, gathered
 from render.reading.textures import missing_files, used_files
 from render.reading.tidy import Keeper, write_scenery, write_vehicle
@@ -52,8 +53,10 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     files = used_files()
     keeper = Keeper()
     drawn = evaluate(bpy.context.scene, metres_from_file=metres, keep_mesh=keeper.keep_mesh, keep_look=keeper.keep_look)
+    _refuse_nothing(drawn, job["kind"])
     common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
     kind = job["kind"] or likely_kind(drawn.pieces, options)
+    odd = refuse_wrong_kind(kind, drawn.pieces, options) if job["kind"] else ""
     tidy = Path(job["tidy"])
     if kind == "vehicle":
         vehicle = build_vehicle(job["name"], drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=options)
@@ -93,6 +96,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             origin=_three(scenery.scenery.origin),
             missing=missing,
             doubts=(
+                *([odd] if odd else []),
                 *scenery_doubts(size, rows, missing, unit=unit, options=options),
                 *opened.doubts,
                 *drawn.doubts,
@@ -101,6 +105,21 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         )
         write_scenery(tidy, keeper, drawn.pieces, scenery.scenery.scenery_from_file)
     return {"report": report.to_json(), "files": files}
+
+
+def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
+    """Say what hides everything; that is no matter of names, so no pattern in the config helps."""
+    hidden = [left for left in drawn.left if left.why.startswith(HIDDEN)]
+    if drawn.pieces or not hidden:
+        return
+    nothing = "no vehicle is left after clean-up; in it is nothing that is rendered"
+    if kind == "scenery":
+        nothing = "nothing in it is rendered as ground or obstacle"
+    more = f" (and {len(hidden) - 1} more)" if len(hidden) > 1 else ""
+    raise AssetError(
+        f"{nothing}: {hidden[0].name!r} is {hidden[0].why}{more}",
+        remedy="switch on the camera icon beside it in Blender's outliner and save",
+    )
 
 
 def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
