@@ -17,13 +17,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr,
 INFINITY = float("inf")
 
 
-def _range(lowest: float, highest: float, kind: type = float) -> BeforeValidator:
-    """Checks [low, high]; a single number is a range of one value."""
+def _range(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
+    """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
     bound = "" if highest == INFINITY else f" <= {highest:g}"
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high{bound}"
 
-    def check(value: Any) -> tuple[Any, Any]:
+    def check(value: Any) -> tuple[Any, Any] | None:
+        if optional and value is None:
+            return None
         pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
         wanted = int if kind is int else (int, float)
         if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
@@ -52,6 +54,8 @@ Lengths = Annotated[Pair, _range(0.0, 1e6)]
 Visibilities = Annotated[Pair, _range(1.0, 1e6)]
 Strengths = Annotated[Pair, _range(0.0, INFINITY)]
 Degrees = Annotated[Pair, _range(-360.0, 360.0)]
+TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
+GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Elevations = Annotated[Pair, _range(-90.0, 90.0)]
 FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
 Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
@@ -80,6 +84,8 @@ class VehicleEntry(Section):
     drop: Patterns = ()
     turret: str | None = None
     gun: str | None = None
+    turret_limits_deg: TurretLimits = None
+    gun_limits_deg: GunLimits = None
 
 
 class SceneryEntry(Section):

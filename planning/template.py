@@ -76,6 +76,8 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #   scale = 1.0                 metres per unit of the file; default: from the file
 #   keep = [...], drop = [...]  patterns of object names that are, or are not, the vehicle
 #   turret = "...", gun = "..." pattern of the objects that turn and rise; "" for none; default: by name
+#   turret_limits_deg = [-180, 180], gun_limits_deg = [-5, 20]
+#                               how far they turn from how they stand in the file: left and up are positive
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others
 

@@ -31,22 +31,22 @@ class Exporter:
         self.read: list[str] = []
         self.files: tuple[str, ...] = ()
         self.missing: tuple[Missing, ...] = ()
+        self.parts: tuple[str, ...] = ("hull",)
 
     def __call__(self, path: Path, folder: Path, *, kind: str, options: Options) -> Exported:
         self.read.append(path.name)
         folder = Path(folder)
         if kind == "vehicle":
-            one = np.zeros((1, 3))
-            limits = np.zeros((1, 2))
+            n = len(self.parts)
             shape = VehicleShape(
                 path.stem,
                 MESH,
                 np.zeros(3, int),
-                ("hull",),
-                np.array([-1]),
-                one,
-                np.array([[0, 0, 1.0]]),
-                limits,
+                self.parts,
+                np.arange(-1, n - 1),
+                np.zeros((n, 3)),
+                np.tile([0, 0, 1.0], (n, 1)),
+                np.tile([-1.0, 1.0], (n, 1)) * (np.arange(n) > 0)[:, None],
                 np.eye(4),
             )
             save_vehicle(folder / "bundle.npz", shape)
@@ -188,6 +188,33 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert said == [f"{tmp_path / file}: odd" for file in ("b.blend", "a.blend", "field.blend")]
     load_assets(config_in(tmp_path))
     assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]
+
+
+def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again(
+    exporter: Exporter, tmp_path: Path
+) -> None:
+    exporter.parts = ("hull", "turret", "gun")
+    load_assets(config_in(tmp_path))
+    vehicles = [
+        {"path": "a.blend", "category": "tank", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
+        {"path": "b.blend", "category": "tank", "gun_limits_deg": [-10, 60]},
+    ]
+    limited = config_in(tmp_path)
+    data = limited.model_dump(mode="json")
+    data["assets"]["vehicles"] = vehicles
+    assets = load_assets(parse_config(data, path=limited.path))
+    assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
+    assert assets.vehicles["b"].part_limits[1].tolist() == [-1.0, 1.0], "as the file says"
+    assert np.degrees(assets.vehicles["b"].part_limits[2]) == pytest.approx([-10, 60])
+    assert len(exporter.read) == 3
+
+
+def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_path: Path) -> None:
+    config = config_in(tmp_path)
+    data = config.model_dump(mode="json")
+    data["assets"]["vehicles"][0]["gun_limits_deg"] = [0, 10]
+    with pytest.raises(AssetError, match=r"b\.blend: gun_limits_deg is given, but no gun was found in it; name its"):
+        load_assets(parse_config(data, path=config.path))
 
 
 def test_the_ground_patterns_belong_to_the_scenery(exporter: Exporter, tmp_path: Path) -> None:

@@ -158,6 +158,16 @@ def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, mess
         ('category = "tank"', 'category = ""', "assets.vehicles[0].category = '': expected at least 1 character"),
         (
             'category = "tank"',
+            'category = "tank"\ngun_limits_deg = [20, -5]',
+            "assets.vehicles[0].gun_limits_deg = [20, -5]: expected a number or [low, high] with -90 <= low",
+        ),
+        (
+            'category = "tank"',
+            'category = "tank"\nturret_limits_deg = 400',
+            "assets.vehicles[0].turret_limits_deg = 400: expected a number or [low, high] with -360 <= low",
+        ),
+        (
+            'category = "tank"',
             'category = "tank"\nforwrd = "-x"',
             "unknown key assets.vehicles[0].forwrd; did you mean",
         ),

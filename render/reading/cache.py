@@ -8,7 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from assets.bundle import load_scenery, load_vehicle
+from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
 from planning.inputs import AssetFile, Assets
@@ -16,6 +19,7 @@ from planning.plan_file import Plan
 from planning.schema import SceneryEntry, VehicleEntry
 from render.reading.build import Options
 from render.reading.export import Exported
+from render.reading.parts import GUN_PART, TURRET_PART
 from render.reading.report import FileReport
 from render.reading.store import cached, sha256
 
@@ -94,7 +98,8 @@ def load_library(
     for hdri in hdris.values():
         _refuse_no_picture(hdri)
     wanted: list[tuple[str, VehicleEntry | SceneryEntry, Options]] = []
-    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in config.assets.vehicles]
+    entries = config.assets.vehicles
+    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in entries]
     wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
 
     def read(kind: str, entry: VehicleEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
@@ -107,11 +112,11 @@ def load_library(
     vehicles = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "vehicle"}
     sceneries = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "scenery"}
     assets = Assets(
-        vehicles={name: replace(load_vehicle(e.bundle), name=name) for name, (e, _) in vehicles.items()},
-        categories={entry.name: entry.category for entry in config.assets.vehicles},
+        vehicles={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in entries},
+        categories={entry.name: entry.category for entry in entries},
         sceneries={name: replace(load_scenery(e.bundle), name=name) for name, (e, _) in sceneries.items()},
         hdris=tuple(hdris),
-        vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in config.assets.vehicles},
+        vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in entries},
         scenery_files={e.name: AssetFile(e.path, sceneries[e.name][1]) for e in config.assets.sceneries},
         hdri_files={name: AssetFile(_as_given(path, config), sha256(path)) for name, path in hdris.items()},
     )
@@ -165,6 +170,22 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
+
+
+def _as_listed(shape: VehicleShape, entry: VehicleEntry, config: Config) -> VehicleShape:
+    """The vehicle with the name and the limits that the config gives it; its file knows neither."""
+    limits = shape.part_limits.copy()
+    for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
+        if bounds is None:
+            continue
+        if part not in shape.part_names:
+            raise AssetError(
+                f"{part}_limits_deg is given, but no {part} was found in it",
+                path=config.folder / entry.path,
+                remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
+            )
+        limits[shape.part_names.index(part)] = np.radians(bounds)
+    return replace(shape, name=entry.name, part_limits=limits)
 
 
 def vehicle_options(entry: VehicleEntry) -> Options:
