@@ -23,7 +23,7 @@ from render.light import Fog, HdriWorld
 
 PART = "hulldown_part"  # custom property of a tidy vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
-MAX_VEHICLES = 4  # vehicle files kept in memory; the rows are sorted, so more would only fill it
+MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
@@ -32,7 +32,7 @@ FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth reso
 class Stage:
     """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
 
-    def __init__(self, path: str, scenery_from_file: np.ndarray) -> None:
+    def __init__(self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = ()) -> None:
         # Never run what a file brings along: see docs/rendering.md.
         bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
         self.path = path
@@ -40,7 +40,7 @@ class Stage:
         self.file_from_scenery = np.linalg.inv(scenery_from_file)
         self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
-        _hide_backdrops(self.scene)
+        _hide_backdrops(self.scene, standing)
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -48,6 +48,7 @@ class Stage:
         self.world = HdriWorld(self.scene)
         self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
+        self._companions = False  # whether any row has had more than one vehicle file
 
     def _add(self, name: str, data: Any) -> Any:
         obj = bpy.data.objects.new(name, data)
@@ -102,7 +103,9 @@ class Stage:
         return copies[copy]
 
     def _forget_all_but(self, used: Mapping[str, int]) -> None:
-        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - MAX_VEHICLES)]:
+        self._companions = self._companions or len(used) > 1
+        kept = MAX_VEHICLES if self._companions else 1  # rows are sorted: what stands alone does not come back
+        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
             copies = self._vehicles.pop(path)
             bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
             bpy.data.orphans_purge(do_recursive=True)
@@ -152,11 +155,18 @@ def _delete_delivered() -> None:
     bpy.data.batch_remove(unwanted)
 
 
-def _hide_backdrops(scene: Any) -> None:
-    """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing."""
+def _hide_backdrops(scene: Any, standing: Sequence[str]) -> None:
+    """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing.
+
+    Objects called like a sky that the config says are ground or obstacles are `standing`, and stay.
+    """
     layer = scene.view_layers[0]
     for obj in scene.objects:
         names = (obj.name, obj.data.name) if obj.type == "MESH" else (obj.name,)
         cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
-        if cut or (obj.type in ("MESH", "VOLUME") and any(says(name, BACKDROPS) for name in names)):
+        if cut or (_is_backdrop(obj.type, names) and obj.name not in standing):
             obj.hide_render = True
+
+
+def _is_backdrop(kind: str, names: Sequence[str]) -> bool:
+    return kind in ("MESH", "VOLUME") and any(says(name, BACKDROPS) for name in names)

@@ -344,15 +344,20 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     assert iou(seen, expected) >= 0.99
 
 
-def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path):
+@pytest.mark.parametrize("company", [False, True])
+def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company):
     """More than are kept in memory; the first one looks the same when it returns."""
-    alone = {**plan[0], "companions": []}
+    row = next(row for row in plan if row["companions"])
+    row = {**row, "companions": [{**row["companions"][0], "vehicle": "other"}] if company else []}
     order = [0, 1, 2, 3, 4, 5, 0]
     for i in set(order):
         shutil.copy(assets.vehicles["tank"].tidy, tmp_path / f"{i}.blend")
     messages = []
     for n, i in enumerate(order):
-        vehicles = {"tank": VehicleFile(assets.vehicles["tank"].shape, tmp_path / f"{i}.blend")}
-        messages.append(job(alone, replace(assets, vehicles=vehicles), SETTINGS, tmp_path / f"{n}.png"))
+        vehicles = {
+            name: VehicleFile(assets.vehicles["tank"].shape, tmp_path / f"{k}.blend")
+            for name, k in (("tank", i), ("other", (i + 1) % 6))
+        }
+        messages.append(job(row, replace(assets, vehicles=vehicles), SETTINGS, tmp_path / f"{n}.png"))
     first, *others = draw(tmp_path, messages)
     assert all(np.array_equal(first, other) for other in others)
