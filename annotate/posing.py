@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull, QhullError
 
 from assets.vehicle import VehicleShape
+from geometry.hulls import extreme_points
 
 NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
 
@@ -47,7 +47,7 @@ class PosedParts:
         by_part = np.argsort(face_part, kind="stable")
         self.faces: Int[np.ndarray, "f 3"] = number[shape.mesh.faces[by_part]]
         self.face_slices = _slices(face_part[by_part], parts)
-        hulls = [s.start + _extreme(self.vertices[:, s].T) for s in self.vertex_slices]
+        hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
         self.extreme_slices = _slices(np.repeat(np.arange(parts), [len(hull) for hull in hulls]), parts)
         self._shape = shape
@@ -122,18 +122,6 @@ def move(
             out += np.multiply(c, z, out=term)
             out += d
     return moved
-
-
-def _extreme(points: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
-    """Indices of the points of a convex hull's corners, and of points that equal one up to rounding."""
-    try:
-        hull = ConvexHull(points, qhull_options="Qt Qc")
-    except (QhullError, ValueError):
-        return np.arange(len(points))  # flat, or too few: any may be extreme
-    size = np.ptp(points, axis=0).max()
-    point, _, vertex = hull.coplanar.reshape(-1, 3).T
-    close = np.abs(points[point] - points[vertex]).max(axis=1, initial=0.0) <= NEAR_VERTEX * size
-    return np.union1d(hull.vertices, point[close])
 
 
 def _compose(

@@ -15,7 +15,7 @@ from camera.intrinsics import Intrinsics
 from camera.projection import project
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.size import projected_extent, solve_distance
-from camera.target import hull_vertices
+from geometry.hulls import extreme_points
 from geometry.meshes import Mesh, merge
 
 HD = Intrinsics(1920, 1080, math.radians(50))
@@ -96,7 +96,7 @@ def _views(n: int, centre: np.ndarray, distance: float | np.ndarray, seed: int) 
 
 def _sizes(shape: VehicleShape, n: int) -> dict:
     """Box height over requested height, for the paper's distance and for the solved one, in the same directions."""
-    points = hull_vertices(shape.mesh.vertices)
+    points = shape.mesh.vertices[extreme_points(shape.mesh.vertices)]
     centre = np.array([0, 0, shape.size_xyz[2] / 2])
     paper = float(HD.distance_for(shape.size_xyz.min(), FRACTION))
     poses = _views(n, centre, paper, 1)
@@ -121,7 +121,7 @@ def _spread(ratio: np.ndarray) -> dict:
 def _costs(n: int, rounds: int) -> dict:
     """Microseconds a camera, or nanoseconds a point."""
     shape = vehicles(fine=4)["tank"]
-    points = hull_vertices(shape.mesh.vertices)
+    points = shape.mesh.vertices[extreme_points(shape.mesh.vertices)]
     centre = np.array([0, 0, shape.size_xyz[2] / 2])
     poses = _views(n, centre, 40.0, 2)
     rng = np.random.default_rng(0)

@@ -22,7 +22,8 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.size import solve_distance
-from camera.target import Standing, VehicleTarget, hull_vertices
+from camera.target import Standing, VehicleTarget
+from geometry.hulls import extreme_points
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply, invert_rigid
 
@@ -46,7 +47,8 @@ def lens(quick: bool) -> list[dict[str, Any]]:
     centre = np.array([0.0, 0.0, shape.size_xyz[2] / 2])
     elevation = draw_elevation(n, (math.radians(3), math.radians(60)), rng=rng)
     poses = camera_pose(centre, rng.uniform(15, 80, n), draw_azimuth(n, rng=rng), elevation)
-    poses = frame_target(poses, hull_vertices(shape.mesh.vertices)[None], LENS, rng=rng).world_from_camera
+    hull = shape.mesh.vertices[extreme_points(shape.mesh.vertices)]
+    poses = frame_target(poses, hull[None], LENS, rng=rng).world_from_camera
     corner = np.array([LENS.width, LENS.height]) / 2 / LENS.f_px
     rows = []
     for k1 in K1:

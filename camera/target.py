@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+from scipy.spatial import HalfspaceIntersection, QhullError
 
 from assets.vehicle import VehicleShape
+from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
 from geometry.transforms import apply, invert_rigid, rigid, rotation_about
@@ -126,14 +127,6 @@ class Standing:
         return self.target.placed(camera_from_vehicle, self.articulation)
 
 
-def hull_vertices(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "k 3"]:
-    """The vertices of the convex hull, or all distinct vertices where they lie in a plane or on a line."""
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except (QhullError, ValueError):
-        return np.unique(vertices, axis=0)
-
-
 def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
     """Few points whose convex hull holds the vertices: their own hull, or the corners of a 26-sided one around it."""
     if len(vertices) <= FEW:
@@ -155,8 +148,9 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
 
 
 def _part(index: int, mesh: Mesh) -> Part:
-    hull = hull_vertices(mesh.vertices[np.unique(mesh.faces)])
-    return Part(index, RayCaster(Mesh(*_used(mesh), mesh.name)), hull, points_around(hull))
+    vertices, faces = _used(mesh)
+    hull = vertices[extreme_points(vertices)]
+    return Part(index, RayCaster(Mesh(vertices, faces, mesh.name)), hull, points_around(hull))
 
 
 def _used(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
 from geometry.arrays import checked
 from geometry.boxtree import BoxTree
+from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster, checked_rays
 from geometry.transforms import apply
@@ -251,24 +251,14 @@ def _bounds(
     """Tight world boxes of all instances, from the few points of each mesh that can be extreme."""
     bounds = np.empty((len(poses), 2, 3))
     for mesh in np.unique(instance_mesh):
-        extreme = _extreme_points(meshes[mesh])
+        used = meshes[mesh].vertices[np.unique(meshes[mesh].faces)]
+        extreme = used[extreme_points(used)]
         mine = np.flatnonzero(instance_mesh == mesh)
         block = max(1, (1 << 18) // len(extreme))
         for i in range(0, len(mine), block):
             points = apply(poses[mine[i : i + block]], extreme)
             bounds[mine[i : i + block]] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
     return bounds
-
-
-def _extreme_points(mesh: Mesh) -> Float[np.ndarray, "e 3"]:
-    """The vertices of the convex hull; all used vertices where the mesh is flat or small."""
-    used = mesh.vertices[np.unique(mesh.faces)]
-    if len(used) < 64:
-        return used
-    try:
-        return used[ConvexHull(used - used.mean(axis=0)).vertices]
-    except QhullError:
-        return used
 
 
 def _roomy(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:

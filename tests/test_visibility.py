@@ -7,8 +7,9 @@ from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
 from camera.shell import camera_pose
-from camera.target import Standing, VehicleTarget, hull_vertices, points_around
+from camera.target import Standing, VehicleTarget, points_around
 from camera.visibility import Plane, error_bound, jittered, visible_fraction
+from geometry.hulls import extreme_points
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
 from geometry.rays import RayCaster
@@ -327,7 +328,7 @@ def test_few_points_hold_many(flat: bool) -> None:
     ball = rng.normal(size=(3000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     ball *= [3.0, 1.0, 0.0 if flat else 0.01]
-    hull = hull_vertices(ball)
+    hull = ball[extreme_points(ball)]
     around = points_around(hull)
     assert len(around) <= (len(ball) if flat else 100)
     along = rng.normal(size=(500, 3))

@@ -1,0 +1,43 @@
+"""Which points of a set can be extreme: the vertices of its convex hull, and what rounding cannot tell from them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull, QhullError
+
+
+def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
+    """Indices, ascending, of points among which a linear function of all of them is greatest.
+
+    Parameters
+    ----------
+    points
+        Any frame; how far from its origin does not matter.
+    near
+        Points that Qhull's rounding puts on a side of the hull, and that are no farther from one of its vertices than
+        this share of the set's size, are taken too: after each point has been moved and rounded by itself, one of
+        them may be the greatest in the vertex's place.
+
+    Returns
+    -------
+    The vertices of the convex hull, up to Qhull's rounding (some 1e-15 of the size), and what is near them; every
+    point where all lie in a plane or on a line, or are fewer than four.
+
+    References
+    ----------
+    Barber, Dobkin, Huhdanpaa, The Quickhull algorithm for convex hulls, ACM TOMS 22(4), 1996.
+    """
+    if len(points) < 4:
+        return np.arange(len(points))
+    about_middle = points - points.mean(axis=0)
+    try:
+        hull = ConvexHull(about_middle, qhull_options="Qt Qc" if near > 0.0 else "Qt")
+    except QhullError:
+        return np.arange(len(points))
+    if near <= 0.0:
+        return np.sort(hull.vertices)  # not their twins
+    point, _, vertex = hull.coplanar.reshape(-1, 3).T
+    reach = near * np.ptp(about_middle, axis=0).max()
+    close = np.abs(about_middle[point] - about_middle[vertex]).max(axis=1, initial=0.0) <= reach
+    return np.union1d(hull.vertices, point[close])
