@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from assets.naming import BACKDROPS, says
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
@@ -39,6 +40,12 @@ class SceneryFile:
     path: Path
     scenery_from_file: Float[np.ndarray, "4 4"]
     scenery: Scenery
+
+    @property
+    def standing(self) -> list[str]:
+        """Objects called like a sky that are ground or obstacles all the same, since the config says so."""
+        names = {*self.scenery.ground_names, *self.scenery.instance_names}
+        return sorted(name for name in names if says(name, BACKDROPS))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -134,7 +141,11 @@ def mask_job(row: Mapping[str, Any], assets: RenderAssets, output: Path) -> dict
 def _posed(row: Mapping[str, Any], assets: RenderAssets) -> dict[str, Any]:
     scenery = _named(assets.sceneries, row["scenery"], "scenery", row)
     return {
-        "scenery": {"path": str(scenery.path.resolve()), "scenery_from_file": scenery.scenery_from_file.tolist()},
+        "scenery": {
+            "path": str(scenery.path.resolve()),
+            "scenery_from_file": scenery.scenery_from_file.tolist(),
+            "standing": scenery.standing,
+        },
         "vehicles": [_vehicle(target, assets, row) for target in targets(row)],
         "camera": {
             "world_from_camera": row["world_from_camera"],

@@ -47,7 +47,8 @@ class Renderer:
         """The stage that a job is for, loaded again if it is another than the last one's."""
         if self._stage is None or self._loaded != wanted:
             self.reset()
-            self._stage = Stage(job["scenery"]["path"], np.array(job["scenery"]["scenery_from_file"]))
+            scenery = job["scenery"]
+            self._stage = Stage(scenery["path"], np.array(scenery["scenery_from_file"]), scenery["standing"])
             if job["do"] == "mask":
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted

@@ -24,6 +24,7 @@ from render.light import Fog, HdriWorld
 PART = "hulldown_part"  # custom property of a tidy vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
+TIDY = "hulldown_tidy"  # custom property of a tidy scenery's scene
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
@@ -158,13 +159,14 @@ def _delete_delivered() -> None:
 def _hide_backdrops(scene: Any, standing: Sequence[str]) -> None:
     """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing.
 
-    Objects called like a sky that the config says are ground or obstacles are `standing`, and stay.
+    Objects called like a sky that the config says are ground or obstacles are `standing`, and stay; a tidy twin holds
+    no sky any more.
     """
     layer = scene.view_layers[0]
     for obj in scene.objects:
         names = (obj.name, obj.data.name) if obj.type == "MESH" else (obj.name,)
         cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
-        if cut or (_is_backdrop(obj.type, names) and obj.name not in standing):
+        if cut or (_is_backdrop(obj.type, names) and obj.name not in standing and TIDY not in scene):
             obj.hide_render = True
 
 

@@ -103,7 +103,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             ),
             **common,
         )
-        write_scenery(tidy, keeper, drawn.pieces, scenery.scenery.scenery_from_file)
+        write_scenery(tidy, keeper, drawn.pieces, uses, scenery.scenery.scenery_from_file)
     return {"report": report.to_json(), "files": files}
 
 

@@ -80,15 +80,21 @@ def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
 
 
 def write_scenery(
-    path: Path, keeper: Keeper, pieces: Sequence[Piece], scenery_from_file: Float[np.ndarray, "4 4"]
+    path: Path,
+    keeper: Keeper,
+    pieces: Sequence[Piece],
+    uses: Sequence[str],
+    scenery_from_file: Float[np.ndarray, "4 4"],
 ) -> None:
-    """Write everything that is drawn, backdrops too, as a file with one scene."""
+    """Write everything that is drawn but backdrops, in whose place the HDRI is seen, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
+    scene["hulldown_tidy"] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
     alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)
-    for i, piece in enumerate(pieces):
-        alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
+    for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
+        if use != "backdrop":
+            alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
     for same in alike.values():
         poses = scenery_from_file @ np.array([pieces[i].pose for i in same])
         if len(same) >= MANY:
