@@ -233,12 +233,17 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[In
                 cell *= 255.0 / extent[axis]
                 key |= _SPREAD[shift].take(cell.astype(np.uint8))
         order = np.argsort(key, kind="stable")
-        cuts = np.searchsorted(key.take(order), np.arange(65537), side="left")
         order += share.start
+        cuts = np.zeros(65537, dtype=np.intp)  # where each key begins
+        if n > BLOCK:
+            np.cumsum(np.bincount(key, minlength=65536), out=cuts[1:])
         return order, cuts
 
     ends = np.linspace(0, n, pool.threads + 1).astype(int)
     shares = list(pool.map(sort, [slice(a, b) for a, b in pairwise(ends)]))
+    if n <= BLOCK:
+        yield from (order for order, _ in shares)
+        return
     total = np.sum([cuts for _, cuts in shares], axis=0)
     steps = np.unique(np.searchsorted(total, np.arange(0, n + BLOCK, BLOCK)).clip(0, 65536))
     for a, b in pairwise(steps):

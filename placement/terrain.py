@@ -118,16 +118,18 @@ class Terrain:
         if self._plane:
             up = np.tile([0.0, 0.0, 1.0], (n, 1))
             return Hits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
-        hits = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
-        if not self._missing:
-            answer = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
+        if self._missing:
+            return Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
+        # Left to the blocks to fill, for it takes time to touch so much new memory, and the threads share that too.
+        hits = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
+        answer = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
 
-            def block(i: Int[np.ndarray, " k"]) -> None:
-                # Points may be so far away that nothing but their being outside can be computed.
-                with np.errstate(over="ignore", invalid="ignore"):
-                    answer(points, i, hits)
+        def block(i: Int[np.ndarray, " k"]) -> None:
+            # Points may be so far away that nothing but their being outside can be computed.
+            with np.errstate(over="ignore", invalid="ignore"):
+                answer(points, i, hits)
 
-            in_coherent_blocks(block, points, threads=threads)
+        in_coherent_blocks(block, points, threads=threads)
         return hits
 
     def _float32(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
