@@ -186,6 +186,7 @@ def _render(arguments: argparse.Namespace) -> int:
             workers=arguments.workers,
             device=arguments.device,
             limit=arguments.limit,
+            share=arguments.share,
             blender=arguments.blender,
             progress=show,
         )
@@ -201,6 +202,22 @@ def _render(arguments: argparse.Namespace) -> int:
         _say("stopped; the same command goes on from here")
         return STOPPED
     return DONE if report.complete else FOUND
+
+
+def _join(arguments: argparse.Namespace) -> int:
+    from annotate.join import join
+
+    with _progress("joining") as advance:
+        joined = join(arguments.parts, arguments.output, progress=advance)
+    if arguments.json:
+        _print_json(dataclasses.asdict(joined))
+    _say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
+    if joined.missing:
+        _warn(
+            f"{joined.missing} planned images are not there yet, {joined.failed} of them given up; "
+            "join again when there are more"
+        )
+    return DONE
 
 
 def _verify(arguments: argparse.Namespace) -> int:
@@ -376,8 +393,15 @@ def _shares(text: str) -> tuple[float, ...]:
     return shares
 
 
+def _share(text: str) -> tuple[int, int]:
+    words = text.split("/")
+    if len(words) == 2 and all(word.isdecimal() for word in words) and 1 <= int(words[0]) <= int(words[1]):
+        return int(words[0]), int(words[1])
+    raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, such as 3/8, got {text!r}")
+
+
 def _at_least_one(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
     return int(text)
 
@@ -439,7 +463,19 @@ def _parser() -> argparse.ArgumentParser:
         "--device", default="auto", choices=("auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal")
     )
     sub.add_argument("--limit", type=_at_least_one, metavar="N", help="only the first N images of the plan")
+    sub.add_argument(
+        "--share", type=_share, default=(1, 1), metavar="K/N",
+        help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
+    )  # fmt: skip
     sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
+
+    sub = verb(
+        "join", _join, "put parts of a dataset together",
+        "Reads datasets, such as the shares of a plan that several machines have rendered; appends to DATASET what it "
+        "does not have, pictures as hard links where the disk allows. Join again when there are more images.",
+    )  # fmt: skip
+    sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset; it stays as it is")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="made if it is not there")
 
     sub = verb(
         "verify", _verify, "check a dataset",

@@ -7,11 +7,12 @@ somebody deletes there stays deleted.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path, PurePosixPath
+from dataclasses import asdict
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -20,6 +21,7 @@ from filelock import FileLock, Timeout
 
 from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document, stays_inside
 from annotate.journal import MERGED, Journal
+from annotate.runs import Run
 from geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
@@ -27,41 +29,15 @@ MERGE_EVERY_S = 30.0
 MERGE_SHARE = 0.02  # of a run's time may go into rewriting annotations.json, however large it has grown
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """What a dataset has set aside for the images of one plan, the same whenever that plan is resumed.
-
-    Parameters
-    ----------
-    key
-        The plan, for example the SHA-256 of its file.
-    image_offset, annotation_offset
-        What to add to ids that count from 1 within the plan.
-    prefix
-        What to put before the plan's file names; empty in a dataset that was empty when the run began.
-    images, annotations
-        How many ids are set aside.
-    """
-
-    key: str
-    image_offset: int
-    annotation_offset: int
-    prefix: str
-    images: int
-    annotations: int
-
-    def file_name(self, planned: str) -> str:
-        """The name in the dataset of the image that the plan calls `planned`."""
-        path = PurePosixPath(planned)
-        return str(path.with_name(self.prefix + path.name))
-
-
 class CocoDataset:
     """A COCO dataset that this process alone may append to; made by `CocoDataset.open`."""
 
-    def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document) -> None:
+    def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document, made: list[Path]) -> None:
         self.folder = folder
         self._lock = lock
+        self._made = made
+        self._images = len(document.images)
+        self._length = journal.length
         self._journal = journal
         self._document = document
         self._merged_at = time.monotonic()
@@ -85,6 +61,9 @@ class CocoDataset:
         """
         folder = Path(folder)
         lock = FileLock(folder / LOCK_NAME)
+        # The inner ones first, as they are to be removed again by `abandon`.
+        files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
+        made = [path for path in files if not path.exists()]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock.acquire(timeout=0)
@@ -100,8 +79,8 @@ class CocoDataset:
             ) from error
         try:
             document = read_document(folder)
-            dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document)
-            dataset._add_categories(categories)
+            dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document, made)
+            dataset.add_categories({"id": 0, "name": name, "supercategory": "vehicle"} for name in categories)
         except BaseException:
             lock.release()
             raise
@@ -111,9 +90,35 @@ class CocoDataset:
         """How many images are in the dataset, those of other origin included."""
         return len(self._document.images)
 
+    @property
+    def grown(self) -> bool:
+        """Whether it has got an image since it was opened."""
+        return len(self._document.images) > self._images
+
     def finished(self, file_name: str) -> bool:
         """Whether the dataset has an image of that name."""
         return file_name in self._document.file_names
+
+    def missing(self) -> int:
+        """How many images are set aside for a plan and not there."""
+        ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))
+        runs = self._document.runs.values()
+        return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
+
+    def add_categories(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Give an id to each category whose name is new here; its other fields stay as they are.
+
+        Parameters
+        ----------
+        records
+            COCO categories, in the order in which they get ids.
+        """
+        categories: list[dict[str, Any]] = []
+        for record in records:
+            self._category_id(record, categories)
+        if categories:
+            self._write({"categories": categories})
+            self._document.pending += 1
 
     def run(self, key: str, *, images: int, annotations: int) -> Run:
         """Set ids and file names aside for a plan, or say again what was set aside for it.
@@ -132,7 +137,7 @@ class CocoDataset:
             raise ValueError(f"run: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
         document = self._document
         if (known := document.runs.get(key)) is not None:
-            return Run(**known)
+            return known
         empty = not document.images and not document.runs and not _has_files(self.folder / "images")
         run = Run(
             key=key,
@@ -185,7 +190,9 @@ class CocoDataset:
             annotation_id = _free_id(plain, name, next_id, document.annotation_ids, used)
             used.add(annotation_id)
             next_id = max(next_id, annotation_id + 1)
-            category_id = self._category_id(plain.pop("category"), categories)
+            category_id = self._category_id(
+                {"id": 0, "name": plain.pop("category"), "supercategory": "vehicle"}, categories
+            )
             box = plain["bbox"]
             defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
             ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
@@ -217,6 +224,26 @@ class CocoDataset:
             self._journal.close()
             self._lock.release()
 
+    def abandon(self) -> None:
+        """Close as if it had never been opened; for a run that cannot begin.
+
+        Raises
+        ------
+        ValueError
+            If images have been appended.
+        """
+        if self.grown:
+            raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")
+        if not self._lock.is_locked:
+            return
+        self._journal.truncate(self._length)
+        self._journal.close()
+        self._lock.release()
+        for path in self._made:
+            # What is not empty is somebody's.
+            with contextlib.suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+
     def __enter__(self) -> CocoDataset:
         return self
 
@@ -229,22 +256,15 @@ class CocoDataset:
         self._journal.append(line)
         self._document.apply(line)
 
-    def _add_categories(self, names: Iterable[str]) -> None:
-        categories: list[dict[str, Any]] = []
-        for name in names:
-            self._category_id(name, categories)
-        if categories:
-            self._write({"categories": categories})
-            self._document.pending += 1
-
-    def _category_id(self, name: str, new: list[dict[str, Any]]) -> int:
+    def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:
+        name = category["name"]
         if name in (known := self._document.category_ids):
             return known[name]
         for record in new:
             if record["name"] == name:
                 return int(record["id"])
         highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
-        new.append({"id": max(highest, 0) + 1, "name": name, "supercategory": "vehicle"})
+        new.append({**category, "id": max(highest, 0) + 1})
         return int(new[-1]["id"])
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeGuard
 
@@ -16,6 +17,7 @@ import orjson
 
 from annotate.journal import last_merged, read_journal, sync_folder
 from annotate.layout import OtherLayoutError, read_by_line, write_coco
+from annotate.runs import Run
 from geometry.errors import DatasetError
 
 ANNOTATIONS_NAME = "annotations.json"
@@ -50,7 +52,7 @@ class Document:
         self.images: list[tuple[int, bytes]] = []
         self.annotations: list[tuple[int, bytes]] = []
         self.file_names: set[str] = set()
-        self.runs: dict[str, dict[str, Any]] = {}
+        self.runs: dict[str, Run] = {}
         self.pending = 0
         self._reserved = (0, 0)
         for record in images:
@@ -142,13 +144,13 @@ class Document:
         info = self.head.get("info", {})
         if not self.runs or not isinstance(info, dict):
             return self.head
-        return {**self.head, "info": {**info, "hulldown_runs": list(self.runs.values())}}
+        return {**self.head, "info": {**info, "hulldown_runs": [asdict(run) for run in self.runs.values()]}}
 
     def _ordered(self, records: list[tuple[int, bytes]], offset: str) -> Iterable[bytes]:
         """Records as they came, but those of runs by id: the order in which images were finished leaves no trace."""
         if not self.runs:
             return (record for _, record in records)
-        first = min(run[offset] for run in self.runs.values())
+        first = min(getattr(run, offset) for run in self.runs.values())
         return (record for _, record in sorted(records, key=lambda record: max(record[0], first)))
 
     def _add_category(self, category: dict[str, Any]) -> None:
@@ -160,12 +162,12 @@ class Document:
         if all(c.get("name") != category["name"] for c in self.categories):
             self.categories.append(category)
 
-    def _add_run(self, run: dict[str, Any]) -> None:
-        self.runs.setdefault(run["key"], run)
+    def _add_run(self, record: dict[str, Any]) -> None:
+        run = self.runs.setdefault(record["key"], Run(**record))
         images, annotations = self._reserved
         self._reserved = (
-            max(images, run["image_offset"] + run["images"]),
-            max(annotations, run["annotation_offset"] + run["annotations"]),
+            max(images, run.image_offset + run.images),
+            max(annotations, run.annotation_offset + run.annotations),
         )
 
 

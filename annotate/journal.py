@@ -27,18 +27,23 @@ class Journal:
     ----------
     path
         The file; made if it does not exist.
+
+    Attributes
+    ----------
+    length
+        Its bytes, all of whole lines.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-        self._length = _whole_lines(path)
-        if self._length < path.stat().st_size:
+        self.length = _whole_lines(path)
+        if self.length < path.stat().st_size:
             warnings.warn(
                 f"{path}: the last line was cut off while it was written; that one record is dropped",
                 stacklevel=2,
             )
-            os.ftruncate(self._file, self._length)
+            os.ftruncate(self._file, self.length)
             os.fsync(self._file)
         sync_folder(path.parent)
 
@@ -62,13 +67,19 @@ class Journal:
                 written += os.write(self._file, line[written:])
             os.fsync(self._file)
         except OSError as error:
-            os.ftruncate(self._file, self._length)
+            os.ftruncate(self._file, self.length)
             raise DatasetError(
                 f"the finished image could not be recorded ({error.strerror})",
                 path=self.path,
                 remedy="free some space and run the same command again",
             ) from error
-        self._length += len(line)
+        self.length += len(line)
+
+    def truncate(self, length: int) -> None:
+        """Forget what was written after the first `length` bytes."""
+        os.ftruncate(self._file, length)
+        os.fsync(self._file)
+        self.length = length
 
     def close(self) -> None:
         """Close the file; nothing is left to be written. Closing twice does nothing more."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -50,25 +50,45 @@ def read_usable(folder: Path) -> dict[str, Any]:
         If there is none, or naming the first record that lacks what pictures and exports need.
     """
     coco = read_coco(folder)
-    for where, problem in _hindrances(coco):
-        raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
+    check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
     return coco
 
 
-def _hindrances(coco: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    categories = {category["id"] for category in coco["categories"]}
-    for category in coco["categories"]:
+def check_usable(
+    folder: Path,
+    categories: Sequence[Mapping[str, Any]],
+    images: Iterable[Mapping[str, Any]],
+    annotations: Iterable[Mapping[str, Any]],
+) -> None:
+    """Refuse records that cannot be drawn, exported or appended to another dataset.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first.
+    """
+    for where, problem in _hindrances(categories, images, annotations):
+        raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
+
+
+def _hindrances(
+    categories: Sequence[Mapping[str, Any]],
+    images: Iterable[Mapping[str, Any]],
+    annotations: Iterable[Mapping[str, Any]],
+) -> Iterator[tuple[str, str]]:
+    for category in categories:
         if not isinstance(category.get("name"), str):
             yield f"category {category['id']}", f"has no name but {category.get('name')!r}"
-    for image in coco["images"]:
+    for image in images:
         if not stays_inside(image.get("file_name")):
             yield f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset"
-        yield from ((f"image {image['id']}", problem) for problem in _size_problems(image))
-    for annotation in coco["annotations"]:
+        yield from ((_name(image), problem) for problem in _size_problems(image))
+    known = {category["id"] for category in categories}
+    for annotation in annotations:
         where = f"annotation {annotation['id']}"
         if not isinstance(annotation.get("image_id"), int):
             yield where, f"image {annotation.get('image_id')!r} does not exist"
-        if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in categories:
+        if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             yield where, f"category {annotation.get('category_id')!r} does not exist"
         if not _is_box(annotation.get("bbox")):
             yield where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]"
@@ -96,7 +116,7 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         if times > 1:
             yield Finding("error", name, f"belongs to {times} image records")
     for image in images:
-        yield from (Finding("error", f"image {image['id']}", problem) for problem in _size_problems(image))
+        yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
 
 
 def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
@@ -126,6 +146,12 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+
+
+def _name(image: Mapping[str, Any]) -> str:
+    """What to call an image where something is wrong with it: as its file, if it has one."""
+    name = image.get("file_name")
+    return name if isinstance(name, str) and name else f"image {image['id']}"
 
 
 def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:

@@ -20,6 +20,7 @@ import annotate.coco
 import annotate.document
 from annotate.coco import CocoDataset
 from annotate.document import read_coco, read_document
+from annotate.join import join
 from annotate.layout import OtherLayoutError, read_by_line
 from geometry.errors import DatasetError
 
@@ -150,6 +151,75 @@ def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
         append_planned(Path(name) / "quiet", total, None)
         assert (folder / "annotations.json").read_bytes() == (Path(name) / "quiet" / "annotations.json").read_bytes()
         assert len(acknowledged) > 0
+
+
+@given(st.lists(st.integers(0, 3), max_size=9), st.permutations(range(4)), st.integers(0, 3), st.randoms())
+def test_any_shares_joined_in_any_order_are_the_whole(
+    owner: list[int], order: list[int], at_once: int, shuffle: random.Random
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        parts = [folder / str(k) for k in range(4)]
+        for k, part in enumerate(parts):
+            mine = [i for i, k_of_i in enumerate(owner) if k_of_i == k]
+            shuffle.shuffle(mine)
+            render_share(part, len(owner), mine)
+        for group in (order[:at_once], order[at_once:]):
+            join([parts[k] for k in group], folder / "joined")
+        render_share(folder / "whole", len(owner), list(range(len(owner))))
+        for file in ("annotations.json", *(f"images/{i}.png" for i in range(len(owner)))):
+            assert (folder / "joined" / file).read_bytes() == (folder / "whole" / file).read_bytes()
+
+
+def render_share(folder: Path, total: int, indices: list[int]) -> None:
+    """What rendering these images of a plan does to a dataset; image i has i % 3 annotations."""
+    with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
+        run = dataset.run("p" * 64, images=total, annotations=total * 2)
+        (folder / "images").mkdir()
+        for i in indices:
+            name = run.file_name(f"images/{i}.png")
+            (folder / name).write_bytes(b"%d" % i)
+            boxed = [{"category": "truck", "bbox": [0, 0, 4, k + 0.1], "id": 2 * i + k} for k in range(1, i % 3 + 1)]
+            dataset.append({"id": i + 1, "file_name": name, "width": 8, "height": 6}, boxed)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
+def test_a_join_that_is_killed_loses_and_doubles_nothing() -> None:
+    rng = random.Random(0)
+    total = 150
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        parts = [folder / str(k) for k in range(2)]
+        for k, part in enumerate(parts):
+            render_share(part, total, list(range(k, total, 2)))
+        began = []
+        for _ in range(6):
+            hear, tell = os.pipe()
+            child = os.fork()
+            if child == 0:
+                try:
+                    annotate.coco.MERGE_EVERY_S, annotate.coco.MERGE_SHARE = 0.0, 0.5
+                    join(parts, folder / "joined", progress=lambda done, of, tell=tell: os.write(tell, b"x"))
+                finally:
+                    os._exit(0)
+            os.close(tell)
+            with os.fdopen(hear, "rb", buffering=0) as pipe:
+                for _ in range(rng.randrange(40)):
+                    pipe.read(1)
+                time.sleep(rng.uniform(0.0, 0.01))
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+            if (folder / "joined").exists():
+                began.append(len(read_or_nothing(folder / "joined")["images"]))
+        assert began == sorted(began)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            join(parts, folder / "joined")
+        render_share(folder / "whole", total, list(range(total)))
+        joined, whole = ((folder / which / "annotations.json").read_bytes() for which in ("joined", "whole"))
+        assert joined == whole
+        assert {path.name for path in (folder / "joined" / "images").iterdir()} == {f"{i}.png" for i in range(total)}
+        assert any(0 < n < total for n in began)
 
 
 def read_or_nothing(folder: Path) -> dict:

@@ -11,16 +11,18 @@ import os
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import orjson
 from PIL import Image, UnidentifiedImageError
 
-from annotate.coco import CocoDataset, Run
+from annotate.coco import CocoDataset
+from annotate.failures import FAILURES_NAME
+from annotate.runs import Run
 from geometry.errors import ConfigError, DatasetError
 from planning.plan_file import Plan, is_inside
 from render.annotations import Segmenter, annotation_records, image_record, labelled
@@ -28,7 +30,6 @@ from render.jobs import RenderAssets, job
 from render.png import without_notes
 from render.pool import Pool
 
-FAILURES_NAME = "failures.jsonl"
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
 SUFFIX = ".png"
@@ -77,17 +78,36 @@ class Todo:
         Open.
     wanted
         Only the first so many rows.
+    share
+        Of these the k-th of n equal parts, in the order in which they are rendered: (k, n).
     """
 
-    def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int) -> None:
+    def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int, *, share: tuple[int, int] = (1, 1)) -> None:
         rows = outline.rows
         counts = np.array([row[2] for row in rows], dtype=np.int64)
         self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(counts.sum()))
         # Ids depend on the plan alone, never on the order in which pictures are finished.
         self.first_annotation = np.cumsum(counts) - counts + self.run.annotation_offset + 1
-        left = [row for row in rows[:wanted] if not dataset.finished(self.run.file_name(row[3]))]
-        self.wanted, self.already = wanted, wanted - len(left)
-        self.order = [row[1] for row in sorted(left)]
+        mine = share_of(sorted(rows[:wanted]), share)
+        self.order = [row[1] for row in mine if not dataset.finished(self.run.file_name(row[3]))]
+        self.wanted, self.already = len(mine), len(mine) - len(self.order)
+
+
+Item = TypeVar("Item")
+
+
+def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
+    """The k-th of n parts of equal size, but for one: neighbours stay together, and each is in exactly one part.
+
+    Parameters
+    ----------
+    items
+        What is shared out.
+    share
+        (k, n), k from 1 to n.
+    """
+    k, n = share
+    return items[(k - 1) * len(items) // n : k * len(items) // n]
 
 
 def sort_key(row: Mapping[str, Any]) -> tuple[str, str, bool, str]:
@@ -145,13 +165,17 @@ class Session:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
-        # Whoever runs a plan again has mended something; what failed gets its attempts anew.
-        (self._folder / FAILURES_NAME).unlink(missing_ok=True)
         self.say("")
         try:
             pool.run(self._todo.order, self._message, self._done, self._give_up)
+            self._forget_failures()
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
+
+    def _forget_failures(self) -> None:
+        """Those of earlier runs, once Blender works: what failed gets its attempts anew."""
+        if not self.failed:
+            (self._folder / FAILURES_NAME).unlink(missing_ok=True)
 
     def _output(self, index: int) -> Path:
         return self._unfinished / f"{index}{SUFFIX}"
@@ -188,11 +212,14 @@ class Session:
             {"id": run.image_offset + index + 1, "file_name": name, **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
+        if not self.rendered:
+            self._forget_failures()
         self.rendered += 1
         self.say("")
         return None
 
     def _give_up(self, index: int, reasons: list[str]) -> None:
+        self._forget_failures()
         name = self._todo.run.file_name(self._plan[index]["file_name"])
         line = {"index": index, "file_name": name, "reasons": reasons}
         with (self._folder / FAILURES_NAME).open("ab") as file:

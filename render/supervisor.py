@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import signal
 import threading
 import time
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from annotate.coco import CocoDataset
+from geometry.errors import ConfigError, HulldownError
 from planning.plan_file import Plan, read_plan
 from render import provenance
 from render.jobs import RenderAssets, render_assets
@@ -62,6 +64,7 @@ def render_plan(
     workers: int | None = None,
     device: str = "auto",
     limit: int | None = None,
+    share: tuple[int, int] = (1, 1),
     blender: str | None = None,
     limits: Limits = DEFAULT_LIMITS,
     progress: Callable[[Progress], None] | None = None,
@@ -82,6 +85,8 @@ def render_plan(
         "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
     limit
         Only the first so many images of the plan.
+    share
+        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `annotate.join`.
     blender
         An installed Blender to use in place of the bpy module.
     limits
@@ -96,6 +101,8 @@ def render_plan(
     """
     if limit is not None and limit < 0:
         raise ValueError(f"limit: expected at least 0, got {limit}")
+    if not 1 <= share[0] <= share[1]:
+        raise ValueError(f"share: expected (k, n) with k from 1 to n, got {share}")
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
@@ -104,28 +111,36 @@ def render_plan(
         assets = render_assets(plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")))
     outline = Outline(plan)
     wanted = len(plan) if limit is None else min(limit, len(plan))
+    had_logs = (folder / LOGS_NAME).exists()
     with CocoDataset.open(folder, categories=_categories(plan)) as dataset, _stop_on_signals() as stopping:
-        todo = Todo(outline, dataset, wanted)
-        session = Session(plan, dataset, todo, assets, say)
-        pool = Pool(
-            confined(folder, LOGS_NAME),
-            blender=blender,
-            device=device,
-            workers=workers,
-            limits=limits,
-            say=session.say,
-            stopping=stopping,
-        )
         interrupted = False
-        with pool:
-            try:
+        pool: Pool | None = None
+        try:
+            todo = Todo(outline, dataset, wanted, share=share)
+            session = Session(plan, dataset, todo, assets, say)
+            pool = Pool(
+                confined(folder, LOGS_NAME),
+                blender=blender,
+                device=device,
+                workers=workers,
+                limits=limits,
+                say=session.say,
+                stopping=stopping,
+            )
+            with pool:
                 session.render(pool)
-            except Stopped:
-                interrupted = True
+        except Stopped:
+            interrupted = True
+        except HulldownError as error:
+            # Blender has not started, or the plan cannot be rendered: the folder stays as it was.
+            if pool is None or not pool.devices or isinstance(error, ConfigError):
+                raise _without_trace(error, dataset, had_logs=had_logs) from error
+            raise
+        assert pool is not None  # only a pool is ever stopped
         if pool.devices:
             provenance.record(folder, plan, todo.run, blender=pool.blender_version, devices=pool.devices)
     return RenderReport(
-        images=wanted,
+        images=todo.wanted,
         already=todo.already,
         rendered=session.rendered,
         failed=tuple(session.failed),
@@ -133,6 +148,19 @@ def render_plan(
         interrupted=interrupted,
         seconds=time.monotonic() - start,
     )
+
+
+def _without_trace(error: HulldownError, dataset: CocoDataset, *, had_logs: bool) -> HulldownError:
+    """Undo what opening a dataset has done, unless it has got an image since; the error without a log that goes too."""
+    if dataset.grown:
+        return error
+    logs = dataset.folder / LOGS_NAME
+    if not had_logs and logs.is_dir():
+        shutil.rmtree(logs)
+        if error.path is not None and Path(error.path).is_relative_to(logs):
+            error = type(error)(error.problem, remedy=error.remedy)
+    dataset.abandon()
+    return error
 
 
 def _categories(plan: Plan) -> list[str]:

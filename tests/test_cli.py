@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 import cli
+from annotate.coco import CocoDataset
 
 ROOT = Path(__file__).parents[1]
-VERBS = ["init", "inspect", "plan", "preview", "render", "verify", "export", "doctor", "demo"]
+VERBS = ["init", "inspect", "plan", "preview", "render", "join", "verify", "export", "doctor", "demo"]
 
 
 def run(*words, cwd):
@@ -37,6 +38,7 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
         (["preview", "none.jsonl"], "none.jsonl"),
         (["render", "none.jsonl", "-o", "dataset"], "none.jsonl"),
         (["verify", "none"], "none"),
+        (["join", "none", "-o", "dataset"], "none"),
         (["export", "none", "-o", "out"], "none"),
         (["inspect", "none.blend"], "none.blend"),
     ],
@@ -60,6 +62,33 @@ def test_a_split_that_does_not_add_up_is_refused(split, capsys):
         cli.main(["export", "dataset", "-o", "out", "--split", split])
     assert stop.value.code == 2
     assert "add up to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("share", ["0/2", "3/2", "2", "1/2/3", "a/b", "-1/2", "1/0", "\u00b2/3"])
+def test_a_share_that_is_none_is_refused(share, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["render", "plan.jsonl", "-o", "dataset", f"--share={share}"])
+    assert stop.value.code == 2
+    assert "expected K/N with K from 1 to N, such as 3/8" in capsys.readouterr().err
+
+
+def test_join_says_what_it_has_done(tmp_path):
+    for part in ("a", "b"):
+        with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:
+            run = dataset.run("p" * 64, images=3, annotations=0)
+            (tmp_path / part / "images").mkdir()
+            (tmp_path / part / "images" / f"{part}.png").touch()
+            dataset.append({"id": 1 + (part == "b"), "file_name": f"images/{part}.png", "width": 4, "height": 3}, [])
+    assert run.prefix == ""
+    ran = run_json("join", "a", "b", "-o", "joined", cwd=tmp_path)
+    assert ran == {"added": 2, "already": 0, "failed": 0, "missing": 1}
+    assert run_json("join", "a", "b", "-o", "joined", cwd=tmp_path)["already"] == 2
+
+
+def run_json(*words, cwd):
+    ran = run(*words, "--json", cwd=cwd)
+    assert ran.returncode == 0, ran.stderr
+    return json.loads(ran.stdout)
 
 
 @pytest.mark.blender

@@ -6,6 +6,7 @@ import os
 import random
 import signal
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from pycocotools.coco import COCO
 
 from annotate.coco import CocoDataset
 from annotate.document import read_coco
+from annotate.join import join
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
-from geometry.errors import ConfigError, DatasetError
+from geometry.errors import ConfigError, DatasetError, HulldownError
 from geometry.meshes import Mesh
 from render.jobs import RenderAssets, SceneryFile, VehicleFile
 from render.supervisor import render_plan
@@ -183,6 +185,74 @@ def test_a_second_run_does_nothing_twice(tmp_path, blender, assets):
     assert contents(tmp_path / "d") == before
     render_plan(plan, tmp_path / "whole", assets=assets, blender=blender)
     assert contents(tmp_path / "whole") == before
+
+
+@pytest.mark.parametrize(("limit", "n"), [(None, 3), (5, 2), (1, 4)])
+def test_shares_are_the_whole_and_each_row_is_in_one(tmp_path, blender, assets, limit, n):
+    # Sorted by HDRI, which comes in turns: shares are of the order of rendering, not of the plan.
+    rows = [make_row(i, hdri=("sky", "dusk")[i % 2]) for i in range(8)]
+    assets = RenderAssets(assets.vehicles, assets.sceneries, {**assets.hdris, "dusk": Path("dusk.exr")})
+    plan = write_plan(tmp_path, rows)
+    parts = [tmp_path / str(k) for k in range(1, n + 1)]
+    reports = [
+        render_plan(plan, part, assets=assets, blender=blender, limit=limit, share=(k, n))
+        for k, part in enumerate(parts, start=1)
+    ]
+    assert all(report.complete for report in reports)
+    sizes = [report.images for report in reports]
+    assert sum(sizes) == (limit or 8)
+    assert max(sizes) - min(sizes) <= 1
+    assert join(parts, tmp_path / "joined").added == sum(sizes)
+    render_plan(plan, tmp_path / "whole", assets=assets, blender=blender, limit=limit)
+    assert contents(tmp_path / "joined") == contents(tmp_path / "whole")
+    for name in ("annotations.json", "provenance.json"):
+        assert (tmp_path / "joined" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    if limit is None:
+        assert {image["hdri"] for image in read_coco(parts[0])["images"]} == {"dusk"}
+
+
+@pytest.mark.parametrize("share", [(0, 2), (3, 2), (1, 0)])
+def test_a_share_that_is_none_is_refused(tmp_path, blender, assets, share):
+    with pytest.raises(ValueError, match=r"share: expected \(k, n\)"):
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=assets, blender=blender, share=share)
+    assert not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (None, "cannot be started: No such file"),
+        ("exit 1", "Blender has not started 3 times"),
+        ("echo no graphics card of that kind >&2; exit 3", "no graphics card"),
+        ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),
+    ],
+)
+@pytest.mark.parametrize("there", ["nothing", "a dataset", "an unclosed dataset"])
+def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, blender, assets, script, message, there):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
+    other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(2)])
+    dataset = tmp_path / "new" / "d"
+    if there != "nothing":
+        render_plan(other, dataset, assets=assets, blender=blender, limit=1)
+        (dataset / "failures.jsonl").write_text('{"file_name": "images/00000002.png"}\n')
+    if there == "an unclosed dataset":
+        (dataset / "annotations.json").unlink()
+    wrong = tmp_path / "wrong"
+    if script is not None:
+        wrong.write_text(f"#!/bin/sh\n{script}\n")
+        wrong.chmod(0o755)
+
+    def files():
+        return {p: p.is_file() and p.read_bytes() for p in (tmp_path / "new").rglob("*") if p.parent.name != "logs"}
+
+    before = files()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with pytest.raises(HulldownError, match=message) as told:
+            render_plan(plan, dataset, assets=assets, blender=str(wrong))
+    assert files() == before
+    assert (tmp_path / "new").exists() == (there != "nothing")
+    assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
 
 
 def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender, assets):

@@ -1,0 +1,49 @@
+"""What a dataset sets aside for the images of one plan: ids and file names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a dataset has set aside for the images of one plan, the same whenever that plan is resumed.
+
+    Parameters
+    ----------
+    key
+        The plan, for example the SHA-256 of its file.
+    image_offset, annotation_offset
+        What to add to ids that count from 1 within the plan.
+    prefix
+        What to put before the plan's file names; empty in a dataset that was empty when the run began.
+    images, annotations
+        How many ids are set aside.
+    """
+
+    key: str
+    image_offset: int
+    annotation_offset: int
+    prefix: str
+    images: int
+    annotations: int
+
+    def file_name(self, planned: str) -> str:
+        """The name in the dataset of the image that the plan calls `planned`."""
+        path = PurePosixPath(planned)
+        return str(path.with_name(self.prefix + path.name))
+
+    def planned(self, file_name: str) -> str:
+        """What the plan calls the image that is called `file_name` in the dataset."""
+        path = PurePosixPath(file_name)
+        return str(path.with_name(path.name.removeprefix(self.prefix)))
+
+    def has_image(self, image_id: Any) -> Any:
+        """Whether an image's id, or which of an array of them, is set aside here."""
+        return (image_id > self.image_offset) & (image_id <= self.image_offset + self.images)
+
+    def has_annotation(self, annotation_id: int) -> bool:
+        """Whether an annotation's id is set aside here."""
+        return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations

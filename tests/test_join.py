@@ -1,0 +1,238 @@
+"""Parts of plans, and datasets made elsewhere, put together."""
+
+import json
+import os
+import warnings
+
+import pytest
+from PIL import Image
+
+from annotate.coco import CocoDataset
+from annotate.document import read_coco
+from annotate.join import join
+from annotate.verify import verify
+from geometry.errors import DatasetError
+
+PLAN = "a" * 64
+
+
+def render(folder, indices, *, key=PLAN, images=6, categories=("tank", "truck")):
+    """What a run leaves that has rendered these images of a plan, two annotations each, and is not closed yet."""
+    with CocoDataset.open(folder, categories=categories) as dataset:
+        run = dataset.run(key, images=images, annotations=2 * images)
+        for i in indices:
+            name = run.file_name(f"images/{i + 1:08d}.png")
+            picture(folder / name, i)
+            boxed = [
+                {"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3]} for k in (1, 2)
+            ]
+            image = {"id": run.image_offset + i + 1, "file_name": name, "width": 8, "height": 6, "shot": i}
+            dataset.append(image, boxed)
+    return folder
+
+
+def picture(path, level):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", (8, 6), (level, 7, 7)).save(path)
+
+
+def photos(folder, names, *, level=100):
+    """A dataset made elsewhere."""
+    images = [{"id": 3 * i, "file_name": name, "width": 8, "height": 6} for i, name in enumerate(names)]
+    boxed = [{"id": 0, "image_id": 0, "category_id": 5, "bbox": [1, 1, 2, 2], "score": 0.5}]
+    categories = [{"id": 5, "name": "tank", "keypoints": ["nose"]}, {"id": 7, "name": "car", "supercategory": "civil"}]
+    for i, name in enumerate(names):
+        picture(folder / name, level + i)
+    coco = {"info": {"year": 2024}, "categories": categories, "images": images, "annotations": boxed}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def contents(folder):
+    """Every file of a dataset but what only this process needs."""
+    hidden = (".hulldown.lock", "journal.jsonl")
+    files = [p for p in folder.rglob("*") if p.is_file() and p.name not in hidden]
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+def test_shares_joined_are_the_whole_to_the_byte(tmp_path):
+    parts = [render(tmp_path / "1", [0, 3]), render(tmp_path / "2", [5, 4]), render(tmp_path / "3", [1, 2])]
+    joined = join(parts[::-1], tmp_path / "joined")
+    assert (joined.added, joined.already, joined.failed, joined.missing) == (6, 0, 0, 0)
+    assert contents(tmp_path / "joined") == contents(render(tmp_path / "whole", range(6)))
+    assert (tmp_path / "joined/images/00000001.png").samefile(tmp_path / "1/images/00000001.png")
+
+
+def test_joining_again_adds_what_is_new_and_nothing_twice(tmp_path):
+    one, two = render(tmp_path / "1", [0]), render(tmp_path / "2", [4])
+    assert join([one, two], tmp_path / "joined").missing == 4
+    before = contents(tmp_path / "joined")
+    again = join([one, two], tmp_path / "joined")
+    assert (again.added, again.already) == (0, 2)
+    assert contents(tmp_path / "joined") == before
+    render(one, [1, 2])
+    # The other machine has made an image of the first one's too.
+    render(two, [0])
+    more = join([two, one], tmp_path / "joined")
+    assert (more.added, more.already, more.missing) == (2, 3, 2)
+
+
+def test_a_part_is_read_as_far_as_its_journal_goes(tmp_path):
+    part = render(tmp_path / "1", [0, 1])
+    (part / "annotations.json").unlink()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        assert join([part], tmp_path / "joined").added == 2
+
+
+def test_two_plans_get_ids_and_names_of_their_own(tmp_path):
+    one, two = render(tmp_path / "1", [0, 5]), render(tmp_path / "2", [0, 2], key="b" * 64)
+    rest = render(tmp_path / "3", [1], key="b" * 64)
+    # One that holds both plans already, under another prefix.
+    both = render(render(tmp_path / "4", [3], key="b" * 64), [1])
+    for parts in ([one, two], [rest], [both]):
+        join(parts, tmp_path / "joined")
+    coco = read_coco(tmp_path / "joined")
+    found = {image["id"]: (image["file_name"], image["shot"]) for image in coco["images"]}
+    assert found == {
+        1: ("images/00000001.png", 0),
+        2: ("images/00000002.png", 1),
+        6: ("images/00000006.png", 5),
+        7: ("images/2-bbbbbbbb-00000001.png", 0),
+        8: ("images/2-bbbbbbbb-00000002.png", 1),
+        9: ("images/2-bbbbbbbb-00000003.png", 2),
+        10: ("images/2-bbbbbbbb-00000004.png", 3),
+    }
+    assert {a["id"]: a["image_id"] for a in coco["annotations"]} == {2 * i - 1 + k: i for i in found for k in (0, 1)}
+    assert [f for f in verify(tmp_path / "joined") if "same picture" not in f.problem] == []
+
+
+def test_a_dataset_made_elsewhere_keeps_its_fields(tmp_path):
+    part = photos(tmp_path / "real", ["a.png", "b/c.png"])
+    joined = tmp_path / "joined"
+    join([render(tmp_path / "1", [0]), part], joined)
+    join([part], joined)
+    coco = read_coco(joined)
+    assert [(c["id"], c["name"], c.get("supercategory")) for c in coco["categories"]] == [
+        (1, "tank", "vehicle"), (2, "truck", "vehicle"), (3, "car", "civil"),
+    ]  # fmt: skip
+    assert [(i["id"], i["file_name"]) for i in coco["images"]] == [
+        (1, "images/00000001.png"), (7, "a.png"), (8, "b/c.png"),
+    ]  # fmt: skip
+    box = coco["annotations"][-1]
+    assert (box["id"], box["image_id"], box["category_id"], box["score"]) == (13, 7, 1, 0.5)
+    assert list(verify(joined)) == []
+
+
+def test_it_is_an_append_to_what_is_there(tmp_path):
+    real = photos(tmp_path / "real", ["a.png"])
+    join([render(tmp_path / "1", [0, 1])], real)
+    coco = read_coco(real)
+    assert coco["info"]["year"] == 2024
+    assert [i["file_name"] for i in coco["images"]] == [
+        "a.png", "images/1-aaaaaaaa-00000001.png", "images/1-aaaaaaaa-00000002.png",
+    ]  # fmt: skip
+
+
+def test_failures_and_provenance_are_carried_over(tmp_path):
+    entry = {"first_image_id": 1, "blender": ["5.0"], "devices": ["CPU"], "systems": ["x"], "images": 6}
+    parts = [render(tmp_path / "1", [0]), render(tmp_path / "2", [1])]
+    for device, part in zip(("CPU", "GPU"), parts, strict=True):
+        failure = {"index": 2, "file_name": "images/00000003.png", "reasons": [device]}
+        (part / "failures.jsonl").write_text(json.dumps(failure) + "\n")
+        (part / "provenance.json").write_text(json.dumps({"plans": {PLAN: {**entry, "devices": [device]}}}))
+    joined = tmp_path / "joined"
+    photos(joined, ["a.png", "b.png"])
+    assert join(parts, joined).failed == 1
+    (line,) = map(json.loads, (joined / "failures.jsonl").read_text().splitlines())
+    assert (line["index"], line["file_name"]) == (2, "images/1-aaaaaaaa-00000003.png")
+    (found,) = json.loads((joined / "provenance.json").read_text())["plans"].values()
+    assert (found["devices"], found["first_image_id"]) == (["CPU", "GPU"], 4)
+    # Another machine has made it since.
+    assert join([render(tmp_path / "3", [2])], joined).failed == 0
+    assert not (joined / "failures.jsonl").exists()
+
+
+def no_image(folder):
+    (folder / "images" / "00000001.png").unlink()
+
+
+def licences(folder):
+    coco = json.loads((folder / "annotations.json").read_text())
+    (folder / "annotations.json").write_text(json.dumps({**coco, "licenses": [{"id": 1}]}))
+
+
+def edited(**change):
+    def edit(folder):
+        coco = json.loads((folder / "annotations.json").read_text())
+        for key, (field, value) in change.items():
+            coco[key][0][field] = value
+        (folder / "annotations.json").write_text(json.dumps(coco))
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (no_image, r"00000001\.png: is missing"),
+        (licences, "has 'licenses', which joining would lose; join the other parts into this one"),
+        (edited(images=("id", 2)), "image ids repeat themselves"),
+        (edited(images=("file_name", "images/00000002.png")), "file names repeat themselves"),
+        (edited(images=("file_name", "../x.png")), "no path inside the dataset"),
+        (edited(annotations=("id", 2)), "annotation ids repeat themselves"),
+        (edited(annotations=("image_id", 77)), "image 77 does not exist"),
+        (edited(annotations=("category_id", 77)), "category 77 does not exist"),
+        (edited(annotations=("bbox", [1, 2])), "is not \\[x, y, width, height\\]"),
+        (lambda folder: (folder / "provenance.json").write_text("{}"), "is no provenance of hulldown"),
+        (lambda folder: (folder / "annotations.json").write_text("{"), "is not valid JSON"),
+    ],
+)
+def test_a_part_that_cannot_be_carried_over_leaves_no_trace(tmp_path, damage, message):
+    part = render(tmp_path / "1", [0, 1])
+    damage(part)
+    with pytest.raises(DatasetError, match=message):
+        join([render(tmp_path / "2", [2]), part], tmp_path / "new" / "joined")
+    assert not (tmp_path / "new").exists()
+
+
+def test_another_picture_of_the_same_name_is_refused(tmp_path):
+    one, two = photos(tmp_path / "1", ["a.png"]), photos(tmp_path / "2", ["a.png"], level=9)
+    with pytest.raises(DatasetError, match=r"2/a\.png: is another picture than .*1/a\.png; give one of them another"):
+        join([one, two], tmp_path / "joined")
+    assert not (tmp_path / "joined").exists()
+    before = contents(one)
+    with pytest.raises(DatasetError, match="is another picture"):
+        join([two], one)
+    assert contents(one) == before
+    assert not (one / "journal.jsonl").exists()
+
+
+def test_a_part_that_is_the_dataset_or_none_is_refused(tmp_path):
+    part = render(tmp_path / "1", [0])
+    with pytest.raises(DatasetError, match="is a part of itself"):
+        join([part], part)
+    with pytest.raises(DatasetError, match=r"no annotations\.json and no journal"):
+        join([tmp_path], tmp_path / "joined")
+
+
+def test_no_picture_is_written_outside(tmp_path):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    joined = tmp_path / "joined"
+    joined.mkdir()
+    (joined / "images").symlink_to(outside)
+    with pytest.raises(DatasetError, match="leads out of the dataset"):
+        join([render(tmp_path / "1", [0])], joined)
+    assert list(outside.iterdir()) == []
+
+
+def test_where_links_are_impossible_pictures_are_copied(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(18, "Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refuse)
+    part = render(tmp_path / "1", range(6))
+    join([part], tmp_path / "joined")
+    assert not (tmp_path / "joined/images/00000001.png").samefile(part / "images/00000001.png")
+    assert contents(tmp_path / "joined") == contents(part)
