@@ -288,6 +288,21 @@ def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
     talk.worker.stop()
 
 
+def test_a_blender_without_numpy_says_so(tmp_path):
+    """Debian's does not bring it."""
+    code = (
+        f"import runpy, sys; sys.modules['numpy'] = None; sys.argv = [{str(WORKER)!r}];"
+        f"runpy.run_path({str(WORKER)!r}, run_name='__main__')"
+    )
+    answers = queue.SimpleQueue()
+    command = [sys.executable, "-P", "-c", code]
+    worker = WorkerProcess(command, tmp_path / "log", lambda _, answer: answers.put(answer))
+    answer = answers.get(timeout=120)
+    assert "has no numpy" in answer["unusable"]
+    assert answer["remedy"] == "install numpy for that Python"
+    worker.kill()
+
+
 def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
     talk = Conversation(worker_command(None), tmp_path / "log")
     good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
