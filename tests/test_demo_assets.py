@@ -155,9 +155,10 @@ def test_sheets_and_ribbons_face_up():
         assert (np.cross(b - a, c - a)[:, 2] > 0).all()
 
 
-def test_a_course_knows_how_far_points_are():
-    distance, _ = Course([(0, 0), (100, 0)], step=0.5).nearest(np.array([50.0, 20.0]), np.array([7.0, -3.0]))
-    np.testing.assert_allclose(distance, [7, 3], atol=0.02)
+def test_a_course_knows_how_far_points_are_and_which_are_clear_of_it():
+    course, x, y = Course([(0, 0), (100, 0)], step=0.5), np.array([50.0, 20.0]), np.array([7.0, -3.0])
+    np.testing.assert_allclose(course.nearest(x, y)[0], [7, 3], atol=0.02)
+    np.testing.assert_array_equal(course.clear(x, y, 5.0), [1, 0])
 
 
 def test_building_tells_blenders_last_words(tmp_path, monkeypatch):
@@ -190,7 +191,7 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
     steps: list[tuple[int, int]] = []
     files = build.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
     assert files == tuple(tmp_path / "out" / file for file in build.FILES)
-    assert steps == [(k + 1, 21) for k in range(21)]
+    assert steps == [(k + 1, 20) for k in range(20)]
     monkeypatch.setattr(build, "ATTEMPTS", 2)
     with pytest.raises(AssetError, match="could not build"):
         build.build_demo_assets(tmp_path / "out")

@@ -21,7 +21,7 @@ CATEGORY = {
 }
 SCENERIES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.
-STUDIO_HDRIS = ("city", "courtyard", "forest", "sunrise", "sunset")
+STUDIO_HDRIS = ("city", "forest", "sunrise", "sunset")
 SKIES = ("sky_noon", "sky_morning", "sky_evening", "sky_overcast")
 
 VEHICLE_FILES = tuple(f"vehicles/{name}.blend" for name in CATEGORY)

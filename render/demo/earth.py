@@ -17,7 +17,9 @@ class Soil:
     rock: tuple[Colour, Colour]
     haze: Colour
     bare_share: tuple[float, float]  # noise levels between which cover gives way to bare ground
+    stony: float  # how much of the pebbles shows through the cover, 0 to 1
     tufts: float  # metres of height of the finest bumps
+    clumps: float  # how much tussocks stand out of the cover, 0 to 1
 
 
 def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
@@ -26,17 +28,24 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     normal = g.add("NewGeometry").outputs["Normal"]
     up = g.add("SeparateXYZ", {0: normal}).outputs[2]
-    vast = g.noise(where, 0.006, detail=3.0)
-    wide = g.noise(where, 0.03, detail=4.0, rough=0.6, warp=0.8)
-    middle = g.noise(where, 0.35, detail=5.0, rough=0.65)
-    small = g.noise(where, 3.0, detail=6.0, rough=0.7)
-    fine = g.noise(where, 24.0, detail=4.0, rough=0.7)
+    vast = g.noise(where, 0.006, detail=2.0)
+    wide = g.noise(where, 0.03, detail=3.0, rough=0.6, warp=0.8)
+    middle = g.noise(where, 0.35, detail=4.0, rough=0.65)
+    small = g.noise(where, 3.0, detail=5.0, rough=0.7)
+    fine = g.noise(where, 24.0, detail=2.0, rough=0.7)
+    clod, kind = g.cells(g.add("VectorMath", {0: where, 1: small}).outputs[0], 2.6)
 
     lush, common, dry = soil.cover
     cover = g.mix(g.ramp(wide, 0.38, 0.62), lush, common)
     cover = g.mix(g.maths("MULTIPLY", g.ramp(middle, 0.45, 0.68), 0.75), cover, dry)
     cover = g.mix(g.maths("MULTIPLY", g.ramp(vast, 0.42, 0.6), 0.5), cover, common)
-    cover = g.shade(g.shade(cover, small, 0.30), fine, 0.35)
+    # Tips in the light, dark gaps between tussocks, and tussocks unlike their neighbours.
+    tips = g.maths("MULTIPLY", g.ramp(small, 0.48, 0.66), 0.45 * soil.clumps)
+    cover = g.shade(g.mix(tips, cover, dry), g.noise(where, 1.1, detail=2.0, rough=0.8, warp=0.5), 0.22)
+    cover = g.mix(
+        g.maths("MULTIPLY", g.ramp(small, 0.46, 0.30), 0.55 * soil.clumps), cover, g.mix(0.65, lush, "#14150d")
+    )
+    cover = g.shade(g.shade(cover, small, 0.22), fine, 0.35)
     bare = g.shade(g.shade(g.mix(g.ramp(middle, 0.35, 0.65), *soil.bare), small, 0.22), fine, 0.2)
     rock = g.shade(g.mix(g.ramp(small, 0.3, 0.7), *soil.rock), middle, 0.3)
 
@@ -47,7 +56,9 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
         g.ramp(patch, *soil.bare_share),
         g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", small, 0.12)), 0.955, 0.90),
     )
-    colour = g.mix(worn, cover, bare)
+    pebble = g.maths("MULTIPLY", g.ramp(clod, 0.30, 0.20), g.ramp(kind, 0.52, 0.58))
+    seen = g.maths("MULTIPLY", pebble, g.maths("MAXIMUM", g.maths("MULTIPLY", worn, 0.8), soil.stony))
+    colour = g.mix(seen, g.mix(worn, cover, bare), g.shade(linear(soil.rock[0]), fine, 0.4))
     steep = g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", middle, 0.16)), 0.88, 0.80)
     colour = g.mix(steep, colour, rock)
     if far:
@@ -57,11 +68,11 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
         )
         colour = g.mix(woods, colour, g.shade(g.mix(0.55, lush, "#1c2416"), g.noise(where, 0.06, detail=3.0), 0.4))
         colour = g.mix(g.maths("MULTIPLY", g.ramp(away, 400.0, 4200.0), 0.75), colour, soil.haze)
-    height = g.maths("ADD", g.maths("MULTIPLY", small, 1.0), g.maths("MULTIPLY", fine, 0.35))
+    height = g.maths("ADD", small, g.maths("MULTIPLY", fine, 0.35))
     return g.surface(
         {
             "Base Color": colour,
-            "Roughness": 0.95,
+            "Roughness": g.maths("ADD", 0.78, g.maths("MULTIPLY", middle, 0.3)),
             "Specular IOR Level": 0.15,
             "Normal": g.bump(height, soil.tufts, 0.9),
         }

@@ -16,9 +16,11 @@ HIDDEN_EDGE = 4.0  # metres by which surroundings reach below the ground, that n
 
 
 class Land:
-    """A scenery's file under construction."""
+    """A scenery's file under construction, its ground a square of side `2 * half` about the origin."""
 
-    def __init__(self) -> None:
+    def __init__(self, half: float) -> None:
+        self.half = half
+        self.outland: Height = lambda x, y: 0 * x
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
         self.collections: dict[str, Any] = {}
@@ -49,15 +51,33 @@ class Land:
         corners = quads(len(course.xy), len(across)).ravel()
         thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
 
-    def surroundings(self, half: float, height: Height, material: Any) -> None:
-        """Eight sheets around the square of the ground, coarser outwards, that carry the view to the horizon."""
+    def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
+        """Eight sheets around the square of the ground, coarser outwards, that carry the view to the horizon.
+
+        Parameters
+        ----------
+        ground
+            Height at the square's edge, which fades outwards.
+        mountains
+            Height of what rises between the distances `rise` from the edge.
+        material, rise
+            Of all sheets; in metres.
+        """
+        half = self.half
+
+        def outland(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            away = np.maximum(np.abs(x), np.abs(y)) - half
+            near = ground(x, y) * smoothstep(away, 450.0, 0.0) - 0.35
+            return near + smoothstep(away, *rise) * mountains(x, y)
+
+        self.outland = outland
         out = half - HIDDEN_EDGE + (FAR - half) * (np.linspace(0, 1, 36) ** 2.6)
         inner = np.linspace(-half + HIDDEN_EDGE, half - HIDDEN_EDGE, 41)
         spans = {"West": -out[::-1], "": inner, "East": out}
         for east, xs in spans.items():
             for north, ys in {"South": -out[::-1], "": inner, "North": out}.items():
                 if east or north:
-                    self.add(f"Horizon_{north}{east}", sheet(xs, ys, height), material, home="Surroundings")
+                    self.add(f"Horizon_{north}{east}", sheet(xs, ys, outland), material, home="Surroundings")
 
     def camera(self, at: tuple[float, float, float], turn_deg: float) -> None:
         """The camera that the file is delivered with."""
@@ -76,6 +96,17 @@ class Land:
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
         return path
+
+
+def levelled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
+    """The surface brought to the `level` of a road along its course: wholly and not at all within `reach` metres."""
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        distance, nearest = course.nearest(x, y)
+        z = surface(x, y)
+        return z + (level[nearest] - 0.06 - z) * smoothstep(distance, reach[1], reach[0])
+
+    return height
 
 
 def highest(*surfaces: Height) -> Height:

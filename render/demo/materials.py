@@ -48,6 +48,11 @@ class Graph:
         inputs = {"Vector": where, "Scale": scale, "Detail": detail, "Roughness": rough, "Distortion": warp}
         return self.add("TexNoise", inputs).outputs[0]
 
+    def cells(self, where: Any, scale: float) -> tuple[Any, Any]:
+        """Of the plane cut into cells, `scale` a metre: the distance from a cell's middle, the cell's random number."""
+        node = self.add("TexVoronoi", {"Vector": where, "Scale": scale}, voronoi_dimensions="2D")
+        return node.outputs["Distance"], self.add("SeparateXYZ", {0: node.outputs["Color"]}).outputs[0]
+
     def ramp(self, value: Any, low: float, high: float) -> Any:
         """0 below `low` to 1 above `high`, smoothly; falling where low > high."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
@@ -139,19 +144,23 @@ def _metres(g: Graph, unit: float) -> Any:
 
 
 def _painted(g: Graph, colour: Any, where: Any, dust: Colour) -> bpy.types.Material:
-    """Wear in two scales over a coat of paint; dust thins out upwards from the ground to about 1.5 m."""
+    """Wear in two scales and streaks of rain over a coat of paint; dust thins out upwards to 1.5 m, mud to 0.9 m."""
     worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
     fine = g.noise(where, 18.0, detail=3.0)
-    colour = g.shade(g.shade(colour, worn, 0.22), fine, 0.10)
+    tall = g.add("VectorMath", {0: where, 1: (5.0, 5.0, 0.5)}, operation="MULTIPLY").outputs[0]
+    colour = g.shade(g.shade(colour, worn, 0.26), fine, 0.10)
+    colour = g.shade(colour, g.noise(tall, 1.0, detail=3.0, rough=0.6), 0.16)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
+    mud = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp(worn, 0.38, 0.52))
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
+    colour = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, colour, dust), g.shade(linear(dust), fine, 0.35))
     rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
     return g.surface(
         {
-            "Base Color": g.mix(film, colour, dust),
+            "Base Color": colour,
             "Roughness": g.maths("ADD", rough, g.maths("MULTIPLY", film, 0.2)),
             "Specular IOR Level": 0.35,
             "Normal": g.bump(fine, 0.002),

@@ -12,12 +12,18 @@ from render.demo.build import build_demo_assets
 from render.demo.catalogue import CATEGORY, SCENERY_FILES
 
 CONFIG = "hulldown.toml"
-# A look at everything in minutes on two cores: few images, small, rather near.
+# A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
+# treetop's, as photographs are taken, under the skies that suit open country in daylight.
 SMALL = {
     "budget.images_per_class": 4,
     "budget.images_per_position": 1,
     "camera.target_fraction": [0.15, 0.4],
     "camera.distance_factor": [0.6, 1.6],
+    "camera.elevation_deg": [2.0, 14.0],
+    "camera.framing": 0.5,
+    "camera.visible_fraction": [0.6, 1.0],
+    "light.hdris": ["sky_*"],
+    "light.strength": [1.0, 1.4],
     "render.profile": "fast",
     "render.width": 480,
     "render.height": 270,

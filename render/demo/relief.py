@@ -61,6 +61,10 @@ class Course:
         distance, index = KDTree(self.xy).query(np.stack(np.broadcast_arrays(x, y), axis=-1))
         return distance, index
 
+    def clear(self, x: Field, y: Field, gap: float) -> Field:
+        """1 where a point is farther than `gap` metres from the line, else 0."""
+        return (self.nearest(x, y)[0] > gap).astype(float)
+
     def profile(self, height: Height, *, window: float = 40.0) -> Field:
         """Heights along the line, averaged over a window, as a road levels its ground."""
         z = height(self.xy[:, 0], self.xy[:, 1])

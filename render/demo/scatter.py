@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Euler, Matrix
+from mathutils import Euler, Matrix, Vector
 
 from render.demo.relief import Height
 
@@ -43,16 +43,25 @@ def copies(
     sink: float,
     rng: np.random.Generator,
     tilt: float = 0.05,
+    lying: bool = False,
     modifier: Callable[[Any], None] | None = None,
 ) -> None:
-    """One object for each place, sharing the mesh of its kind; unevenly scaled a little and turned at random."""
-    z = height(xy[:, 0], xy[:, 1]) - sink
-    for k, (x, y) in enumerate(xy):
+    """One object for each place, sharing the mesh of its kind; unevenly scaled a little and turned at random.
+
+    What is `lying` leans as the ground does; all else grows upright, but for a random `tilt` in radians.
+    """
+    x, y = xy.T
+    z = height(x, y) - sink
+    slope = [height(x + 1, y) - height(x - 1, y), height(x, y + 1) - height(x, y - 1)] if lying else [0 * x, 0 * y]
+    normal = np.stack([*(-0.5 * rise for rise in slope), np.ones(len(xy))], axis=-1)
+    for k, (east, north) in enumerate(xy):
         data = datas[int(rng.integers(len(datas)))]
         thing = bpy.data.objects.new(f"{data.name}.{k:04d}", data)
         size = rng.uniform(*scale)
-        thing.location = (x, y, z[k])
-        thing.rotation_euler = (*rng.normal(0, tilt, 2), rng.uniform(0, 2 * np.pi))
+        thing.location = (east, north, z[k])
+        turn = Euler((*rng.normal(0, tilt, 2), rng.uniform(0, 2 * np.pi))).to_quaternion()
+        lean = Vector((0, 0, 1)).rotation_difference(Vector(normal[k]))
+        thing.rotation_euler = (lean @ turn).to_euler()
         thing.scale = size * rng.uniform(0.88, 1.12, 3)
         if modifier:
             modifier(thing)

@@ -26,13 +26,14 @@ class Sky:
     clouds: tuple[float, float]  # noise levels between which blue gives way to cloud
     cloud_colour: tuple[float, float, float]
     light: float  # radiance of a white sheet lying under this sky
+    drift: float  # where in the endless pattern its clouds are
 
 
 SKIES = {
-    "sky_noon": Sky(54.0, 0.80, (1.0, 0.96, 0.90), 1.2, (0.53, 0.68), (1.0, 1.0, 1.0), 2.0),
-    "sky_morning": Sky(26.0, 0.74, (1.0, 0.87, 0.70), 1.6, (0.50, 0.72), (1.0, 0.96, 0.90), 1.5),
-    "sky_evening": Sky(11.0, 0.60, (1.0, 0.70, 0.44), 2.0, (0.52, 0.70), (1.0, 0.84, 0.70), 1.0),
-    "sky_overcast": Sky(40.0, 0.0, (1.0, 1.0, 1.0), 3.0, (0.15, 0.38), (0.96, 0.98, 1.0), 1.1),
+    "sky_noon": Sky(54.0, 0.80, (1.0, 0.96, 0.90), 1.2, (0.53, 0.68), (1.0, 1.0, 1.0), 2.0, 0.0),
+    "sky_morning": Sky(26.0, 0.74, (1.0, 0.87, 0.70), 1.6, (0.50, 0.72), (1.0, 0.96, 0.90), 1.5, 7.0),
+    "sky_evening": Sky(11.0, 0.60, (1.0, 0.70, 0.44), 2.0, (0.52, 0.70), (1.0, 0.84, 0.70), 1.0, 21.0),
+    "sky_overcast": Sky(40.0, 0.0, (1.0, 1.0, 1.0), 3.0, (0.15, 0.38), (0.96, 0.98, 1.0), 1.1, 3.0),
 }
 
 
@@ -102,7 +103,8 @@ def _build(tree: Any, sky: Sky) -> None:
     air = node("TexSky", above, sun_disc=False, **physics, **angle)[0]
     # Clouds lie on a plane, so they crowd towards the horizon.
     height = node("Math", node("Math", up, 0.0, operation="MAXIMUM")[0], 0.12, operation="ADD")[0]
-    plane = node("VectorMath", look, node("CombineXYZ", height, height, height)[0], operation="DIVIDE")[0]
+    overhead = node("VectorMath", look, node("CombineXYZ", height, height, height)[0], operation="DIVIDE")[0]
+    plane = node("VectorMath", overhead, (sky.drift, 0.0, 0.0), operation="ADD")[0]
     billow = node("TexNoise", plane, None, 0.9, 9.0, 0.56, 2.0, None, None, 0.35)[0]
     shape = node("MapRange", billow, *sky.clouds, interpolation_type="SMOOTHSTEP")[0]
     core = node("MapRange", node("TexNoise", plane, None, 2.3, 8.0, 0.6)[0], 0.3, 0.75, 1.15, 0.72)[0]

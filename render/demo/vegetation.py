@@ -86,7 +86,7 @@ def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, 
     t = np.linspace(-0.05, 1, 7)
     trunk = np.stack([lean[0] * height * t**2, lean[1] * height * t**2, height * 0.8 * t], axis=-1)
     trunk[1:-1, :2] += rng.normal(0, 0.012 * height, (5, 2))
-    plant.limb(trunk, height * 0.026 * (1.25 - t) ** 0.8 * np.where(t < 0, 1.5, 1.0))
+    plant.limb(trunk, height * 0.021 * (1.25 - t) ** 0.8 * np.where(t < 0, 1.9, 1.0))
     for k in range(9):
         angle = k * 2.4 + rng.normal(0, 0.3)
         rise = rng.uniform(0.0, 1.0)
@@ -100,10 +100,10 @@ def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, 
         branch = base + (tip - base) * bow + np.array([0, 0, 0.10 * height]) * bow * (1 - bow)
         plant.limb(branch, height * 0.010 * np.linspace(1.0, 0.3, 4), sides=5)
         size = spread * rng.uniform(0.36, 0.5) * np.array([1, 1, 0.72])
-        _foliage(plant, tip, size, 400, 0.053 * height**0.5, rng)
+        _foliage(plant, tip, size, 640, 0.042 * height**0.5, rng)
     for z in (0.72, 0.86):
         top = trunk[-1] * [1, 1, 0] + [0, 0, height * z] + [*rng.normal(0, 0.12 * spread, 2), 0]
-        _foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 600, 0.053 * height**0.5, rng)
+        _foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 960, 0.042 * height**0.5, rng)
     return plant.mesh(name, materials)
 
 
@@ -121,15 +121,15 @@ def conifer(name: str, materials: list[Any], *, height: float, spread: float, rn
             angle = 2 * np.pi * (j + 0.5 * (k % 2)) / fronds + rng.normal(0, 0.12)
             out = np.array([np.cos(angle), np.sin(angle), 0.0])
             side = np.array([-np.sin(angle), np.cos(angle), 0.0])
-            n = int(6 + 11 * (1 - rise))
+            n = int(10 + 20 * (1 - rise))
             s = np.linspace(0.12, 1, n)[:, None]
             length = reach * rng.uniform(0.85, 1.1)
             droop = -0.30 * length * s**1.3 + 0.10 * length * s**3
             stem = out * length * s + [0, 0, 1] * (z0 + droop)
             width = (0.26 * length + 0.16) * (1.15 - s) * rng.uniform(0.6, 1.3, (n, 1))
             for sign in (-1, 1):
-                along = (side * sign * 0.8 + out * 0.55 + [0, 0, -0.45] + rng.normal(0, 0.15, (n, 3))) * width * 0.55
-                plant.sprays(stem + along * 0.8, along, (out * 0.5 + [0, 0, 0.12]) * length / n * 1.2)
+                along = (side * sign * 0.8 + out * 0.55 + [0, 0, -0.45] + rng.normal(0, 0.25, (n, 3))) * width * 0.5
+                plant.sprays(stem + along * 0.8, along, (out * 0.5 + [0, 0, 0.12]) * length / n * 1.5)
     return plant.mesh(name, materials)
 
 
@@ -151,32 +151,33 @@ def bush(
 
 
 def tussock(
-    name: str, materials: list[Any], *, height: float, blades: int, radius: float, rng: np.random.Generator
+    name: str,
+    material: Any,
+    *,
+    height: float,
+    blades: int,
+    clumps: int,
+    radius: float,
+    rng: np.random.Generator,
 ) -> Any:
-    """A patch of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
+    """A patch of clumps of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
     curves = bpy.data.hair_curves.new(name)
-    keys = 4
-    curves.add_curves([keys] * blades)
-    root = (
-        radius
-        * np.sqrt(rng.random((blades, 1)))
-        * np.stack([np.cos(a := rng.uniform(0, 2 * np.pi, blades)), np.sin(a)], axis=-1)
-    )
-    tall = (
-        height
-        * rng.uniform(0.5, 1.15, (blades, 1))
-        * (1.1 - 0.5 * np.linalg.norm(root, axis=1, keepdims=True) / radius)
-    )
-    bend = rng.normal(0, 0.45, (blades, 2)) * tall
-    t = np.linspace(0, 1, keys)
-    points = np.zeros((blades, keys, 3))
-    points[..., :2] = root[:, None] + bend[:, None] * (t**2)[None, :, None]
+    t = np.linspace(0, 1, 4)
+    curves.add_curves([len(t)] * blades)
+    angle = rng.uniform(0, 2 * np.pi, clumps)
+    centre = radius * np.sqrt(rng.random((clumps, 1))) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    vigour = rng.uniform(0.45, 1.0, clumps)
+    mine = np.arange(blades) % clumps
+    away = rng.normal(0, 0.13, (blades, 2)) * vigour[mine, None]
+    tall = height * vigour[mine, None] * rng.uniform(0.55, 1.1, (blades, 1))
+    bend = (1.6 * away + rng.normal(0, 0.35, (blades, 2)) * height) * vigour[mine, None]
+    points = np.zeros((blades, len(t), 3))
+    points[..., :2] = (centre[mine] + away)[:, None] + bend[:, None] * (t**2)[None, :, None]
     points[..., 2] = tall * t - 0.25 * np.linalg.norm(bend, axis=1, keepdims=True) * t**2 - 0.03
     curves.points.foreach_set("position", points.ravel().astype(np.float32))
-    radii = np.tile(0.004 * (1.05 - t), blades)
+    radii = np.tile(0.009 * (1.05 - t), blades)
     curves.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radii.astype(np.float32))
-    for material in materials:
-        curves.materials.append(material)
+    curves.materials.append(material)
     return curves
 
 
