@@ -482,7 +482,7 @@ def _parser() -> argparse.ArgumentParser:
         "Reads a dataset; prints what is wrong with records, images and boxes. Exit code 1 if something is.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
-    sub.add_argument("--plan", type=Path, help="the plan it was rendered from, to compare class counts")
+    sub.add_argument("--plan", type=Path, help="a plan it was rendered from, to compare with it row by row")
     sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
 
     sub = verb(

@@ -111,7 +111,10 @@ def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Findin
 
 def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
     """Ids, names and sizes."""
-    yield from _repeated("image", [image["id"] for image in images])
+    files: dict[int, str] = {}
+    for image in images:
+        if (other := files.setdefault(image["id"], _name(image))) != _name(image):
+            yield Finding("error", _name(image), f"has the id {image['id']}, as has {other}")
     for name, times in Counter(str(image.get("file_name")) for image in images).items():
         if times > 1:
             yield Finding("error", name, f"belongs to {times} image records")
@@ -137,6 +140,7 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         if image is None:
             yield Finding("error", where, f"image {image_id!r} does not exist")
             continue
+        where = f"{_name(image)}: annotation {annotation['id']}"
         problems = list(_box_problems(annotation.get("bbox"), image))
         yield from (Finding("error", where, problem) for problem in problems)
         if not problems:

@@ -25,16 +25,23 @@ def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]])
     """What an image must not be parted from: the shots of one position show one vehicle on one piece of ground.
 
     A position is where the first vehicle stands, to the millimetre, so that another plan's shots of the same place
-    belong to it too. Images that know no such thing, such as real ones, stand alone.
+    belong to it too. Images that know no such thing, such as real ones, stand alone; so do those whose poses, from
+    elsewhere, are of another kind.
     """
     for annotation in annotations:
-        pose = annotation.get("world_from_vehicle")
-        if pose is not None:
-            place = " ".join(f"{row[3]:.3f}" for row in pose[:3])
+        if (place := _place(annotation.get("world_from_vehicle"))) is not None:
             return f"{image.get('scenery')} {annotation.get('vehicle')} {place}"
     if image.get("position") is not None:
         return f"{image.get('scenery')} position {image['position']}"
     return f"image {image['id']}"
+
+
+def _place(pose: Any) -> str | None:
+    """Where a pose stands; None if it is no matrix."""
+    try:
+        return " ".join(f"{float(pose[i][3]):.3f}" for i in range(3))
+    except (TypeError, ValueError, IndexError, KeyError):
+        return None
 
 
 def share_out(

@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import io
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orjson
 from jaxtyping import Bool
 from numpy.typing import ArrayLike
 from PIL import Image
@@ -22,9 +20,9 @@ from pycocotools.coco import COCO
 
 from annotate.document import ANNOTATIONS_NAME, read_coco, stays_inside
 from annotate.masks import decode, iou, mask_box
+from annotate.planned import check_planned
 from annotate.records import Finding, check_annotations, check_categories, check_images
 from geometry.arrays import checked
-from geometry.errors import DatasetError
 
 DECODERS = 4
 
@@ -43,7 +41,7 @@ def verify(
     dataset
         Its folder.
     plan
-        The plan it was rendered from: class counts are held against it.
+        A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
     decode_images
         Whether every image is opened in full.
     progress
@@ -60,7 +58,7 @@ def verify(
     yield from check_images(coco["images"])
     yield from check_annotations(coco)
     if plan is not None:
-        yield from _check_counts(coco, Path(plan))
+        yield from check_planned(coco, Path(plan))
     yield from _check_loading(folder / ANNOTATIONS_NAME)
     yield from _check_files(folder, coco["images"], decode_images, progress)
 
@@ -113,34 +111,6 @@ def compare(
         return MaskComparison(box_error, math.nan)
     height, width = visible.shape
     return MaskComparison(box_error, iou(decode(segmentation, width, height), visible))
-
-
-def _check_counts(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
-    planned: Counter[str] = Counter()
-    try:
-        with plan.open("rb") as file:
-            if "hulldown_plan" not in orjson.loads(next(file)):
-                raise KeyError("hulldown_plan")
-            for line in file:
-                row = orjson.loads(line)
-                # What is wholly hidden or out of the picture gets no label.
-                seen = [c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0]
-                planned.update(target["category"] for target in (row, *seen))
-    except (OSError, StopIteration, orjson.JSONDecodeError, KeyError, TypeError) as error:
-        raise DatasetError(f"cannot be read as a plan ({error})", path=plan, remedy="name the plan's file") from error
-    names = {category["id"]: category.get("name") for category in coco["categories"]}
-    # Other records of the dataset, such as real images, know no vehicle's pose.
-    found = Counter(str(names.get(a.get("category_id"))) for a in coco["annotations"] if "world_from_vehicle" in a)
-    for name in planned:
-        if found[name] < planned[name]:
-            yield Finding("warning", f"category {name!r}", f"{found[name]} of {planned[name]} planned are there")
-    runs = coco["info"].get("hulldown_runs", []) if isinstance(coco.get("info"), dict) else []
-    if len(runs) == 1:
-        for name in found:
-            if found[name] > planned[str(name)]:
-                yield Finding(
-                    "error", f"category {name!r}", f"{found[name]} are there, {planned[str(name)]} were planned"
-                )
 
 
 def _check_loading(path: Path) -> Iterator[Finding]:

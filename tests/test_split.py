@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from annotate.coco import CocoDataset
-from annotate.split import SPLITS, export, share_out
+from annotate.split import SPLITS, export, group_of, share_out
 from annotate.yolo import label_lines
 from geometry.errors import DatasetError
 
@@ -90,6 +90,13 @@ def test_shares_that_do_not_add_up_are_refused(fractions):
         share_out([], {}, fractions=fractions)
 
 
+@pytest.mark.parametrize("kind", [[], [[1, 2, 3]] * 3, "no pose", 7, {"x": 1}, [[0, 0, 0, "far"]] * 3, [None] * 4])
+def test_poses_of_another_kind_do_not_tie_images_together(kind):
+    image, boxed = {"id": 3, "scenery": "hills"}, [{"world_from_vehicle": kind}]
+    assert group_of(image, boxed) == "image 3"
+    assert group_of(image, [*boxed, {"vehicle": "a", "world_from_vehicle": pose(2)}]) == "hills a 2.000 0.000 0.000"
+
+
 def test_coco_folders(dataset, tmp_path):
     out = tmp_path / "out"
     counts = export(dataset, out)
@@ -162,7 +169,7 @@ def test_equal_names_in_different_folders_are_kept_apart(tmp_path, names):
     ("change", "message"),
     [
         (lambda c: c["images"][0].update(file_name="../a.png"), "image 1: file_name '../a.png' is no path inside"),
-        (lambda c: c["images"][0].pop("width"), "image 1: width is None"),
+        (lambda c: c["images"][0].pop("width"), r"a\.png: width is None"),
         (lambda c: c["annotations"][0].update(image_id=[1]), r"annotation 1: image \[1\] does not exist"),
         (lambda c: c["annotations"][0].update(category_id=7), "annotation 1: category 7 does not exist"),
         (lambda c: c["annotations"][0].pop("bbox"), "annotation 1: bbox None is not"),

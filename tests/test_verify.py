@@ -1,3 +1,4 @@
+import hashlib
 import json
 import math
 
@@ -7,6 +8,7 @@ from PIL import Image
 
 from annotate.coco import CocoDataset
 from annotate.masks import encode
+from annotate.planned import IMAGE_KEYS, TARGET_KEYS
 from annotate.verify import Finding, compare, verify
 from geometry.errors import DatasetError
 
@@ -56,14 +58,14 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
 @pytest.mark.parametrize(
     ("change", "severity", "text"),
     [
-        (lambda c: c["images"][1].update(id=1), "error", "image 1: its id is there 2 times"),
+        (lambda c: c["images"][1].update(id=1), "error", "images/1.png: has the id 1, as has images/0.png"),
         (
             lambda c: c["images"][1].update(file_name="images/0.png"),
             "error",
             "images/0.png: belongs to 2 image",
         ),
         (lambda c: c["images"][1].update(width=33), "error", "images/1.png: is 32 x 24, its record says 33 x 24"),
-        (lambda c: c["images"][1].update(height=None), "error", "image 2: height is None"),
+        (lambda c: c["images"][1].update(height=None), "error", "images/1.png: height is None"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
         (lambda c: c["images"][1].update(file_name="../x.png"), "error", "no path inside the dataset"),
         (lambda c: c["annotations"][1].update(id=1), "error", "annotation 1: its id is there 2 times"),
@@ -107,16 +109,111 @@ def test_equal_pictures_are_found(dataset):
     assert list(map(str, verify(dataset))) == ["warning: images/2.png: is the same picture as images/0.png"]
 
 
-def test_class_counts_are_held_against_the_plan(dataset):
-    seen = {"category": "truck", "bbox": [1, 2, 3, 4], "visible_fraction": 0.5}
-    # A companion that nothing is seen of gets no label, and is not missed.
-    unseen = [{**seen, "visible_fraction": 0.0}, {**seen, "bbox": None}]
-    rows = [{"category": "tank", "companions": [seen, *unseen]}, *[{"category": "tank", "companions": []}] * 2]
-    plan = dataset / "plan.jsonl"
-    plan.write_text("\n".join(map(json.dumps, [{"hulldown_plan": 1}, *rows])) + "\n")
-    assert list(map(str, verify(dataset, plan=plan))) == ["warning: category 'truck': 0 of 1 planned are there"]
-    plan.write_text("\n".join(map(json.dumps, [{"hulldown_plan": 1}, *rows[1:]])) + "\n")
-    assert list(map(str, verify(dataset, plan=plan))) == ["error: category 'tank': 3 are there, 2 were planned"]
+def make_row(i, **changes):
+    target = {
+        "category": "tank",
+        "vehicle": "a",
+        "bbox": [5.0, 4.0, 10.0, 6.0],
+        "bbox_amodal": [5.0, 4.0, 10.0, 7.0],
+        "world_from_vehicle": POSE,
+        "articulation": {"turret": 0.1},
+        "visible_fraction": 0.75,
+        "truncated_fraction": 1 / 7,
+    }
+    unseen = [{**target, "visible_fraction": 0.0}, {**target, "bbox": None}]
+    seen = [{**target, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
+    light = {"hdri": "sky", "hdri_yaw_deg": 3.5, "strength": 1.0, "weather": {"visibility_m": 500.0}, "sample_seed": i}
+    where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
+    size = {"width": 32, "height": 24}
+    return {"file_name": f"images/{i}.png", **size, **where, **light, **target, "companions": unseen + seen, **changes}
+
+
+@pytest.fixture
+def planned(tmp_path):
+    """A dataset with real images and one plan before, and the plan that was rendered into it then."""
+    rows = [make_row(i) for i in range(4)]
+    plan = tmp_path / "plan.jsonl"
+    plan.write_text("\n".join(map(json.dumps, [{"hulldown_plan": 1, "images": 4}, *rows])) + "\n")
+    folder = tmp_path / "dataset"
+    (folder / "images").mkdir(parents=True)
+    with CocoDataset.open(folder, categories=["truck", "tank"]) as dataset:
+        dataset.append({"file_name": "images/real.png", "width": 32, "height": 24}, [])
+        Image.new("RGB", (32, 24), (9, 0, 0)).save(folder / "images/real.png")
+        dataset.run("p" * 64, images=3, annotations=3)
+        run = dataset.run(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
+        n = run.annotation_offset
+        for i, row in enumerate(rows):
+            name = run.file_name(row["file_name"])
+            Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
+            boxes = []
+            for target in [row, row["companions"][2]] if i == 1 else [row]:
+                n += 1
+                boxes.append({"id": n, **{key: target[key] for key in ("category", *TARGET_KEYS)}})
+            image = {"id": run.image_offset + i + 1, "file_name": name, **{key: row[key] for key in IMAGE_KEYS}}
+            dataset.append(image, boxes)
+    return folder, plan
+
+
+def test_a_dataset_is_what_its_plan_says(planned):
+    folder, plan = planned
+    assert list(verify(folder, plan=plan)) == []
+
+
+def moved(pose):
+    return [[1.0, 0.0, 0.0, 0.25], *pose[1:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "severity", "text"),
+    [
+        (lambda i, a: i.update(height=23), "error", "height is 23, planned is 24"),
+        (lambda i, a: i.update(file_name="images/2.png"), "error", "is 'images/2.png', planned is 'images/2-"),
+        (lambda i, a: i.update(world_from_camera=moved(POSE)), "error", "world_from_camera is [[1.0, 0.0, 0.0, 0.25],"),
+        (lambda i, a: i.pop("fov_x_deg"), "error", "fov_x_deg is None, planned is 0.3333333333333333"),
+        (lambda i, a: i.update(weather=None), "error", "weather is None, planned is {'visibility_m': 500.0}"),
+        (lambda i, a: a.update(bbox=[5.0, 4.0, 10.0, 6.0 + 1e-12]), "error", "'a': bbox is [5.0, 4.0, 10.0, 6.00"),
+        (lambda i, a: a.update(category_id=1), "error", "tank 'a': category is 'truck', planned is 'tank'"),
+        (lambda i, a: a.update(category_id=[1]), "error", "tank 'a': category is None, planned is 'tank'"),
+        (lambda i, a: a.update(image_id=6), "error", "image_id is 6, planned is 7"),
+        (lambda i, a: a.update(world_from_vehicle=moved(POSE)), "error", "world_from_vehicle is"),
+        (lambda i, a: a.update(articulation={"turret": 0.2}), "error", "articulation is {'turret': 0.2}"),
+        (lambda i, a: a.update(visible_fraction=0.5), "error", "visible_fraction is 0.5, planned is 0.75"),
+        (lambda i, a: a.update(id=100), "warning", "tank 'a' is planned and has no annotation"),
+        (
+            lambda i, a: i.update(id=100),
+            "warning",
+            "plan.jsonl: 1 of 4 planned images are not there",
+        ),
+    ],
+)
+def test_every_difference_from_the_plan_is_found(planned, change, severity, text):
+    folder, plan = planned
+    path = folder / "annotations.json"
+    coco = json.loads(path.read_text())
+    (image,) = (image for image in coco["images"] if image["id"] == 7)
+    (box,) = (box for box in coco["annotations"] if box["image_id"] == 7)
+    change(image, box)
+    path.write_text(json.dumps(coco))
+    findings = list(verify(folder, plan=plan))
+    assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
+
+
+def test_an_annotation_with_an_id_that_belongs_to_another_is_found(planned):
+    folder, plan = planned
+    path = folder / "annotations.json"
+    coco = json.loads(path.read_text())
+    coco["images"] = [image for image in coco["images"] if image["id"] != 8]
+    (box,) = (box for box in coco["annotations"] if box["image_id"] == 8)
+    box["image_id"] = 7
+    path.write_text(json.dumps(coco))
+    assert f"-2.png: annotation {box['id']} has the id of one" in "".join(map(str, verify(folder, plan=plan)))
+
+
+def test_a_plan_that_was_not_rendered_here_is_said_to_be_one(planned):
+    folder, plan = planned
+    plan.write_text(plan.read_text().replace("0.75", "0.7"))
+    (finding,) = verify(folder, plan=plan)
+    assert str(finding) == "error: plan.jsonl: nothing here was rendered from this file, as it is now"
 
 
 def test_no_plan_and_no_dataset_are_explained(dataset, tmp_path_factory):
