@@ -11,7 +11,7 @@ from render.demo import chassis, materials
 from render.demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
 from render.demo.model import Model
 from render.demo.shapes import Shape, block, box, joined, lathe, prism, profile_tube, slab, stack, tube
-from render.demo.trucks import cab_over
+from render.demo.truck_parts import cab_over
 
 
 def missile(length: float, radius: float) -> Shape:
