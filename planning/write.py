@@ -7,10 +7,12 @@ import os
 import platform
 import signal
 import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -153,8 +155,17 @@ def _begin(*made_from: Any) -> None:
     global _planner
     # Ctrl-C is the parent's to handle; the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     if made_from:
         _planner = Planner(*made_from)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever, and keep its memory."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)
 
 
 def _lines(start: int, stop: int) -> tuple[bytes, int]:

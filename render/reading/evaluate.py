@@ -53,6 +53,8 @@ class Evaluated:
         Objects that are no piece, and how often they are drawn.
     doubts
         What is rendered otherwise than it is read.
+    dressed
+        Whether anything of it has a material.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
@@ -60,6 +62,7 @@ class Evaluated:
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     left: Counter[Left] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)
+    dressed: bool = False
 
 
 def evaluate(
@@ -147,6 +150,7 @@ class _Reader:
             self.used.append(mesh.vertices[np.unique(mesh.faces)])
             self.box.append(np.array(list(product(*mesh.bounds.T))))
             self._doubt(drawn)
+            self.result.dressed |= any(materials)
             if self.keep_mesh:
                 self.keep_mesh(self.depsgraph, drawn)
         number = self.index[key]

@@ -9,6 +9,7 @@ import bpy
 
 from geometry.errors import AssetError
 
+NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
 AGAIN = "open it in Blender and save it again"
 
 
@@ -90,7 +91,20 @@ def _open_blend(path: Path) -> Opened:
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
         doubts.append(f"only the view layer {layers[0]!r} is read, not {', '.join(map(repr, layers[1:]))}")
+    if lost := _lost_pictures():
+        doubts.append(
+            f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
+            f"before 2.80, so that what wore them is rendered in one colour; give its materials image nodes"
+        )
     return Opened(unit, "z", f"Blender {version}", tuple(doubts))
+
+
+def _lost_pictures() -> list[str]:
+    """Pictures of old files that no material uses any more: their texture slots are gone, the textures are not."""
+    if tuple(bpy.data.version[:2]) >= NODES_ONLY:
+        return []
+    textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]
+    return sorted({t.image.name for t in textures if t.image})
 
 
 def _one_line(error: Exception) -> str:

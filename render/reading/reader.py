@@ -29,6 +29,8 @@ from render.reading.report import FileReport, Missing, Row, gathered
 from render.reading.textures import missing_files, used_files
 from render.reading.tidy import Keeper, write_scenery, write_vehicle
 
+BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
+
 
 def main(job_path: str) -> None:
     """Do the job in the JSON file `job_path` and write the answer to the path that it names."""
@@ -54,6 +56,8 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     keeper = Keeper()
     drawn = evaluate(bpy.context.scene, metres_from_file=metres, keep_mesh=keeper.keep_mesh, keep_look=keeper.keep_look)
     _refuse_nothing(drawn, job["kind"])
+    if not drawn.dressed:
+        drawn.doubts.append(BARE)
     common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
     kind = job["kind"] or likely_kind(drawn.pieces, options)
     odd = refuse_wrong_kind(kind, drawn.pieces, options) if job["kind"] else ""

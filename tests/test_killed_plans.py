@@ -1,0 +1,60 @@
+"""kill -9 of a plan at any moment: nobody is left behind, and the same call goes on to the same bytes."""
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from planning.write import write_plan
+from tests.planning_assets import small_assets, small_config
+
+FORK = multiprocessing.get_context("fork")  # what is imported and built is there at once
+CONFIG = small_config(budget={"images_per_class": 16, "images_per_position": 2})
+ASSETS = small_assets()
+PATIENCE = 60.0  # seconds until a process that does not end is a failure
+
+
+def start(path: Path, workers: int) -> multiprocessing.Process:
+    process = FORK.Process(target=write_plan, args=(CONFIG, ASSETS, path), kwargs={"workers": workers})
+    process.start()
+    return process
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_blocks() -> Iterator[None]:
+    """So that there is something to go on with after a kill."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planning.write._SMALLEST_BLOCK", 3)
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, float]:
+    """The plan that nobody interrupts, and the seconds it takes."""
+    path = tmp_path_factory.mktemp("whole") / "plan.jsonl"
+    began = time.perf_counter()
+    write_plan(CONFIG, ASSETS, path, workers=2)
+    return path.read_bytes(), time.perf_counter() - began
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_plan_killed_at_random_moments_is_the_plan(whole: tuple[bytes, float], tmp_path: Path, workers: int) -> None:
+    rng, path = np.random.default_rng(workers), tmp_path / "plan.jsonl"
+    for moment in rng.uniform(0.0, 0.9 * whole[1], 3):
+        process = start(path, workers)
+        process.join(moment)
+        assert process.pid is not None
+        children = psutil.Process(process.pid).children() if process.is_alive() else []
+        process.kill()
+        process.join(PATIENCE)
+        _, left = psutil.wait_procs(children, timeout=PATIENCE)
+        assert not left, "workers outlive the process that they work for"
+    last = start(path, workers)
+    last.join(PATIENCE)
+    assert last.exitcode == 0
+    assert path.read_bytes() == whole[0]
+    assert [p.name for p in tmp_path.iterdir()] == ["plan.jsonl"]
