@@ -178,7 +178,8 @@ def plots(results: dict[str, Any], folder: Path) -> list[Path]:
     for panel, ticks in ((ground, DISTANCES), (thin, heights)):
         panel.minorticks_off()
         panel.set_xticks(ticks, [f"{tick:.0f}" for tick in ticks])
-    ground.set_ylim(bottom=0.02)  # room for the legend
+    ground.set_ylim(bottom=0.02)  # room for the legends
+    thin.set_ylim(top=500.0)
     for panel, place in ((shares, "upper left"), (ground, "lower left"), (thin, "upper right")):
         panel.grid(True, which="both", alpha=0.3)
         panel.legend(fontsize=7, loc=place)

@@ -23,7 +23,7 @@ import numpy as np
 from annotate.boxes import VehicleBoxes
 from assets.vehicle import VehicleShape
 from benchmarks.camera import HD, vehicles
-from benchmarks.settling import _terrains, _waves
+from benchmarks.settling import _angle, _terrains, _waves
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from geometry.transforms import apply, facing, rigid
 from placement.candidates import candidates
@@ -129,10 +129,6 @@ def _box_change(shape: VehicleShape, a: np.ndarray, b: np.ndarray, distance: flo
     first, second = (boxes.boxes(pose, camera, HD).amodal for pose in (a, b))
     corners = [np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1) for box in (first, second)]
     return np.abs(corners[0] - corners[1]).max(axis=1)
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=1) / 2, 0, 1)))
 
 
 def _spread(values: np.ndarray) -> list[float]:
