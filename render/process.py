@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -18,6 +19,9 @@ from render.worker import ANSWER
 WORKER = Path(__file__).with_name("worker.py")
 STOP_S = 5.0  # what a worker gets to end by itself
 LOG_TAIL = 2000  # bytes of the log in which last words are looked for
+# For glibc: from how many bytes on a block goes back to the system when it is freed. Left alone it raises this to the
+# size of the largest block yet, and other HDRIs and vehicles leave holes: measured, 100 MB more, and 7 % growth.
+STEADY_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**20)}
 
 
 def worker_command(blender: str | None) -> list[str]:
@@ -58,6 +62,7 @@ class WorkerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=file,
+                env={**STEADY_MEMORY, **os.environ},
                 start_new_session=True,
             )
         self._hear = hear
