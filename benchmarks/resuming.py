@@ -30,7 +30,7 @@ SIZE = (96, 54)
 POLL_S = 0.01
 STARTING_S = 6.0  # in which Blender starts and the scenery is loaded, and some more
 IMAGE_S = 0.5
-RUNS_AT_MOST = 200
+SPARE_RUNS = 5  # that may end by themselves before the last; a worker killed thrice while it starts ends its run
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def render(plan: Path, dataset: Path, kills: Sequence[Kill] = ()) -> Course:
     course, begun = Course(), time.perf_counter()
     left = list(kills)
     with (dataset.parent / f"{dataset.name}.log").open("ab") as log:
-        while course.started < RUNS_AT_MOST:
+        while course.started <= len(kills) + SPARE_RUNS:
             course.started += 1
             command = [sys.executable, "-P", "-m", "cli", "render", str(plan), "-o", str(dataset), "--device", "cpu"]
             environment = {**os.environ, "PYTHONPATH": str(ROOT)}
