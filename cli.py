@@ -15,6 +15,7 @@ import json
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,7 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     arguments = _parser().parse_args(argv)
     try:
-        return arguments.run(arguments)
+        with _warnings_in_one_line():
+            return arguments.run(arguments)
     except HulldownError as error:
         STDERR.print(f"hulldown: {escape(str(error))}", soft_wrap=True)
         return MISTAKE
@@ -62,6 +64,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         STDERR.print(f"hulldown: {escape(error.filename or 'stdout')}: {error.strerror}", soft_wrap=True)
         _silence_stdout()
         return MISTAKE
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """What a stage warns the user of is shown as everything else is, without a place in the code."""
+    with warnings.catch_warnings():
+        elsewhere = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if category is UserWarning:
+                _warn(str(message))
+            else:
+                elsewhere(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 def _silence_stdout() -> None:
@@ -225,8 +243,8 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    with STDERR.status("checking records and images"):
-        findings = list(verify(arguments.dataset, plan=arguments.plan))
+    with _progress("checking") as advance:
+        findings = list(verify(arguments.dataset, plan=arguments.plan, progress=advance))
     checked = 0
     if arguments.masks:
         from render.masks import verify_masks
@@ -449,7 +467,9 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"))
+    sub.add_argument(
+        "-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"), help="default: preview.png"
+    )
     sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
 
     sub = verb(
@@ -457,10 +477,13 @@ def _parser() -> argparse.ArgumentParser:
         "Reads a plan and the assets it names; writes images, annotations.json and a journal. Resumes by itself.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True)
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="added to if it is there")
     sub.add_argument("--workers", type=_at_least_one, help="processes (default: one a GPU, or one)")
     sub.add_argument(
-        "--device", default="auto", choices=("auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal")
+        "--device",
+        default="auto",
+        choices=("auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"),
+        help="default: auto, a GPU if there is one",
     )
     sub.add_argument("--limit", type=_at_least_one, metavar="N", help="only the first N images of the plan")
     sub.add_argument(
@@ -482,7 +505,7 @@ def _parser() -> argparse.ArgumentParser:
         "Reads a dataset; prints what is wrong with records, images and boxes. Exit code 1 if something is.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
-    sub.add_argument("--plan", type=Path, help="a plan it was rendered from, to compare with it row by row")
+    sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
     sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
 
     sub = verb(
@@ -490,9 +513,12 @@ def _parser() -> argparse.ArgumentParser:
         "Reads a dataset; writes train, valid and test; shots of one position stay together.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
-    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
-    sub.add_argument("--format", choices=("coco", "yolo"), default="coco")
-    sub.add_argument("--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C", help="default: 0.7,0.2,0.1")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="a new or an empty folder")
+    sub.add_argument("--format", choices=("coco", "yolo"), default="coco", help="default: coco")
+    sub.add_argument(
+        "--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
+        help="shares of train, valid and test (default: 0.7,0.2,0.1)",
+    )  # fmt: skip
 
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

@@ -6,25 +6,21 @@ was, and one that is repeated adds what has come since.
 
 from __future__ import annotations
 
-import contextlib
 import filecmp
-import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import orjson
 
 from annotate.coco import CocoDataset
 from annotate.failures import read_failures, write_failures
-from annotate.journal import sync_folder
 from annotate.part import Part, loaded, read_part
+from annotate.placing import check_confined, place
 from annotate.provenance import add_provenance
 from annotate.runs import Run
 from geometry.errors import DatasetError
-
-PLACING_SUFFIX = ".joining"  # of a picture that is about to get its name
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +76,7 @@ def join(
     Raises
     ------
     DatasetError
-        If a part cannot be used, or two different pictures have one name. The dataset is then as it was.
+        If a part cannot be used, or two different pictures have one name; the dataset is then as it was.
     """
     folder = Path(dataset)
     read = [read_part(Path(part), folder) for part in parts]
@@ -92,35 +88,36 @@ def join(
         # Of an image that two parts have, the first is taken.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
+        check_confined(folder, (move.name for move in left))
         _refuse_other_pictures(moves, target)
     except BaseException:
         target.abandon()
         raise
     with target:
         for done, move in enumerate(left, start=1):
-            _place(move.part.folder / move.old_name, folder, move.name)
+            place(move.part.folder / move.old_name, folder, move.name)
             _append(move, target)
             if progress is not None:
                 progress(done, len(left))
-        runs = [{key: _in(target, run) for key, run in part.document.runs.items()} for part in read]
-        for part, mine in zip(read, runs, strict=True):
-            add_provenance(
-                folder,
-                {
-                    key: {**entry, "first_image_id": mine[key].image_offset + 1}
-                    for key, entry in part.provenance.items()
-                    if key in mine
-                },
-            )
-        failures = [
-            {**line, "file_name": _new_name(part, mine, line["file_name"])}
-            for part, mine in zip(read, runs, strict=True)
-            for line in part.failures
-        ]
-        latest = {line["file_name"]: line for line in [*read_failures(folder), *failures]}
-        unmade = [line for name, line in sorted(latest.items()) if not target.finished(name)]
-        write_failures(folder, unmade)
+        unmade = _carry_over(read, target)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
+
+
+def _carry_over(parts: Sequence[Part], target: CocoDataset) -> list[dict[str, Any]]:
+    """Add what the parts say of their making, and their failures, to those of the dataset; returns the failures."""
+    latest = {line["file_name"]: line for line in read_failures(target.folder)}
+    for part in parts:
+        mine = {key: _in(target, run) for key, run in part.document.runs.items()}
+        entries = {key: entry for key, entry in part.provenance.items() if key in mine}
+        add_provenance(
+            target.folder, {key: {**e, "first_image_id": mine[key].image_offset + 1} for key, e in entries.items()}
+        )
+        for line in part.failures:
+            name = _new_name(part, mine, line["file_name"])
+            latest[name] = {**line, "file_name": name}
+    unmade = [line for name, line in sorted(latest.items()) if not target.finished(name)]
+    write_failures(target.folder, unmade)
+    return unmade
 
 
 def _in(target: CocoDataset, run: Run) -> Run:
@@ -147,37 +144,6 @@ def _refuse_other_pictures(moves: Sequence[_Move], target: CocoDataset) -> None:
         other = pictures.setdefault(move.name, there if there.exists() else picture)
         if move.runs is None and not other.samefile(picture) and not filecmp.cmp(other, picture, shallow=False):
             raise DatasetError(f"is another picture than {other}", path=picture, remedy="give one of them another name")
-
-
-def _place(picture: Path, folder: Path, name: str) -> None:
-    """Give a part's picture its name in the dataset, in one step and never outside the folder."""
-    final = folder / name
-    if not final.parent.resolve().is_relative_to(folder.resolve()):
-        raise DatasetError(f"{name!r} leads out of the dataset", path=folder, remedy="replace the link by a folder")
-    try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        if final.exists() and final.samefile(picture):
-            return
-        temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
-        temporary.unlink(missing_ok=True)
-        _link_or_copy(picture.resolve(), temporary)
-        os.replace(temporary, final)
-        sync_folder(final.parent)
-    except OSError as error:
-        raise DatasetError(
-            f"{name} cannot be written ({error.strerror})",
-            path=folder,
-            remedy="make room and join again, which goes on from here",
-        ) from error
-
-
-def _link_or_copy(source: Path, target: Path) -> None:
-    with contextlib.suppress(OSError):  # another disk, or one that has no links
-        os.link(source, target)
-        return
-    shutil.copyfile(source, target)
-    with target.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _append(move: _Move, target: CocoDataset) -> None:

@@ -225,6 +225,7 @@ def test_no_picture_is_written_outside(tmp_path):
     with pytest.raises(DatasetError, match="leads out of the dataset"):
         join([render(tmp_path / "1", [0])], joined)
     assert list(outside.iterdir()) == []
+    assert [path.name for path in joined.iterdir()] == ["images"]
 
 
 def test_where_links_are_impossible_pictures_are_copied(tmp_path, monkeypatch):
