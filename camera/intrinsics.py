@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 
+WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
+
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
@@ -38,7 +40,7 @@ class Intrinsics:
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+            if isinstance(value, bool) or not isinstance(value, WHOLE) or value < 1:
                 raise ValueError(f"{name}: expected a whole number of pixels, at least 1, got {value!r}")
         if not 0.0 < self.fov_x < math.pi:
             raise ValueError(f"fov_x: expected radians between 0 and pi, got {self.fov_x!r}")

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int, UInt8
 
 from camera.clearance import Spot
 from camera.framing import frame_target
-from camera.intrinsics import Intrinsics
+from camera.intrinsics import Intrinsics, Optics, lenses
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
 from planning.draws import Draws, Purpose, StackedGenerator, between
@@ -148,11 +148,12 @@ def try_cameras(
     rows, poses = rows[on], poses[on]
     aimed_at = target.rows(rows)
     intrinsics = intrinsics_of(render, shots.fov_x_deg[rows])
+    lens = lenses(intrinsics)
     if limits.size_measure == "paper":
         poses = frame_target(
             poses,
             aimed_at.corners(),
-            intrinsics,
+            lens,
             rng=framing(rows),
             spread=limits.framing,
             truncated=limits.truncated_fraction,
@@ -167,13 +168,14 @@ def try_cameras(
         filled = fraction_of(boxes.amodal, limits.size_measure, render)
         shots.refusal[rows[~(np.abs(filled - fraction[rows]) <= SIZED * fraction[rows])]] = Refusal.SIZE
 
-    rows = rows[shots.refusal[rows] == Refusal.NONE]
+    framed = shots.refusal[rows] == Refusal.NONE
+    rows = rows[framed]
     shots.visible_fraction[rows] = visible_shares(
         site,
         target.rows(rows),
         [other.rows(rows) for other in others],
         shots.world_from_camera[rows],
-        intrinsics=intrinsics_of(render, shots.fov_x_deg[rows]),
+        intrinsics=lens.rows(framed),
         rays=limits.visibility_rays,
     )
     low, high = limits.visible_fraction
@@ -216,7 +218,7 @@ def visible_shares(
     others: list[Placed],
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
-    intrinsics: list[Intrinsics],
+    intrinsics: Optics,
     rays: int,
 ) -> Float[np.ndarray, " n"]:
     """Visible share of each vehicle's outline; 0 where it is out of the frame."""
