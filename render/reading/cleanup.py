@@ -104,7 +104,8 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
     # What is beyond doubt says how large the vehicle is; judged from the smallest up, what is kept is added to it.
     doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
-    core = [p.bounds for i, p in enumerate(pieces) if (i in open_ and i not in doubtful) or _kept(roles[i])]
+    sure = set(open_) - set(doubtful)
+    core = [p.bounds for i, p in enumerate(pieces) if i in sure or _kept(roles[i])]
     for i in doubtful:
         # Where all is doubtful the smallest thing is a vehicle if anything is.
         roles[i] = _vehicle_by_place(pieces[i], core) if core else None
