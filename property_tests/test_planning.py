@@ -53,6 +53,7 @@ def configs(draw):
         },
         camera={
             "fov_x_deg": draw(interval(5.0, 100.0)),
+            "size_measure": draw(st.sampled_from(["paper", "height", "width", "diagonal", "area"])),
             "target_fraction": draw(interval(0.05, 0.4)),
             "distance_factor": draw(interval(0.8, 3.0)),
             "elevation_deg": draw(interval(-2.0, 60.0, 8.0)),
@@ -146,8 +147,12 @@ def camera_within_limits(row, config):
     away = camera[:3, 3] - centre
     distance = np.linalg.norm(away)
     intrinsics = Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"]))
-    near, far = (float(intrinsics.distance_for(shape.size_xyz.min(), t)) for t in limits.target_fraction[::-1])
-    assert near * limits.distance_factor[0] * (1 - 1e-9) <= distance <= far * limits.distance_factor[1] * (1 + 1e-9)
+    if limits.size_measure == "paper":
+        near, far = (float(intrinsics.distance_for(shape.size_xyz.min(), t)) for t in limits.target_fraction[::-1])
+        assert near * limits.distance_factor[0] * (1 - 1e-9) <= distance <= far * limits.distance_factor[1] * (1 + 1e-9)
+    else:
+        low, high = limits.target_fraction
+        assert low * (1 - 2e-9) <= share_of_the_image(row, limits.size_measure) <= high * (1 + 2e-9)
     assert limits.distance_m[0] - 1e-6 <= distance <= limits.distance_m[1] + 1e-6
     elevation = math.degrees(math.asin(away[2] / distance))
     assert limits.elevation_deg[0] - 1e-5 <= elevation <= limits.elevation_deg[1] + 1e-5
@@ -163,6 +168,17 @@ def camera_within_limits(row, config):
     assert row["truncated_fraction"] == pytest.approx(1 - np.prod(found[2:]) / np.prod(amodal[2:]), abs=1e-9)
     assert limits.visible_fraction[0] <= row["visible_fraction"] <= limits.visible_fraction[1]
     assert min(row["bbox"][2:]) >= limits.min_box_px
+
+
+def share_of_the_image(row, measure):
+    """How much of the image the box fills, frame or no frame."""
+    (width, height), (image_width, image_height) = row["bbox_amodal"][2:], (row["width"], row["height"])
+    return {
+        "height": height / image_height,
+        "width": width / image_width,
+        "diagonal": math.hypot(width, height) / math.hypot(image_width, image_height),
+        "area": width * height / (image_width * image_height),
+    }[measure]
 
 
 def light_within_limits(row, config):
