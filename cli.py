@@ -342,9 +342,6 @@ def _print_report(report: Any) -> None:
         pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
         turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
         STDOUT.print(f"{part.name} on {part.parent}: {turns}; {escape(part.why)}", soft_wrap=True)
-    for missing in report.missing:
-        wanted_by = ", ".join(missing.wanted_by)
-        STDOUT.print(f"missing: {escape(missing.path)}, wanted by {escape(wanted_by)}", soft_wrap=True)
     for doubt in report.doubts:
         STDOUT.print(f"doubt: {escape(doubt)}", soft_wrap=True)
 
