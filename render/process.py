@@ -19,9 +19,9 @@ from render.worker import ANSWER
 WORKER = Path(__file__).with_name("worker.py")
 STOP_S = 5.0  # what a worker gets to end by itself
 LOG_TAIL = 2000  # bytes of the log in which last words are looked for
-# For glibc: from how many bytes on a block goes back to the system when it is freed. Left alone it raises this to the
-# size of the largest block yet, and other HDRIs and vehicles leave holes: measured, 100 MB more, and 7 % growth.
-STEADY_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**20)}
+# For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
+# alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
+STEADY_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**17)}
 
 
 def worker_command(blender: str | None) -> list[str]:
