@@ -103,6 +103,8 @@ def render_plan(
         raise ValueError(f"limit: expected at least 0, got {limit}")
     if not 1 <= share[0] <= share[1]:
         raise ValueError(f"share: expected (k, n) with k from 1 to n, got {share}")
+    if blender is not None and shutil.which(blender) is None:
+        raise HulldownError("is no program that can be started", path=blender, remedy="name Blender's executable")
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)

@@ -221,7 +221,7 @@ def test_a_share_that_is_none_is_refused(tmp_path, blender, assets, share):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        (None, "cannot be started: No such file"),
+        (None, "is no program that can be started; name Blender's executable"),
         ("exit 1", "Blender has not started 3 times"),
         ("echo no graphics card of that kind >&2; exit 3", "no graphics card"),
         ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),
