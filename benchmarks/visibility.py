@@ -110,7 +110,7 @@ def _tree() -> Mesh:
 
 def run(quick: bool) -> dict:
     """Measure."""
-    views, rounds = (12, 3) if quick else (120, 7)
+    views, rounds = (12, 3) if quick else (100, 7)
     world = World(max(views, 256 if quick else 512), cells=250 if quick else 700, trees=2000 if quick else 10_000)
     result = {
         "faces": {
