@@ -14,10 +14,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-from PIL import Image
+from matplotlib.figure import Figure
 
+from benchmarks import rendering_error
+from benchmarks.rendering_error import FAST, PAPER
 from planning.config import load_config, parse_config
 from planning.plan_file import Plan
 from planning.write import write_plan
@@ -28,10 +29,8 @@ from render.reading.cache import load_assets
 from render.session import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")
-PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
-SAMPLES = (8, 16, 32, 64, 128, 256)
-ADAPTIVE = (0.01, 0.03, 0.05, 0.1)
-BOUNCES = (1, 2, 4, 8)
+FEW = 4  # samples of the pictures whose sampling is not what is measured
+STEPPE, HILLS = "dry_steppe", "temperate_hills"
 
 
 class Talk:
@@ -47,7 +46,7 @@ class Talk:
         self.worker.send(message)
         answer = self.answers.get()
         assert answer is not None, "the worker has died"
-        assert "failed" not in answer, answer
+        assert "done" in answer, answer
         return answer
 
 
@@ -58,6 +57,7 @@ def run(quick: bool) -> dict:
         config_path = create_project(folder, seed=0)
         return {
             "loading": _loading(folder, config_path, quick),
+            "large": _large(folder, config_path, quick),
             "memory": _memory(folder, config_path, quick),
             "error": _error(folder, config_path, quick),
         }
@@ -69,24 +69,32 @@ def planned(
     per_class: int,
     size: tuple[int, int],
     *,
+    scenery: str | None = None,
     one_of_a_class: bool = False,
     **sections: dict,
 ) -> tuple[Plan, RenderAssets]:
+    """A plan for the demo assets, or one scenery and three vehicles of them, and its files."""
     given = load_config(config_path).model_dump(mode="json")
     if one_of_a_class:
         given["assets"]["vehicles"] = list({v["category"]: v for v in given["assets"]["vehicles"]}.values())
+    if scenery is not None:
+        given["assets"]["sceneries"] = [s for s in given["assets"]["sceneries"] if scenery in s["path"]]
     given["budget"] = {"images_per_class": per_class, "images_per_position": 2}
     given["render"] |= {"width": size[0], "height": size[1]}
     for section, values in sections.items():
         given[section] |= values
     config = parse_config(given, path=config_path)
-    plan = write_plan(config, load_assets(config), folder / f"{per_class}-{size[0]}.jsonl")
+    plan = write_plan(config, load_assets(config), folder / f"{scenery or 'all'}-{per_class}-{size[0]}.jsonl")
     return plan, render_assets(plan)
 
 
 def _in_order(plan: Plan) -> list[dict[str, Any]]:
     """As the supervisor sorts them."""
     return sorted(plan, key=sort_key)
+
+
+def _overhead(parts: dict[str, float]) -> float:
+    return parts["load"] + parts["sync"] + parts["save"]
 
 
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
@@ -96,7 +104,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     """
     size = (160, 90) if quick else (480, 270)
     plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
-    settings = {**PAPER, "samples": 4 if quick else 32}
+    settings = {**FAST, "samples": FEW} if quick else FAST
     jobs = [job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
     start = time.perf_counter()
     talk = Talk(folder)
@@ -109,93 +117,89 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
         [sys.executable, "-P", str(PLAIN)], input=json.dumps(jobs), capture_output=True, text=True, check=True
     )
     plain = json.loads(ran.stdout)
-    overhead = [p["load"] + p["sync"] + p["save"] for p in parts]
+    overhead = [_overhead(p) for p in parts]
     return {
         "size": size,
-        "samples": settings["samples"],
+        "settings": settings,
         "images": len(jobs),
         "start_s": started,
         "parts": parts,
         "first_overhead_s": overhead[0],
         "steady_overhead_s": float(np.median(overhead[1:])),
-        "steady_sample_s": float(np.median([p["sample"] for p in parts[1:]])),
         "ours_s": ours,
         "plain_s": sum(plain),
         "plain_overhead_s": float(np.median(plain) - np.median([p["sample"] for p in parts])),
     }
 
 
-def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
-    """Resident memory of one worker after each of many small images; each scenery is loaded once."""
-    plan, assets = planned(folder, config_path, 12 if quick else 100, (64, 36))
-    settings = {**PAPER, "samples": 1}
+def _large(folder: Path, config_path: Path, quick: bool) -> dict:
+    """What 1080p costs outside sampling, from images of few samples, beside one that has the paper's 128.
+
+    In the scenery that samples faster, which makes the share larger.
+    """
+    size = (192, 108) if quick else (1920, 1080)
+    plan, assets = planned(folder, config_path, 4, size, scenery=STEPPE, one_of_a_class=True)
+    rows = _in_order(plan)[:4]
     talk = Talk(folder)
-    held: dict[str, list[float]] = {}
-    for row in _in_order(plan):
-        talk.ask(job(row, assets, settings, folder / "m.png"))
-        held.setdefault(row["scenery"], []).append(talk.worker.memory / 2**20)
+    parts = [
+        talk.ask(job(row, assets, {**PAPER, "samples": samples}, folder / "l.png"))["seconds"]
+        for row, samples in zip(rows, (FEW, FEW, FEW, PAPER["samples"]), strict=True)
+    ]
     talk.worker.stop()
-    # Sceneries differ in size; what a leak does shows between two images of one.
-    start = 6 if quick else 20
+    overhead = float(np.median([_overhead(p) for p in parts[1:]]))
+    sampling = parts[-1]["sample"]
     return {
-        "megabytes": held,
-        "from": start,
-        "growth": {name: found[-1] / found[start - 1] - 1.0 for name, found in held.items() if len(found) > start},
+        "size": size,
+        "samples": PAPER["samples"],
+        "parts": parts,
+        "overhead_s": overhead,
+        "sample_s": sampling,
+        "share": overhead / (overhead + sampling),
     }
+
+
+def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
+    """Resident memory of one worker after each of many small images: all vehicles and HDRIs in turn."""
+    plan, assets = planned(folder, config_path, 10 if quick else 102, (64, 36), scenery=STEPPE)
+    talk = Talk(folder)
+    held, vehicles = [], []
+    for row in _in_order(plan):
+        talk.ask(job(row, assets, {**PAPER, "samples": 1}, folder / "m.png"))
+        held.append(talk.worker.memory / 2**20)
+        vehicles.append(row["vehicle"])
+    talk.worker.stop()
+    early = held[19]
+    return {"megabytes": held, "vehicles": vehicles, "growth": held[-1] / early - 1, "most": max(held[19:]) / early - 1}
 
 
 def _error(folder: Path, config_path: Path, quick: bool) -> dict:
-    size, reference_samples = ((96, 54), 256) if quick else ((240, 135), 4096)
-    plan, assets = planned(folder, config_path, 1, size, camera={"target_fraction": [0.3, 0.5]})
-    rows = _in_order(plan)[:: 2 if quick else 1]
+    size = (64, 36) if quick else (128, 72)
+    near = {"target_fraction": [0.3, 0.5]}
+    # Behind leaves, which let light through: what bounces, and transparency, matter most for.
+    hidden = {**near, "visible_fraction": [0.4, 0.85]}
+    open_plan, open_assets = planned(folder, config_path, 1, size, scenery=STEPPE, one_of_a_class=True, camera=near)
+    wood_plan, wood_assets = planned(folder, config_path, 1, size, scenery=HILLS, one_of_a_class=True, camera=hidden)
+    pictures = [("open ground", open_plan[0], open_assets)]
+    pictures += [(f"wood {i + 1}", wood_plan[i], wood_assets) for i in range(1 if quick else 2)]
     talk = Talk(folder)
-    points: dict[str, list[dict]] = {}
-
-    def picture(row: dict, settings: dict) -> tuple[np.ndarray, float]:
-        answer = talk.ask(job(row, assets, settings, folder / "e.png"))
-        with Image.open(folder / "e.png") as image:
-            return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
-
-    variants = {f"{n} samples": {**PAPER, "samples": n, "denoise": False} for n in SAMPLES}
-    variants |= {f"{n} samples, denoised": {**PAPER, "samples": n} for n in SAMPLES}
-    variants |= {f"128 samples, denoised, threshold {t}": {**PAPER, "adaptive_threshold": t} for t in ADAPTIVE}
-    variants |= {f"128 samples, denoised, {n} bounces": {**PAPER, "bounces": n} for n in BOUNCES}
-    for row in rows:
-        truth, _ = picture(row, {**PAPER, "samples": reference_samples, "denoise": False})
-        x, y, w, h = row["bbox"]
-        box = np.s_[int(y) : int(np.ceil(y + h)), int(x) : int(np.ceil(x + w))]
-        for name, settings in variants.items():
-            seen, seconds = picture({**row, "sample_seed": 7}, settings)
-            points.setdefault(name, []).append(
-                {"seconds": seconds, "frame": _rmse(seen, truth), "box": _rmse(seen[box], truth[box])}
-            )
+    found = rendering_error.measure(pictures, talk.ask, folder, reference_samples=256 if quick else 4096)
     talk.worker.stop()
-    return {
-        "size": size,
-        "reference_samples": reference_samples,
-        "images": len(rows),
-        "variants": {
-            name: {key: float(np.mean([p[key] for p in found])) for key in ("seconds", "frame", "box")}
-            for name, found in points.items()
-        },
-    }
-
-
-def _rmse(seen: np.ndarray, truth: np.ndarray) -> float:
-    return float(np.sqrt(np.mean((seen - truth) ** 2)))
+    return found
 
 
 def report(results: dict) -> str:
     """A Markdown section."""
-    loading, memory, error = results["loading"], results["memory"], results["error"]
+    loading, large, memory = results["loading"], results["large"], results["memory"]
     parts = loading["parts"][1:]
     steady = {key: float(np.median([p[key] for p in parts])) for key in ("load", "sync", "sample", "save")}
     width, height = loading["size"]
+    held = memory["megabytes"]
     lines = [
         "## Rendering",
         "",
-        f"{loading['images']} images of the demo at {width} x {height}, {loading['samples']} samples, denoised, on the "
-        f"CPU. Starting Blender takes {loading['start_s']:.1f} s once.",
+        f"{loading['images']} images of the demo at {width} x {height}, {loading['settings']['samples']} samples, "
+        "denoised, adaptive, on the CPU: three vehicles in two sceneries. Starting Blender takes "
+        f"{loading['start_s']:.1f} s once.",
         "",
         "| | s an image |",
         "|---|---:|",
@@ -205,62 +209,38 @@ def report(results: dict) -> str:
         f"| sum outside sampling, steady state | {loading['steady_overhead_s']:.3f} |",
         f"| the same, first image | {loading['first_overhead_s']:.3f} |",
         f"| the same, everything loaded again for each image | {loading['plain_overhead_s']:.3f} |",
-        f"| sampling | {steady['sample']:.3f} |",
+        f"| sampling and denoising | {steady['sample']:.3f} |",
         f"| whole run, {loading['images']} images | {loading['ours_s']:.1f} in all |",
         f"| whole run, everything loaded again for each image | {loading['plain_s']:.1f} in all, "
         f"{loading['plain_s'] / loading['ours_s']:.2f} times as long |",
         "",
-        f"A worker's memory from a scenery's image {memory['from']} to its last (small images, all vehicles in turn): "
-        + "; ".join(
-            f"{name} {memory['growth'][name]:+.1%} over {len(found)} images, {max(found):,.0f} MB at most"
-            for name, found in memory["megabytes"].items()
-            if name in memory["growth"]
-        )
-        + ".",
+        f"At {large['size'][0]} x {large['size'][1]} the sum outside sampling is {large['overhead_s']:.2f} s (median "
+        f"of {len(large['parts']) - 1} images in steady state), and {large['samples']} samples, denoised, take "
+        f"{large['sample_s']:.0f} s: **{large['share']:.1%}** of the image are not spent on its light. A GPU makes the "
+        "second shorter and not the first.",
         "",
-        "### Samples against error",
+        f"Memory of one worker over {len(held)} small images of one scenery, {len(set(memory['vehicles']))} vehicles "
+        f"and all HDRIs in turn: {held[19]:,.0f} MB at image 20, {held[-1]:,.0f} MB at the last "
+        f"(**{memory['growth']:+.1%}**), at most {memory['most']:+.1%} in between.",
         "",
-        f"Mean over {error['images']} images at {error['size'][0]} x {error['size'][1]}; root mean square difference "
-        f"from a reference of {error['reference_samples']} samples, in 8-bit steps, over the target's box and over the "
-        "frame. Seconds are those that Cycles samples and denoises.",
-        "",
-        "| settings | s | error in the box | error in the frame |",
-        "|---|---:|---:|---:|",
+        *rendering_error.report(results["error"]),
     ]
-    for name, found in error["variants"].items():
-        lines.append(f"| {name} | {found['seconds']:.2f} | {found['box']:.2f} | {found['frame']:.2f} |")
     return "\n".join(lines)
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
     """Draw error against time, and memory."""
-    variants = results["error"]["variants"]
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
-    families = {
-        "plain samples": [f"{n} samples" for n in SAMPLES],
-        "denoised": [f"{n} samples, denoised" for n in SAMPLES],
-        "adaptive": [f"128 samples, denoised, threshold {t}" for t in ADAPTIVE],
-        "bounces": [f"128 samples, denoised, {n} bounces" for n in BOUNCES],
-    }
-    for ax, key in zip(axes, ("box", "frame"), strict=True):
-        for label, names in families.items():
-            ax.plot([variants[n]["seconds"] for n in names], [variants[n][key] for n in names], "o-", label=label)
-        default = variants["128 samples, denoised"]
-        ax.plot(default["seconds"], default[key], "k*", markersize=14, label="default (paper)")
-        ax.set(xscale="log", yscale="log", xlabel="seconds an image", title=f"error in the {key}")
-    axes[0].set_ylabel("RMS difference, 8-bit steps")
-    axes[0].legend()
-    error_path = folder / "rendering_error.png"
-    figure.tight_layout()
-    figure.savefig(error_path, dpi=120)
-    plt.close(figure)
-    figure, ax = plt.subplots(figsize=(6, 3))
-    for name, held in results["memory"]["megabytes"].items():
-        ax.plot(held, label=name)
-    ax.legend()
-    ax.set(xlabel="images of a scenery", ylabel="MB held by the worker", ylim=(0, None))
+    memory = results["memory"]
+    held, vehicles = memory["megabytes"], memory["vehicles"]
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(range(1, len(held) + 1), held)
+    for i in range(1, len(held)):
+        if vehicles[i] != vehicles[i - 1]:
+            axes.axvline(i + 1, color="0.85", zorder=0)
+    axes.axhspan(held[19], 1.05 * held[19], xmin=0, color="tab:green", alpha=0.12, label="5 % above image 20")
+    axes.legend(loc="lower right")
+    axes.set(xlabel="image (grey: another vehicle)", ylabel="MB held by the worker", ylim=(0, None), xlim=(1, None))
     memory_path = folder / "rendering_memory.png"
-    figure.tight_layout()
     figure.savefig(memory_path, dpi=120)
-    plt.close(figure)
-    return [error_path, memory_path]
+    return [rendering_error.plot(results["error"], folder / "rendering_error.png"), memory_path]

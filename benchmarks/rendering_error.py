@@ -1,0 +1,113 @@
+"""Samples, denoising, adaptive sampling and bounces: seconds against error, held against many samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from render.jobs import RenderAssets, job
+
+PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
+FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}
+SAMPLES = (8, 16, 32, 64, 128, 256)
+ADAPTIVE = (0.01, 0.03, 0.05, 0.1)
+BOUNCES = (0, 1, 2, 4)
+VARIANTS = {
+    **{f"{n} samples": {**PAPER, "samples": n, "denoise": False} for n in SAMPLES},
+    **{f"{n} samples, denoised": {**PAPER, "samples": n} for n in SAMPLES},
+    **{f"128 samples, denoised, threshold {t}": {**PAPER, "adaptive_threshold": t} for t in ADAPTIVE},
+    **{f"128 samples, denoised, {n} bounces": {**PAPER, "bounces": n} for n in BOUNCES},
+    "profile fast": FAST,
+}
+DEFAULT = "128 samples, denoised"
+
+Ask = Callable[[dict[str, Any]], dict[str, Any]]
+Row = dict[str, Any]
+
+
+def measure(
+    pictures: list[tuple[str, Row, RenderAssets]], ask: Ask, folder: Path, *, reference_samples: int
+) -> dict[str, Any]:
+    """Each variant of each picture, in another order for each, so that no disturbance falls on one variant alone."""
+    rng = np.random.default_rng(0)
+    found: dict[str, dict[str, dict[str, float]]] = {}
+
+    def picture(row: Row, assets: RenderAssets, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
+        answer = ask(job(row, assets, settings, folder / "e.png"))
+        with Image.open(folder / "e.png") as image:
+            return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
+
+    for where, row, assets in pictures:
+        truth, _ = picture(row, assets, {**PAPER, "samples": reference_samples, "denoise": False})
+        x, y, w, h = row["bbox"]
+        box = np.s_[int(y) : int(np.ceil(y + h)), int(x) : int(np.ceil(x + w))]
+        points = {}
+        for name in rng.permutation(list(VARIANTS)):
+            seen, seconds = picture({**row, "sample_seed": 7}, assets, VARIANTS[str(name)])
+            points[str(name)] = {
+                "seconds": seconds, "frame": _rmse(seen, truth), "box": _rmse(seen[box], truth[box])
+            }  # fmt: skip
+        found[where] = {name: points[name] for name in VARIANTS}
+    size = [pictures[0][1]["width"], pictures[0][1]["height"]]
+    return {"size": size, "reference_samples": reference_samples, "pictures": found}
+
+
+def _rmse(seen: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((seen - truth) ** 2)))
+
+
+def means(results: dict) -> dict[str, dict[str, float]]:
+    """Of each variant, over the pictures."""
+    pictures = results["pictures"].values()
+    return {
+        name: {key: float(np.mean([p[name][key] for p in pictures])) for key in ("seconds", "frame", "box")}
+        for name in next(iter(pictures))
+    }
+
+
+def report(results: dict) -> list[str]:
+    """Lines of Markdown."""
+    pictures = results["pictures"]
+    lines = [
+        "### Samples against error",
+        "",
+        f"{len(pictures)} pictures at {results['size'][0]} x {results['size'][1]}: {', '.join(pictures)}. Root mean "
+        f"square difference from a reference of {results['reference_samples']} samples and 12 bounces, in 8-bit steps, "
+        "over the target's box and over the frame. Seconds are those that Cycles samples and denoises, mean of the "
+        "pictures; the variants take turns in an order drawn for each picture.",
+        "",
+        "| settings | s | box | frame |" + "".join(f" box, {where} |" for where in pictures),
+        "|---|---:|---:|---:|" + "---:|" * len(pictures),
+    ]
+    for name, mean in means(results).items():
+        each = "".join(f" {points[name]['box']:.2f} |" for points in pictures.values())
+        lines.append(f"| {name} | {mean['seconds']:.2f} | {mean['box']:.2f} | {mean['frame']:.2f} |{each}")
+    return lines
+
+
+def plot(results: dict, path: Path) -> Path:
+    """Draw error against time."""
+    variants = means(results)
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    families = {
+        "plain samples": [f"{n} samples" for n in SAMPLES],
+        "denoised": [f"{n} samples, denoised" for n in SAMPLES],
+        "128, adaptive": [f"128 samples, denoised, threshold {t}" for t in ADAPTIVE],
+        "128, fewer bounces": [f"128 samples, denoised, {n} bounces" for n in BOUNCES],
+    }
+    for ax, key in zip(axes, ("box", "frame"), strict=True):
+        for label, names in families.items():
+            ax.plot([variants[n]["seconds"] for n in names], [variants[n][key] for n in names], "o-", label=label)
+        for label, name, marker in (("paper (default)", DEFAULT, "k*"), ("fast", "profile fast", "kP")):
+            ax.plot(variants[name]["seconds"], variants[name][key], marker, markersize=13, label=label)
+        ax.set(xscale="log", yscale="log", xlabel="seconds an image", title=f"error in the {key}")
+    axes[0].set_ylabel("RMS difference, 8-bit steps")
+    axes[0].legend()
+    figure.savefig(path, dpi=120)
+    return path
