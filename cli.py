@@ -520,7 +520,7 @@ def _parser() -> argparse.ArgumentParser:
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 
     sub = verb("demo", _demo, "everything, small", "Writes a project, a plan, a dataset of 12 images, a contact sheet.")
-    sub.add_argument("--output", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
+    sub.add_argument("-o", "--output", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
     return parser
 
 

@@ -244,7 +244,6 @@ class RenderSection(Section):
     denoise: bool = True
     adaptive_threshold: Annotated[float, Field(ge=0, le=1)] = 0.0
     bounces: Annotated[int, Field(ge=0, le=1024)] = 12
-    device: Literal["auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"] = "auto"
 
     @model_validator(mode="before")
     @classmethod

@@ -143,7 +143,6 @@ height = 1080
 # denoise = true            # OpenImageDenoise
 # adaptive_threshold = 0.0  # noise at which a pixel gets no more samples; 0: all get all
 # bounces = 12              # of light
-device = "auto"    # "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"
 """
 
 CONFIG_TEMPLATE = config_text(
