@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import BACKDROPS, says
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
@@ -43,9 +42,8 @@ class SceneryFile:
 
     @property
     def standing(self) -> list[str]:
-        """Objects called like a sky that are ground or obstacles all the same, since the config says so."""
-        names = {*self.scenery.ground_names, *self.scenery.instance_names}
-        return sorted(name for name in names if says(name, BACKDROPS))
+        """Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called."""
+        return sorted({*self.scenery.ground_names, *self.scenery.instance_names})
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,7 +11,7 @@ Paper, sections 2.1.3 and 2.1.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import bpy
@@ -25,6 +25,7 @@ PART = "hulldown_part"  # custom property of a tidy vehicle's objects: the index
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 TIDY = "hulldown_tidy"  # custom property of a tidy scenery's scene
+BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
@@ -41,7 +42,7 @@ class Stage:
         self.file_from_scenery = np.linalg.inv(scenery_from_file)
         self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
-        _hide_backdrops(self.scene, standing)
+        _hide_backdrops(self.scene, frozenset(standing))
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -156,19 +157,17 @@ def _delete_delivered() -> None:
     bpy.data.batch_remove(unwanted)
 
 
-def _hide_backdrops(scene: Any, standing: Sequence[str]) -> None:
+def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
     """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing.
 
-    Objects called like a sky that the config says are ground or obstacles are `standing`, and stay; a tidy twin holds
-    no sky any more.
+    What was planned as ground or obstacle is `standing`, and stays; a tidy twin holds no sky any more.
     """
-    layer = scene.view_layers[0]
-    for obj in scene.objects:
-        names = (obj.name, obj.data.name) if obj.type == "MESH" else (obj.name,)
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    for obj in bpy.data.objects:  # those of collections that are only instanced, and in no scene, too
         cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
-        if cut or (_is_backdrop(obj.type, names) and obj.name not in standing and TIDY not in scene):
+        if cut or (_is_backdrop(obj) and obj.name not in standing and TIDY not in scene):
             obj.hide_render = True
 
 
-def _is_backdrop(kind: str, names: Sequence[str]) -> bool:
-    return kind in ("MESH", "VOLUME") and any(says(name, BACKDROPS) for name in names)
+def _is_backdrop(obj: Any) -> bool:
+    return obj.type in BACKDROP_TYPES and any(says(name, BACKDROPS) for name in (obj.name, obj.data.name))
