@@ -12,7 +12,7 @@ export PYTHONDONTWRITEBYTECODE = 1
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP) ## create .venv and install hulldown, Blender and the development tools
+setup: $(STAMP) ## create .venv and install hulldown, Blender and the development tools; no demo
 
 $(STAMP): pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
@@ -20,7 +20,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable '.[blender,dev]'
 	@touch $@
 
-demo: setup ## build demo assets, plan, render, annotate: ends in demo/contact_sheet.png
+demo: setup ## build demo assets, plan, render, annotate: ends in demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
 
 test: setup ## all tests and property tests
@@ -32,7 +32,7 @@ check: setup ## linters: ruff, mypy, import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots
+bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)
 	$(BIN)/python -m benchmarks $(BENCH)
 
 thorough: setup ## the property tests with thousands of examples each

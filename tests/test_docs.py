@@ -6,11 +6,14 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pycocotools.coco import COCO
 
+from planning.schema import Config, Section
 from planning.template import config_text
 
 ROOT = Path(__file__).parents[1]
@@ -102,10 +105,35 @@ def test_every_command_of_a_page_works_in_that_project(page, reader):
             assert answer.returncode == 0, f"{command}: {answer.stderr[-500:]}"
 
 
+def anchors(page):
+    """What `#...` can lead to in a page, made from its headings as GitHub makes them."""
+    headings = re.findall(r"(?m)^#+ (.+)$", re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8")))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_link_leads_somewhere(page):
-    links = re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8"))
-    assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
+    lost = []
+    for link in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        if "://" not in link and not (target.exists() and (not anchor or anchor in anchors(target))):
+            lost.append(link)
+    assert lost == []
+
+
+def keys(model):
+    """The name of every key of a config, those of a vehicle and a scenery included."""
+    for name, field in model.model_fields.items():
+        inner = [field.annotation, *get_args(field.annotation)]
+        sections = [kind for kind in inner if isinstance(kind, type) and issubclass(kind, Section)]
+        yield from keys(sections[0]) if sections else [name]
+
+
+def test_the_config_page_has_a_row_for_every_key():
+    rows = re.findall(r"(?m)^\| (`[^|]+) \|", (ROOT / "docs" / "config.md").read_text(encoding="utf-8"))
+    said = Counter(name.split(".")[-1] for row in rows for name in re.findall(r"`([a-z_.]+)`", row))
+    assert Counter(keys(Config)) - said == Counter()
 
 
 def test_make_help_lists_every_target():
