@@ -179,25 +179,21 @@ def read_document(folder: Path) -> Document:
     DatasetError
         If one of the two is damaged.
     """
-    path = folder / ANNOTATIONS_NAME
+    path, journal = folder / ANNOTATIONS_NAME, folder / JOURNAL_NAME
+    # First of all: what another process merges while this one reads is taken from the journal then.
+    merged = last_merged(journal)
     exists = path.exists()
     document = _read_annotations(path) if exists else Document({}, (), (), path)
-    journal = folder / JOURNAL_NAME
     since: dict[str | int, tuple[int, dict[str, Any]]] = {}
-    merged = last_merged(journal)
     for number, line in enumerate(read_journal(journal), start=1):
         try:
             if "run" in line:
                 document.apply(line)
-            elif "merged" in line:
-                if exists:
-                    since.clear()
-            else:
+            elif "merged" not in line and (number > merged or not exists):
                 # A later line of the same name replaces: the image was deleted by hand and made again.
                 key = line["image"]["file_name"] if "image" in line else number
-                if number > merged or not exists:
-                    since.pop(key, None)
-                    since[key] = number, line
+                since.pop(key, None)
+                since[key] = number, line
         except (KeyError, TypeError) as error:
             raise _foreign_line(journal, number) from error
     if merged and not exists:

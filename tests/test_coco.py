@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
+import annotate.document
 from annotate.coco import CocoDataset
 from annotate.document import read_coco
 from geometry.errors import DatasetError
@@ -175,6 +176,25 @@ def test_read_coco_sees_what_is_not_merged_yet_and_changes_nothing(tmp_path):
         assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1]
         assert not (tmp_path / "annotations.json").exists()
     assert read_coco(tmp_path) == load(tmp_path)
+
+
+def test_a_reader_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeypatch):
+    read = annotate.document._read_annotations
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append(image(1), [annotation()])
+        dataset.merge()
+        dataset.append(image(2), [annotation()])
+
+        def and_merge(path):
+            document = read(path)
+            dataset.append(image(3), [annotation()])
+            dataset.merge()
+            return document
+
+        with monkeypatch.context() as patch:
+            patch.setattr(annotate.document, "_read_annotations", and_merge)
+            assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1, 2, 3]
+        assert len(read_coco(tmp_path)["annotations"]) == 3
 
 
 def test_a_second_process_is_refused(tmp_path):
