@@ -1,7 +1,8 @@
 """The `hulldown` command: arguments, progress, exit codes; no logic.
 
 Messages and progress go to stderr, results to stdout, so that `--json` can be piped. Exit code 0: done; 1: done, but
-something failed or was found; 2: a mistake of the user's, said in one line; 130: stopped by Ctrl-C.
+something failed or was found; 2: a mistake of the user's, said in one line; 130: stopped by Ctrl-C, or `render` by
+SIGTERM.
 
 Stages are imported where they are used: `hulldown --help` must not wait for SciPy.
 """
