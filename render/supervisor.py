@@ -171,7 +171,7 @@ def _categories(plan: Plan) -> list[str]:
 
 @contextlib.contextmanager
 def _stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and a polite kill end the run between two pictures; a second Ctrl-C ends it at once."""
+    """Ctrl-C and a polite kill end the run and give up the pictures under way; a second one does not wait for that."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop.is_set
