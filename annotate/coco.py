@@ -238,11 +238,11 @@ class CocoDataset:
             return
         self._journal.truncate(self._length)
         self._journal.close()
-        self._lock.release()
         for path in self._made:
             # What is not empty is somebody's.
             with contextlib.suppress(OSError):
                 path.rmdir() if path.is_dir() else path.unlink()
+        self._lock.release()  # last: what is there from then on is another process's
 
     def __enter__(self) -> CocoDataset:
         return self
