@@ -6,7 +6,6 @@ dictionaries would.
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -15,7 +14,7 @@ from typing import Any, TypeGuard
 
 import orjson
 
-from annotate.journal import last_merged, read_journal, sync_folder
+from annotate.journal import last_merged, read_journal, replaced
 from annotate.layout import OtherLayoutError, read_by_line, write_coco
 from annotate.runs import Run
 from geometry.errors import DatasetError
@@ -119,26 +118,13 @@ class Document:
         DatasetError
             If it cannot be written; the file is then as it was.
         """
-        temporary = path.with_name(f".{path.name}.tmp")
-        try:
-            with temporary.open("wb") as file:
-                write_coco(
-                    file,
-                    {**self._head(), "categories": self.categories},
-                    self._ordered(self.images, "image_offset"),
-                    self._ordered(self.annotations, "annotation_offset"),
-                )
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-            sync_folder(path.parent)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise DatasetError(
-                f"cannot be written ({error.strerror})",
-                path=path,
-                remedy="free some space and run the same command again; the journal has every finished image",
-            ) from error
+        with replaced(path) as file:
+            write_coco(
+                file,
+                {**self._head(), "categories": self.categories},
+                self._ordered(self.images, "image_offset"),
+                self._ordered(self.annotations, "annotation_offset"),
+            )
 
     def _head(self) -> dict[str, Any]:
         info = self.head.get("info", {})

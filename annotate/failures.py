@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from annotate.journal import read_journal
+from annotate.journal import read_journal, replaced
 
 FAILURES_NAME = "failures.jsonl"
 
@@ -25,7 +24,5 @@ def write_failures(folder: Path, failures: Sequence[Mapping[str, Any]]) -> None:
     if not failures:
         path.unlink(missing_ok=True)
         return
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.unlink(missing_ok=True)  # were it a link, writing would follow it
-    temporary.write_bytes(b"".join(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE) for line in failures))
-    os.replace(temporary, path)
+    with replaced(path) as file:
+        file.writelines(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE) for line in failures)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
 import orjson
 
@@ -128,6 +129,33 @@ def last_merged(path: Path) -> int:
         return 0
     with path.open("rb") as file:
         return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, which takes the place of the one at `path` in one step, once all is written.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written; the file at `path` is then as it was.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        temporary.unlink(missing_ok=True)  # were it a link, writing would follow it
+        with temporary.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        sync_folder(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise DatasetError(
+            f"cannot be written ({error.strerror})",
+            path=path,
+            remedy="free some space and run the same command again, which goes on from here",
+        ) from error
 
 
 def sync_folder(folder: Path) -> None:

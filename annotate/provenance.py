@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import orjson
 
+from annotate.journal import replaced
 from geometry.errors import DatasetError
 
 PROVENANCE_NAME = "provenance.json"
@@ -48,7 +48,7 @@ def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> No
     Raises
     ------
     DatasetError
-        If there is a file of that name that cannot be read.
+        If there is a file of that name that cannot be read, or none can be written.
     """
     if not entries:
         return
@@ -56,8 +56,5 @@ def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> No
     for key, entry in entries.items():
         before = known.get(key, {})
         known[key] = {**entry, **{name: sorted({*before.get(name, []), *entry[name]}) for name in GROWING}}
-    path = folder / PROVENANCE_NAME
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.unlink(missing_ok=True)  # were it a link, writing would follow it
-    temporary.write_bytes(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))
-    os.replace(temporary, path)
+    with replaced(folder / PROVENANCE_NAME) as file:
+        file.write(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))

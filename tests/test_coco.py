@@ -11,6 +11,8 @@ from pycocotools.coco import COCO
 import annotate.document
 from annotate.coco import CocoDataset
 from annotate.document import read_coco
+from annotate.failures import write_failures
+from annotate.provenance import add_provenance
 from geometry.errors import DatasetError
 
 FOREIGN = {
@@ -195,6 +197,33 @@ def test_a_reader_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeyp
             patch.setattr(annotate.document, "_read_annotations", and_merge)
             assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1, 2, 3]
         assert len(read_coco(tmp_path)["annotations"]) == 3
+
+
+def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    for name in ("annotations.json", "provenance.json", "failures.jsonl"):
+        (tmp_path / f".{name}.tmp").symlink_to(tmp_path / "mine")
+    CocoDataset.open(tmp_path).close()
+    add_provenance(tmp_path, {"a": {"blender": [], "devices": [], "systems": []}})
+    write_failures(tmp_path, [{"file_name": "a.png"}])
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert not any(path.name.endswith(".tmp") for path in tmp_path.iterdir())
+
+
+def test_abandoning_takes_nothing_from_the_process_that_comes_next(tmp_path, monkeypatch):
+    dataset = CocoDataset.open(tmp_path / "d")
+    release, following = dataset._lock.release, []
+
+    def and_another_opens():
+        release()
+        following.append(CocoDataset.open(tmp_path / "d"))
+
+    monkeypatch.setattr(dataset._lock, "release", and_another_opens)
+    dataset.abandon()
+    following[0].append(image(1), [annotation()])
+    following[0].close()
+    assert (tmp_path / "d" / "journal.jsonl").exists()
+    assert len(read_coco(tmp_path / "d")["images"]) == 1
 
 
 def test_a_second_process_is_refused(tmp_path):
