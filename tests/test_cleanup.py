@@ -7,6 +7,7 @@ from assets.naming import GROUND, GUN, HELPERS, says, words
 from geometry.errors import AssetError
 from render.reading.build import Options, build_scenery
 from render.reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
+from render.reading.doubts import vehicle_doubts
 from render.reading.kinds import likely_kind, refuse_wrong_kind
 from render.reading.parts import find_parts
 
@@ -185,6 +186,16 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() 
         assert refuse_wrong_kind("scenery", pieces, Options()) == ""
         for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
             assert refuse_wrong_kind("vehicle", pieces, options) == ""
+
+
+def test_a_tank_in_centimetres_is_no_scenery_for_its_tracks() -> None:
+    tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
+    assert scenery_uses(*tank) == ["obstacle", "ground"]
+    assert refuse_wrong_kind("vehicle", tank, Options()) == ""
+    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), (), unit=1.0, options=Options())
+    assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
+    with pytest.raises(AssetError, match=r"in it is ground \('Track_L'\)"):
+        refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
 
 
 def test_a_vehicle_listed_as_a_scenery_is_refused_if_its_names_say_so() -> None:

@@ -46,6 +46,8 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return ""
         kept = [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
+        if any(says(p.name, VEHICLE) for p in kept):
+            return ""  # a tank in centimetres has tracks, which are called like ground: `doubts` names the scale
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery and is listed as a vehicle: in it is {has}, and what would be the vehicle is "
