@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,10 @@ from typing import Any
 import orjson
 
 from annotate.records import Finding
-from annotate.runs import Run
+from annotate.runs import Run, find_run, plan_key
 from geometry.errors import DatasetError
 
+# What goes from a plan's rows into a dataset, unchanged and in this order.
 IMAGE_KEYS = (
     "width",
     "height",
@@ -29,10 +29,10 @@ IMAGE_KEYS = (
 )
 TARGET_KEYS = (
     "bbox",
-    "bbox_amodal",
     "vehicle",
     "world_from_vehicle",
     "articulation",
+    "bbox_amodal",
     "visible_fraction",
     "truncated_fraction",
 )
@@ -58,70 +58,81 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
         If the file is no plan.
     """
     try:
-        key, header = _identity(plan)
-        runs = coco["info"].get("hulldown_runs", []) if isinstance(coco.get("info"), dict) else []
-        run = next((Run(**record) for record in runs if record["key"] == key), None)
-        if run is None:
-            yield Finding("error", plan.name, "nothing here was rendered from this file, as it is now")
-            return
-        yield from _differences(coco, plan, run, int(header["images"]))
-    except (OSError, StopIteration, orjson.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise DatasetError(f"cannot be read as a plan ({error})", path=plan, remedy="name the plan's file") from error
-
-
-def _identity(plan: Path) -> tuple[str, dict[str, Any]]:
-    with plan.open("rb") as file:
-        header = orjson.loads(next(file))
+        with plan.open("rb") as file:
+            header = orjson.loads(file.readline())
         if "hulldown_plan" not in header:
             raise KeyError("hulldown_plan")
-        file.seek(0)
-        return hashlib.file_digest(file, "sha256").hexdigest(), header
-
-
-def _differences(coco: Mapping[str, Any], plan: Path, run: Run, planned: int) -> Iterator[Finding]:
+        planned, key = int(header["images"]), plan_key(plan)
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise _no_plan(plan, error) from error
+    run = find_run(coco, key)
+    if run is None:
+        yield Finding("error", plan.name, "nothing here was rendered from this file, as it is now")
+        return
     names = {category["id"]: category.get("name") for category in coco["categories"]}
     images = {image["id"]: image for image in coco["images"] if run.has_image(image["id"])}
     boxes = {box["id"]: box for box in coco["annotations"] if run.has_annotation(box["id"])}
     first, missing, example = run.annotation_offset + 1, 0, ""
-    with plan.open("rb") as file:
-        next(file)
-        for i, row in enumerate(map(orjson.loads, file), start=run.image_offset + 1):
-            # What is wholly hidden or out of the picture gets no label.
-            seen = [c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0]
-            name = run.file_name(row["file_name"])
-            image = images.get(i)
-            if image is None:
-                missing, example = missing + 1, example or name
-            else:
-                yield from _differ(name, image, {**row, "file_name": name}, ("file_name", *IMAGE_KEYS))
-                for k, target in enumerate((row, *seen), start=first):
-                    yield from _box_differs(name, boxes.pop(k, None), target, i, names)
-            first += 1 + len(seen)
+    for i, (name, wanted, targets) in enumerate(_rows(plan, run), start=run.image_offset + 1):
+        image = images.get(i)
+        if image is None:
+            missing, example = missing + 1, example or name
+        else:
+            yield from _differ(name, image, wanted)
+            for k, target in enumerate(targets, start=first):
+                yield from _box_differs(name, boxes.pop(k, None), {"image_id": i, **target}, names)
+        first += len(targets)
     # Left are those of images that are missing, and those that no row has.
     for box in boxes.values():
-        if box.get("image_id") in images:
-            name = images[box["image_id"]].get("file_name")
-            yield Finding("error", str(name), f"annotation {box['id']} has the id of one that is planned elsewhere")
+        if isinstance(i := box.get("image_id"), int) and i in images:
+            name = str(images[i].get("file_name"))
+            yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
     if missing:
         yield Finding("warning", plan.name, f"{missing} of {planned} planned images are not there, such as {example}")
 
 
+def labelled(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What the image of a row is labelled with: its target, and the companions of which something is seen."""
+    return [row, *(c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0)]
+
+
+def _rows(plan: Path, run: Run) -> Iterator[tuple[str, dict[str, Any], list[dict[str, Any]]]]:
+    """Of each row its file name in the dataset, and what image and labels are to say."""
+    try:
+        with plan.open("rb") as file:
+            file.readline()
+            for row in map(orjson.loads, file):
+                name = run.file_name(row["file_name"])
+                labels = [{key: target[key] for key in ("category", *TARGET_KEYS)} for target in labelled(row)]
+                yield name, {"file_name": name, **{key: row[key] for key in IMAGE_KEYS}}, labels
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise _no_plan(plan, error) from error
+
+
+def _no_plan(plan: Path, error: Exception) -> DatasetError:
+    return DatasetError(f"cannot be read as a plan ({error})", path=plan, remedy="name the plan's file")
+
+
 def _box_differs(
-    name: str, box: Mapping[str, Any] | None, target: Mapping[str, Any], image_id: int, names: Mapping[int, Any]
+    name: str, box: Mapping[str, Any] | None, wanted: Mapping[str, Any], names: Mapping[int, Any]
 ) -> Iterator[Finding]:
-    what = f"{target['category']} {target['vehicle']!r}"
+    what = f"{wanted['category']} {wanted['vehicle']!r}"
     if box is None:
-        yield Finding("warning", name, f"{what} is planned and has no annotation")
+        yield not_annotated(name, wanted)
         return
     label = box.get("category_id")
     found = {**box, "category": names.get(label) if isinstance(label, int) else None}
-    wanted = {**target, "image_id": image_id}
-    for finding in _differ(name, found, wanted, ("image_id", "category", *TARGET_KEYS)):
+    for finding in _differ(name, found, wanted):
         yield Finding(finding.severity, name, f"{what}: {finding.problem}")
 
 
-def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[Finding]:
-    for key in keys:
-        if found.get(key) != wanted[key]:
-            values = (repr(value)[:LONGEST] for value in (found.get(key), wanted[key]))
+def not_annotated(name: str, target: Mapping[str, Any]) -> Finding:
+    """A planned label is not there: a warning, since somebody may have deleted it on purpose."""
+    return Finding("warning", name, f"{target['category']} {target['vehicle']!r} is planned and has no annotation")
+
+
+def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
+    for key, value in wanted.items():
+        if found.get(key) != value:
+            values = (repr(each)[:LONGEST] for each in (found.get(key), value))
             yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))

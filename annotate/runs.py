@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 
@@ -47,3 +49,16 @@ class Run:
     def has_annotation(self, annotation_id: int) -> bool:
         """Whether an annotation's id is set aside here."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
+
+
+def plan_key(plan: Path) -> str:
+    """What identifies a plan: the SHA-256 of its file."""
+    with plan.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
+    """What a COCO dictionary says was set aside for a plan; None if nothing was."""
+    info = coco.get("info")
+    runs = info.get("hulldown_runs", []) if isinstance(info, dict) else []
+    return next((Run(**record) for record in runs if record["key"] == key), None)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from annotate.masks import area, encode, vehicle_mask
+from annotate.planned import IMAGE_KEYS, TARGET_KEYS, labelled
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
@@ -18,24 +19,15 @@ from camera.visibility import Occluder
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 
-IMAGE_KEYS = ("scenery", "position", "shot", "world_from_camera", "fov_x_deg")
-LIGHT_KEYS = ("hdri", "hdri_yaw_deg", "strength", "weather", "sample_seed")
-TARGET_KEYS = ("vehicle", "world_from_vehicle", "articulation", "bbox_amodal", "visible_fraction", "truncated_fraction")
-
 
 def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The vehicles of a row, the one it is about first."""
     return [row, *row["companions"]]
 
 
-def labelled(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Those that the image is labelled with: the target, and the companions of which something is seen."""
-    return [row, *(c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0)]
-
-
 def image_record(row: Mapping[str, Any]) -> dict[str, Any]:
     """What `annotations.json` says about a row's image, but for id and file name."""
-    return {key: row[key] for key in ("width", "height", *IMAGE_KEYS, *LIGHT_KEYS)}
+    return {key: row[key] for key in IMAGE_KEYS}
 
 
 def annotation_records(row: Mapping[str, Any], segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -43,9 +35,8 @@ def annotation_records(row: Mapping[str, Any], segmentations: Sequence[Mapping[s
     return [
         {
             "category": target["category"],
-            "bbox": target["bbox"],
-            **segmentation,
             **{key: target[key] for key in TARGET_KEYS},
+            **segmentation,
         }
         for target, segmentation in zip(labelled(row), segmentations, strict=True)
     ]

@@ -15,11 +15,12 @@ from rich.table import Table
 
 from annotate.document import read_coco
 from annotate.masks import mask_box
+from annotate.planned import labelled
 from annotate.records import Finding
 from annotate.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
-from render.annotations import labelled, targets
+from render.annotations import targets
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.pool import Pool
 

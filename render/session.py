@@ -22,10 +22,11 @@ from PIL import Image, UnidentifiedImageError
 
 from annotate.coco import CocoDataset
 from annotate.failures import FAILURES_NAME
+from annotate.planned import labelled
 from annotate.runs import Run
 from geometry.errors import ConfigError, DatasetError
 from planning.plan_file import Plan, is_inside
-from render.annotations import Segmenter, annotation_records, image_record, labelled
+from render.annotations import Segmenter, annotation_records, image_record
 from render.jobs import RenderAssets, job
 from render.png import without_notes
 from render.pool import Pool

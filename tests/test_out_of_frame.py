@@ -2,11 +2,12 @@
 
 import pytest
 
+from annotate.planned import labelled
 from planning.check import check_plan
 from planning.preview import Artist
 from planning.summary import summarise
 from planning.write import write_plan
-from render.annotations import Segmenter, annotation_records, labelled
+from render.annotations import Segmenter, annotation_records
 from tests.planning_assets import small_assets, small_config
 
 

@@ -175,6 +175,8 @@ def moved(pose):
         (lambda i, a: a.update(category_id=1), "error", "tank 'a': category is 'truck', planned is 'tank'"),
         (lambda i, a: a.update(category_id=[1]), "error", "tank 'a': category is None, planned is 'tank'"),
         (lambda i, a: a.update(image_id=6), "error", "image_id is 6, planned is 7"),
+        (lambda i, a: a.update(image_id=[7]), "error", "image_id is [7], planned is 7"),
+        (lambda i, a: (a.update(image_id=[7]), i.update(id=100)), "warning", "1 of 4 planned images are not there"),
         (lambda i, a: a.update(world_from_vehicle=moved(POSE)), "error", "world_from_vehicle is"),
         (lambda i, a: a.update(articulation={"turret": 0.2}), "error", "articulation is {'turret': 0.2}"),
         (lambda i, a: a.update(visible_fraction=0.5), "error", "visible_fraction is 0.5, planned is 0.75"),
@@ -246,6 +248,18 @@ def test_compare_measures_box_and_mask():
 def test_compare_with_one_of_the_two_missing(bbox, mask, error):
     assert compare(bbox, mask).box_error == error
     assert compare(None, MASK & False).box_error == 0.0
+
+
+@pytest.mark.parametrize("line", ["3", "{", '{"file_name": "", "companions": []}'])
+def test_a_plan_with_a_row_that_is_none_is_said_to_be_none(planned, line):
+    folder, plan = planned
+    before = hashlib.sha256(plan.read_bytes()).hexdigest()
+    plan.write_text(plan.read_text() + line + "\n")
+    path = folder / "annotations.json"
+    path.write_text(path.read_text().replace(before, hashlib.sha256(plan.read_bytes()).hexdigest()))
+    (folder / "journal.jsonl").unlink()
+    with pytest.raises(DatasetError, match=r"plan.jsonl: cannot be read as a plan"):
+        list(verify(folder, plan=plan))
 
 
 @pytest.mark.parametrize("header", ["{}", "3", "[1]", "seed = 0"])
