@@ -22,8 +22,12 @@ import numpy as np
 import psutil
 from matplotlib.figure import Figure
 
+from annotate.coco import LOCK_NAME
+from annotate.document import JOURNAL_NAME
+from annotate.journal import MERGED
 from benchmarks.rendering import planned
 from render.demo.project import create_project
+from render.session import LOGS_NAME
 
 ROOT = Path(__file__).parents[1]
 SIZE = (96, 54)
@@ -44,7 +48,7 @@ class Kill:
 
 @dataclass(eq=False, slots=True)
 class Course:
-    """How a run went: who was killed how often, how often it was started, its exit code at last, and its pictures."""
+    """How a run went: who was killed how often, how often it was started until it had done all, and its pictures."""
 
     killed: dict[str, int] = field(default_factory=lambda: {"run": 0, "worker": 0})
     started: int = 0
@@ -122,7 +126,8 @@ def differences(whole: Path, killed: Path) -> dict[str, int]:
     Parameters
     ----------
     whole, killed
-        Folders of datasets; pictures, image records, annotations and categories are compared, and what else lies there.
+        Folders of datasets. Compared are the records of annotations.json and every file, but logs and lock, by its
+        bytes; of the journal the lines and not their order, which is that in which images were finished.
     """
     one, two = (json.loads((folder / "annotations.json").read_text()) for folder in (whole, killed))
     found = {}
@@ -133,18 +138,25 @@ def differences(whole: Path, killed: Path) -> dict[str, int]:
         found[f"{kind} that differ"] = sum(expected[i] != seen[i] for i in expected.keys() & seen.keys())
     names = [record["file_name"] for record in two["images"]]
     found["file names doubled"] = len(names) - len(set(names))
-    pictures, others = (_digests(folder) for folder in (whole, killed))
-    found["pictures lost"] = len(pictures.keys() - others.keys())
-    found["files too many"] = len(others.keys() - pictures.keys())
-    found["pictures that differ"] = sum(pictures[n] != others[n] for n in pictures.keys() & others.keys())
+    files, others = (_digests(folder) for folder in (whole, killed))
+    found["files lost"] = len(files.keys() - others.keys())
+    found["files too many"] = len(others.keys() - files.keys())
+    found["files that differ"] = sum(files[n] != others[n] for n in files.keys() & others.keys())
     return found
 
 
-def _digests(dataset: Path) -> dict[str, str]:
-    """Of every picture, finished or not."""
-    return {
-        str(path.relative_to(dataset)): hashlib.sha256(path.read_bytes()).hexdigest() for path in dataset.rglob("*.png")
-    }
+def _digests(dataset: Path) -> dict[Path, str]:
+    """Of every file that a run leaves behind to be used."""
+    found = {}
+    for path in sorted(p for p in dataset.rglob("*") if p.is_file()):
+        name, content = path.relative_to(dataset), path.read_bytes()
+        if name.parts[0] in (LOGS_NAME, LOCK_NAME):
+            continue
+        if name == Path(JOURNAL_NAME):
+            lines = content.splitlines(keepends=True)
+            content = b"".join(sorted(line for line in lines if line != MERGED))
+        found[name] = hashlib.sha256(content).hexdigest()
+    return found
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -182,8 +194,9 @@ def report(results: dict) -> str:
         "## Resuming",
         "",
         f"`hulldown render` of {results['images']} images ({width} x {height}) on the CPU, killed (SIGKILL) "
-        f"{sum(killed.values())} times at random moments, and once more left alone. Compared are the bytes of the "
-        "pictures, image records, annotations, categories and ids, and whether other files lie there.",
+        f"{sum(killed.values())} times at random moments, and once more left alone. Compared are image records, "
+        "annotations, categories and ids, and the bytes of every file but logs and lock: pictures, `annotations.json`, "
+        "`provenance.json`; of the journal the lines, whose order is that in which images were finished.",
         "",
         "| | left alone | killed |",
         "|---|---:|---:|",
@@ -193,7 +206,7 @@ def report(results: dict) -> str:
         f"| seconds | {whole:.0f} | {interrupted:.0f} |",
     ]
     for what, n in results["differences"].items():
-        if n or what in ("images lost", "images doubled", "pictures that differ", "annotations that differ"):
+        if n or what in ("images lost", "images doubled", "files lost", "files that differ", "annotations that differ"):
             lines.append(f"| {what} | 0 | {n} |")
     said = "**The two datasets differ.**" if wrong else "Everything compared is equal."
     return "\n".join([*lines, "", said])

@@ -54,11 +54,14 @@ def test_two_kills_lose_and_double_nothing(folder):
 @pytest.mark.parametrize(
     ("what", "expected"),
     [
-        ("lost", {"pictures lost": 1}),
-        ("other", {"pictures that differ": 1}),
+        ("lost", {"files lost": 1}),
+        ("other", {"files that differ": 1}),
         ("left over", {"files too many": 1}),
-        ("renumbered", {"images lost": 1, "images doubled": 1}),
-        ("twice", {"images doubled": 1, "file names doubled": 1}),
+        ("failure noted", {"files too many": 1}),
+        ("provenance", {"files that differ": 1}),
+        ("journal line twice", {"files that differ": 1}),
+        ("renumbered", {"images lost": 1, "images doubled": 1, "files that differ": 1}),
+        ("twice", {"images doubled": 1, "file names doubled": 1, "files that differ": 1}),
     ],
 )
 def test_the_comparison_sees(folder, tmp_path, what, expected):
@@ -73,6 +76,13 @@ def test_the_comparison_sees(folder, tmp_path, what, expected):
     elif what == "left over":
         (changed / ".unfinished").mkdir()
         shutil.copy(first, changed / ".unfinished")
+    elif what == "failure noted":
+        (changed / "failures.jsonl").write_text("{}\n")
+    elif what == "provenance":
+        (changed / "provenance.json").write_text('{"plans":{}}')
+    elif what == "journal line twice":
+        lines = (changed / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        (changed / "journal.jsonl").write_bytes(b"".join([*lines[:3], *lines[2:]]))
     elif what == "renumbered":
         coco.write_text(coco.read_text().replace('"id":1,"file_name"', '"id":99,"file_name"'))
     else:
