@@ -10,13 +10,14 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
+import orjson
 from filelock import FileLock, Timeout
 
 from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document, stays_inside
@@ -99,6 +100,11 @@ class CocoDataset:
         """Whether the dataset has an image of that name."""
         return file_name in self._document.file_names
 
+    def images(self) -> Iterator[tuple[int, str]]:
+        """Id and file name of each image."""
+        for image_id, record in self._document.images:
+            yield image_id, str(orjson.loads(record).get("file_name"))
+
     def missing(self) -> int:
         """How many images are set aside for a plan and not there."""
         ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))
@@ -173,6 +179,18 @@ class CocoDataset:
         DatasetError
             If it cannot be written.
         """
+        line = self._line(image, annotations)
+        self._write(line)
+        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
+            self.merge()
+        return int(line["image"]["id"])
+
+    def check(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> None:
+        """Refuse what `append` would refuse, for the same reasons, and write nothing."""
+        self._line(image, annotations)
+
+    def _line(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """What the journal is to say of an image."""
         document = self._document
         record = _plain(image, "image")
         _check_image(record)
@@ -198,10 +216,7 @@ class CocoDataset:
             ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
             records.append({**ids, **defaults, **plain, **ids})
         line: dict[str, Any] = {"image": {"id": image_id, **record}, "annotations": records}
-        self._write({**line, "categories": categories} if categories else line)
-        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
-            self.merge()
-        return image_id
+        return {**line, "categories": categories} if categories else line
 
     def merge(self) -> None:
         """Bring ``annotations.json`` up to date, replacing it in one step."""

@@ -7,7 +7,7 @@ was, and one that is repeated adds what has come since.
 from __future__ import annotations
 
 import filecmp
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,7 +18,7 @@ from annotate.coco import CocoDataset
 from annotate.failures import read_failures, write_failures
 from annotate.part import Part, loaded, read_part
 from annotate.placing import check_confined, place
-from annotate.provenance import add_provenance
+from annotate.provenance import add_provenance, read_provenance
 from annotate.runs import Run
 from geometry.errors import DatasetError
 
@@ -47,13 +47,18 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """An image of a part, the name it gets, and the run of the part and of the dataset that it belongs to, if any."""
+    """An image of a part, the name it gets, and for one of a plan its id and the runs of part and dataset."""
 
     part: Part
     index: int
     old_name: str
     name: str
-    runs: tuple[Run, Run] | None
+    image_id: int | None = None
+    runs: tuple[Run, Run] | None = None
+
+    @property
+    def picture(self) -> Path:
+        return self.part.folder / self.old_name
 
 
 def join(
@@ -76,7 +81,7 @@ def join(
     Raises
     ------
     DatasetError
-        If a part cannot be used, or two different pictures have one name; the dataset is then as it was.
+        If a part cannot be used, or two different images have one name or one id; the dataset is then as it was.
     """
     folder = Path(dataset)
     read = [read_part(Path(part), folder) for part in parts]
@@ -89,35 +94,40 @@ def join(
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
         check_confined(folder, (move.name for move in left))
-        _refuse_other_pictures(moves, target)
+        _refuse_other_images(moves, target)
+        _check(left, target)
+        failures = _failures(read, target)
+        read_provenance(folder)  # what is damaged there is met before anything is added
     except BaseException:
         target.abandon()
         raise
     with target:
         for done, move in enumerate(left, start=1):
-            place(move.part.folder / move.old_name, folder, move.name)
-            _append(move, target)
+            place(move.picture, folder, move.name)
+            target.append(*_records(move))
             if progress is not None:
                 progress(done, len(left))
-        unmade = _carry_over(read, target)
+        for part in read:
+            add_provenance(folder, _provenance(part, target))
+        unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]
+        write_failures(folder, unmade)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
 
 
-def _carry_over(parts: Sequence[Part], target: CocoDataset) -> list[dict[str, Any]]:
-    """Add what the parts say of their making, and their failures, to those of the dataset; returns the failures."""
+def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
+    """What dataset and parts have given up, by its name in the dataset."""
     latest = {line["file_name"]: line for line in read_failures(target.folder)}
     for part in parts:
-        mine = {key: _in(target, run) for key, run in part.document.runs.items()}
-        entries = {key: entry for key, entry in part.provenance.items() if key in mine}
-        add_provenance(
-            target.folder, {key: {**e, "first_image_id": mine[key].image_offset + 1} for key, e in entries.items()}
-        )
         for line in part.failures:
-            name = _new_name(part, mine, line["file_name"])
+            name = _new_name(part, target, line["file_name"])
             latest[name] = {**line, "file_name": name}
-    unmade = [line for name, line in sorted(latest.items()) if not target.finished(name)]
-    write_failures(target.folder, unmade)
-    return unmade
+    return latest
+
+
+def _provenance(part: Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
+    """What a part says of the making of its plans, as the dataset is to say it."""
+    runs = {key: _in(target, run) for key, run in part.document.runs.items() if key in part.provenance}
+    return {key: {**part.provenance[key], "first_image_id": run.image_offset + 1} for key, run in runs.items()}
 
 
 def _in(target: CocoDataset, run: Run) -> Run:
@@ -130,31 +140,76 @@ def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
         runs = [(run, _in(target, run)) for run in part.document.runs.values()]
         for index, (image_id, record) in enumerate(part.document.images):
             old = orjson.loads(record)["file_name"]
-            mine = next((pair for pair in runs if pair[0].has_image(image_id)), None)
-            name = old if mine is None else mine[1].file_name(mine[0].planned(old))
-            yield _Move(part, index, old, name, mine)
+            mine = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
+            if mine is None:
+                yield _Move(part, index, old, old)
+            else:
+                was, now = mine
+                new_id = image_id - was.image_offset + now.image_offset
+                yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, mine)
 
 
-def _refuse_other_pictures(moves: Sequence[_Move], target: CocoDataset) -> None:
-    """An image of no plan is known by its name alone: another picture of that name is another image."""
-    pictures: dict[str, Path] = {}
+def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
+    """An image of a plan is known by its id, any other by its name: another image in its place would be lost."""
+    names, ids = {move.name for move in moves}, {move.image_id for move in moves}
+    by_name: dict[str, tuple[int | None, Path]] = {}
+    by_id: dict[int, tuple[str, Path]] = {}
+    for image_id, name in target.images():
+        if name in names:
+            by_name[name] = image_id, target.folder / name
+        if image_id in ids:
+            by_id[image_id] = name, target.folder / name
     for move in moves:
-        picture = move.part.folder / move.old_name
-        there = target.folder / move.name
-        other = pictures.setdefault(move.name, there if there.exists() else picture)
-        if move.runs is None and not other.samefile(picture) and not filecmp.cmp(other, picture, shallow=False):
-            raise DatasetError(f"is another picture than {other}", path=picture, remedy="give one of them another name")
+        picture, there = move.picture, target.folder / move.name
+        if move.image_id is not None:
+            name, other = by_id.setdefault(move.image_id, (move.name, picture))
+            if name != move.name:
+                raise DatasetError(
+                    f"has the id {move.image_id}, as has {other}",
+                    path=picture,
+                    remedy="give the one that is not of the plan another id",
+                )
+        stray = move.image_id is None and there.exists()
+        its_id, other = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
+        planned = its_id is not None and its_id == move.image_id
+        if not planned and other.exists() and not _same(other, picture):
+            which = "one of them" if its_id is None and move.image_id is None else "the one of no plan"
+            raise DatasetError(f"is another picture than {other}", path=picture, remedy=f"give {which} another name")
 
 
-def _append(move: _Move, target: CocoDataset) -> None:
+def _same(one: Path, other: Path) -> bool:
+    return one.samefile(other) or filecmp.cmp(one, other, shallow=False)
+
+
+def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
+    """Refuse what cannot be appended, while nothing has been."""
+    claimed: set[int] = set()
+    for move in moves:
+        image, boxes = _records(move)
+        try:
+            target.check(image, boxes)
+        except ValueError as error:
+            problem = f"{move.old_name}: {error}"
+            raise DatasetError(problem, path=move.part.folder, remedy="check both with `hulldown verify`") from error
+        for box in boxes:
+            if (box_id := box.get("id")) in claimed:
+                raise DatasetError(
+                    f"annotation {box_id} is on another image too", path=move.picture, remedy="give it another id"
+                )
+            if box_id is not None:
+                claimed.add(box_id)
+
+
+def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """An image and its annotations, as the dataset is to have them."""
     document = move.part.document
     image = loaded(document.images[move.index])
     boxes = [loaded(document.annotations[i]) for i in move.part.boxes.get(image["id"], ())]
     names = {category["id"]: category["name"] for category in document.categories}
-    if move.runs is None:
+    if move.image_id is None:
         del image["id"]
     else:
-        image["id"] += move.runs[1].image_offset - move.runs[0].image_offset
+        image["id"] = move.image_id
     for box in boxes:
         box["category"] = names[box.pop("category_id")]
         del box["image_id"]
@@ -162,16 +217,11 @@ def _append(move: _Move, target: CocoDataset) -> None:
             del box["id"]
         else:
             box["id"] += move.runs[1].annotation_offset - move.runs[0].annotation_offset
-    try:
-        target.append({**image, "file_name": move.name}, boxes)
-    except ValueError as error:
-        raise DatasetError(
-            f"{move.old_name}: {error}", path=move.part.folder, remedy="check both with `hulldown verify`"
-        ) from error
+    return {**image, "file_name": move.name}, boxes
 
 
-def _new_name(part: Part, mine: Mapping[str, Run], name: str) -> str:
+def _new_name(part: Part, target: CocoDataset, name: str) -> str:
     """The dataset's name for an image that a part has given up, and that has no id."""
     runs = sorted(part.document.runs.values(), key=lambda run: -len(run.prefix))
     run = next((run for run in runs if PurePosixPath(name).name.startswith(run.prefix)), None)
-    return name if run is None else mine[run.key].file_name(run.planned(name))
+    return name if run is None else _in(target, run).file_name(run.planned(name))

@@ -26,7 +26,8 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
     path = folder / PROVENANCE_NAME
     try:
         plans = orjson.loads(path.read_bytes())["plans"]
-        if all([*entry[key]] == entry[key] for entry in plans.values() for key in GROWING):
+        grown = [entry[key] for entry in plans.values() for key in GROWING]
+        if all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in grown):
             return dict(plans)
     except FileNotFoundError:
         return {}

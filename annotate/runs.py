@@ -46,6 +46,10 @@ class Run:
         """Whether an image's id, or which of an array of them, is set aside here."""
         return (image_id > self.image_offset) & (image_id <= self.image_offset + self.images)
 
+    def owns(self, image_id: int, file_name: str) -> bool:
+        """Whether an image is one of the plan's: id and name are both set aside here."""
+        return bool(self.has_image(image_id)) and PurePosixPath(file_name).name.startswith(self.prefix)
+
     def has_annotation(self, annotation_id: int) -> bool:
         """Whether an annotation's id is set aside here."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations

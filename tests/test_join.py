@@ -208,6 +208,92 @@ def test_another_picture_of_the_same_name_is_refused(tmp_path):
     assert not (one / "journal.jsonl").exists()
 
 
+def test_a_photograph_called_as_a_planned_image_does_not_take_its_place(tmp_path):
+    real, share = photos(tmp_path / "real", ["images/00000001.png"]), render(tmp_path / "1", [0])
+    for parts in ([real, share], [share, real]):
+        with pytest.raises(DatasetError, match=r"00000001\.png: is another picture than .*; give the one of no plan"):
+            join(parts, tmp_path / "new")
+        assert not (tmp_path / "new").exists()
+    # In a dataset that has something, planned images have names of their own.
+    assert join([share], real).added == 1
+    before = contents(share)
+    with pytest.raises(DatasetError, match="is another picture"):
+        join([photos(tmp_path / "again", ["images/00000001.png"])], share)
+    assert contents(share) == before
+
+
+def test_a_picture_whose_plan_was_forgotten_is_still_the_same(tmp_path):
+    share = render(tmp_path / "1", [0])
+    bare = render(tmp_path / "2", [0])
+    (bare / "journal.jsonl").unlink()
+    coco = json.loads((bare / "annotations.json").read_text())
+    del coco["info"]
+    (bare / "annotations.json").write_text(json.dumps(coco))
+    assert (join([share, bare], tmp_path / "new").added, len(read_coco(tmp_path / "new")["images"])) == (1, 1)
+
+
+def with_photograph(folder, image_id):
+    """Somebody adds a photograph by hand, under an id that is set aside for the plan."""
+    picture(folder / "real/x.png", 200)
+    coco = json.loads((folder / "annotations.json").read_text())
+    coco["images"].append({"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6})
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def test_a_photograph_with_the_id_of_a_planned_image_does_not_take_its_place(tmp_path):
+    mixed, share = with_photograph(render(tmp_path / "1", [0, 1]), 4), render(tmp_path / "2", [3])
+    for parts, target in (([mixed, share], tmp_path / "new"), ([share], mixed), ([mixed], share)):
+        before = contents(target)
+        with pytest.raises(DatasetError, match=r"\.png: has the id 4, as has .*\.png; give the one that is not of the"):
+            join(parts, target)
+        assert contents(target) == before
+
+
+def test_a_name_without_the_plans_prefix_is_not_of_the_plan(tmp_path):
+    real = photos(tmp_path / "real", ["a.png"])
+    with_photograph(render(real, [0]), 4)
+    assert join([real, render(tmp_path / "2", [2])], tmp_path / "new").added == 4
+    found = {image["file_name"]: image["id"] for image in read_coco(tmp_path / "new")["images"]}
+    assert found == {"images/00000001.png": 1, "images/00000003.png": 3, "a.png": 7, "real/x.png": 8}
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (edited(annotations=("bbox", [5, 5, -1, 3])), r"00000001\.png: annotations\[0\]: bbox: expected"),
+        (edited(categories=("name", "")), r"category: expected a name, got ''"),
+        (edited(annotations=("id", 11)), r"00000006\.png: annotation 11 is on another image too"),
+    ],
+)
+def test_a_part_that_cannot_be_appended_leaves_the_dataset_as_it_was(tmp_path, damage, message):
+    part, other, target = render(tmp_path / "1", [0, 1]), render(tmp_path / "2", [5]), render(tmp_path / "3", [3])
+    damage(part)
+    before = contents(target)
+    for folder in (target, tmp_path / "new"):
+        with pytest.raises(DatasetError, match=message):
+            join([part, other] if "11" in message else [other, part], folder)
+    assert contents(target) == before
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("provenance.json", "{}", "is no provenance of hulldown"),
+        ("provenance.json", '{"plans": {"a": {"blender": [{}], "devices": [], "systems": []}}}', "is no provenance"),
+        ("failures.jsonl", "x\n{}\n", "line 1 is damaged"),
+    ],
+)
+def test_a_damaged_dataset_is_left_as_it_was(tmp_path, name, content, message):
+    target = render(tmp_path / "1", [0])
+    (target / name).write_text(content)
+    before = contents(target)
+    with pytest.raises(DatasetError, match=message):
+        join([render(tmp_path / "2", [1])], target)
+    assert contents(target) == before
+
+
 def test_a_part_that_is_the_dataset_or_none_is_refused(tmp_path):
     part = render(tmp_path / "1", [0])
     with pytest.raises(DatasetError, match="is a part of itself"):
