@@ -1,8 +1,9 @@
 """Three rules by which a footprint's samples of the ground become the plane a vehicle rests on.
 
 All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
-for every candidate. They are compared with a reference rest pose in docs/settling.md. None uses a matrix product: its
-rounding may depend on the number of rows, and a candidate's pose must not depend on its company.
+for every candidate. They are compared with a reference rest pose in docs/settling.md. None uses a matrix product that
+rounds: its rounding may depend on the number of rows, and a candidate's pose must not depend on its company. (The one
+in `placement.simplex` is of whole numbers, and exact.)
 """
 
 from __future__ import annotations
