@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from assets.vehicle import VehicleShape
+from benchmarks.sheets import sheet
 from camera.framing import frame_target
 from camera.intrinsics import Intrinsics
 from camera.projection import project
@@ -68,7 +69,7 @@ def _ball(at: list[float], half: list[float], fine: int) -> Mesh:
     n = 12 * fine
     around, up = np.meshgrid(np.linspace(0, 2 * math.pi, 2 * n + 1), np.linspace(-math.pi / 2, math.pi / 2, n + 1))
     points = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
-    return _grid(np.array(at) + np.array(half) * points)
+    return sheet(np.array(at) + np.array(half) * points)
 
 
 def _box(low: list[float], high: list[float], fine: int) -> Mesh:
@@ -77,15 +78,8 @@ def _box(low: list[float], high: list[float], fine: int) -> Mesh:
     for axis in range(3):
         for end in (0.0, 1.0):
             unit = np.insert(np.stack([s, t], -1), axis, end, axis=-1)
-            sides.append(_grid(np.array(low) + unit * (np.array(high) - low)))
+            sides.append(sheet(np.array(low) + unit * (np.array(high) - low)))
     return merge(sides)[0]
-
-
-def _grid(points: np.ndarray) -> Mesh:
-    rows, columns = points.shape[:2]
-    i = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, 1:].ravel(), i[1:, :-1].ravel()
-    return Mesh(points.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
 
 
 def _views(n: int, centre: np.ndarray, distance: float | np.ndarray, seed: int) -> np.ndarray:
@@ -101,16 +95,16 @@ def _sizes(shape: VehicleShape, n: int) -> dict:
     paper = float(HD.distance_for(shape.size_xyz.min(), FRACTION))
     poses = _views(n, centre, paper, 1)
     wanted = FRACTION * HD.height
-    result = {"paper": _spread(projected_extent(HD, poses, points[None]).height / wanted)}
+    result = {"paper": _percentiles(projected_extent(HD, poses, points[None]).height / wanted)}
     for measure in MEASURES:
         pixels = wanted**2 if measure == "area" else wanted
         distance = solve_distance(HD, poses, points[None], centre=centre, pixels=pixels, measure=measure)
         achieved = projected_extent(HD, _views(n, centre, distance, 1), points[None]).measure(measure)
-        result[f"exact {measure}"] = _spread(achieved / wanted)
+        result[f"exact {measure}"] = _percentiles(achieved / wanted)
     return result
 
 
-def _spread(ratio: np.ndarray) -> dict:
+def _percentiles(ratio: np.ndarray) -> dict:
     low, median, high = np.percentile(ratio, [5, 50, 95])
     return {
         "p05": float(low), "median": float(median), "p95": float(high),

@@ -23,7 +23,7 @@ import numpy as np
 from annotate.boxes import VehicleBoxes
 from assets.vehicle import VehicleShape
 from benchmarks.camera import HD, vehicles
-from benchmarks.settling import _angle, _terrains, _waves
+from benchmarks.settling import angle_deg, terrains, waves
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from geometry.transforms import apply, facing, rigid
 from placement.candidates import candidates
@@ -54,8 +54,8 @@ def suspension(quick: bool) -> list[dict[str, Any]]:
     shape = vehicles()["tank"]
     footprint, wheels = _running_gear(shape)
     rows = []
-    gentle = {"gentle, 20 m waves of 0.2 m": _waves(60.0, 0.25, 20.0, 0.2)}
-    for name, (mesh, _) in (gentle | _terrains(quick)).items():
+    gentle = {"gentle, 20 m waves of 0.2 m": waves(60.0, 0.25, 20.0, 0.2)}
+    for name, (mesh, _) in (gentle | terrains(quick)).items():
         terrain = Terrain(mesh)
         xy, yaw = candidates(mesh.bounds, 300 if quick else 1000, rng=np.random.default_rng(1))
         settled = settle(terrain, shape.size_xyz, xy, yaw, footprint=footprint, **LIMITS)
@@ -67,11 +67,12 @@ def suspension(quick: bool) -> list[dict[str, Any]]:
             bump = _clearance(terrain, pose, wheels)
             rows.append({
                 "terrain": name, "travel_m": travel, "places": len(pose), "balanced": float(balanced.mean()),
-                "rigid_gap_m": _spread(gap.max(axis=1)), "left_gap_m": _spread((-bump - travel).max(axis=1).clip(0)),
+                "rigid_gap_m": _median_and_p95(gap.max(axis=1)),
+                "left_gap_m": _median_and_p95((-bump - travel).max(axis=1).clip(0)),
                 "hanging": float((gap > 0.02).mean()), "still_hanging": float((-bump > travel).mean()),
-                "body_up_m": _spread(np.abs(pose[:, 2, 3] - rigid_pose[:, 2, 3])),
-                "tilt_deg": _spread(_angle(pose[:, :3, 2], rigid_pose[:, :3, 2])),
-                "box_px": {str(d): _spread(_box_change(shape, rigid_pose, pose, d)) for d in DISTANCES},
+                "body_up_m": _median_and_p95(np.abs(pose[:, 2, 3] - rigid_pose[:, 2, 3])),
+                "tilt_deg": _median_and_p95(angle_deg(pose[:, :3, 2], rigid_pose[:, :3, 2])),
+                "box_px": {str(d): _median_and_p95(_box_change(shape, rigid_pose, pose, d)) for d in DISTANCES},
             })  # fmt: skip
     return rows
 
@@ -131,7 +132,7 @@ def _box_change(shape: VehicleShape, a: np.ndarray, b: np.ndarray, distance: flo
     return np.abs(corners[0] - corners[1]).max(axis=1)
 
 
-def _spread(values: np.ndarray) -> list[float]:
+def _median_and_p95(values: np.ndarray) -> list[float]:
     """Median and 95th percentile."""
     return [float(np.nanmedian(values)), float(np.nanpercentile(values, 95))]
 

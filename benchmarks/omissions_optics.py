@@ -62,7 +62,7 @@ def lens(quick: bool) -> list[dict[str, Any]]:
         shift = [float(np.linalg.norm(distort(part * corner, k1) - part * corner)) for part in (1.0, 0.5)]
         rows.append({
             "k1": k1, "boxes": n, "corner_px": shift[0] * LENS.f_px, "half_px": shift[1] * LENS.f_px,
-            "side_px": _spread(np.array(moved)), "border_px": _spread(np.array(by_border)),
+            "side_px": _median_p95_worst(np.array(moved)), "border_px": _median_p95_worst(np.array(by_border)),
         })  # fmt: skip
     return rows
 
@@ -96,7 +96,7 @@ def thin_parts(quick: bool) -> list[dict[str, Any]]:
             distance = solve_distance(HD, poses, points, centre=centre, pixels=float(height), measure="height")
             # Not always looking at the centre: what falls between two pixels' centres is up to chance.
             poses = camera_pose(centre + rng.uniform(-0.05, 0.05, (views, 3)), distance, azimuth, elevation)
-            row[name] = _spread(_beyond(shape, poses))
+            row[name] = _median_p95_worst(_beyond(shape, poses))
             row[f"{name}_distance_m"] = float(np.median(distance))
         row["px_thick"] = HD.f_px * ANTENNA[1] / row["antenna_distance_m"]
         rows.append(row)
@@ -160,6 +160,6 @@ def formulas() -> list[dict[str, Any]]:
     return rows
 
 
-def _spread(values: np.ndarray) -> list[float]:
+def _median_p95_worst(values: np.ndarray) -> list[float]:
     """Median, 95th percentile, worst."""
     return [float(np.median(values)), float(np.percentile(values, 95)), float(values.max())]

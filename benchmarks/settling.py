@@ -29,7 +29,7 @@ def run(quick: bool) -> dict[str, Any]:
     """Measure everything; seeded."""
     return {
         "speed": _speed(quick),
-        "error": {name: _errors(*terrain, quick) for name, terrain in _terrains(quick).items()},
+        "error": {name: _errors(*terrain, quick) for name, terrain in terrains(quick).items()},
         "roughness": _roughness(quick),
         "contact": _contact(quick),
         "barrel": _barrel(quick),
@@ -46,7 +46,7 @@ def _grid_mesh(heights: np.ndarray, cell: float) -> Mesh:
     return Mesh(vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), "terrain")
 
 
-def _waves(half: float, cell: float, wave: float, relief: float) -> tuple[Mesh, Callable[[np.ndarray], np.ndarray]]:
+def waves(half: float, cell: float, wave: float, relief: float) -> tuple[Mesh, Callable[[np.ndarray], np.ndarray]]:
     """Hills of one wavelength crossed by others: an analytic surface, and its mesh."""
 
     def height(xy: np.ndarray) -> np.ndarray:
@@ -64,11 +64,12 @@ def _dem() -> Mesh:
     return _grid_mesh(elevation * (2.0 / 90.0), 2.0)
 
 
-def _terrains(quick: bool) -> dict[str, tuple[Mesh, Callable[[np.ndarray], np.ndarray] | None]]:
+def terrains(quick: bool) -> dict[str, tuple[Mesh, Callable[[np.ndarray], np.ndarray] | None]]:
+    """Ground to settle on; where it is analytic, with its height."""
     half = 60.0 if quick else 150.0
     return {
-        "rolling, 20 m waves": _waves(half, 0.25 if not quick else 0.5, 20.0, 0.8),
-        "rough, 6 m waves": _waves(half, 0.25 if not quick else 0.5, 6.0, 0.25),
+        "rolling, 20 m waves": waves(half, 0.25 if not quick else 0.5, 20.0, 0.8),
+        "rough, 6 m waves": waves(half, 0.25 if not quick else 0.5, 6.0, 0.25),
         "elevation model, 2 m cells": (_dem(), None),
     }
 
@@ -88,7 +89,8 @@ def _truth(
     return up / np.linalg.norm(up, axis=1, keepdims=True), plane.height, plane.margin > UNSURE
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def angle_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Degrees between unit vectors; by the chord, since the cosine of a small angle has lost its digits."""
     return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=1) / 2, 0, 1)))
 
 
@@ -107,7 +109,7 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
     for rule in RULES:
         for n in (3, 5, 7, 9, 13, 21):
             settled = settle(terrain, SIZE, xy, yaw, rule=rule, n=n, max_slope=1.5, contact_n=36, threads=2)
-            angle = _angle(settled.world_from_vehicle[:, :3, 2], up)
+            angle = angle_deg(settled.world_from_vehicle[:, :3, 2], up)
             rows.append({
                 "rule": rule, "n": n, "rays": n * n,
                 "angle_median_deg": float(np.nanmedian(angle)), "angle_p95_deg": float(np.nanpercentile(angle, 95)),
@@ -125,14 +127,14 @@ def _roughness(quick: bool) -> list[dict[str, Any]]:
     """Angle to the reference against the height of 6 m waves, 5 x 5 rays."""
     rows = []
     for relief in (0.02, 0.05, 0.1, 0.2, 0.4):
-        mesh, height = _waves(60.0, 0.25, 6.0, relief)
+        mesh, height = waves(60.0, 0.25, 6.0, relief)
         terrain = Terrain(mesh)
         xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(2))
         up, z, _ = _truth(height, xy, yaw)
         row: dict[str, Any] = {"relief_m": relief}
         for rule in RULES:
             pose = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.5, contact_n=0).world_from_vehicle
-            row[rule] = float(np.nanmedian(_angle(pose[:, :3, 2], up)))
+            row[rule] = float(np.nanmedian(angle_deg(pose[:, :3, 2], up)))
             row[f"{rule}_height_m"] = float(np.nanmedian(np.abs(pose[:, 2, 3] - z)))
         rows.append(row)
     return rows
@@ -140,7 +142,7 @@ def _roughness(quick: bool) -> list[dict[str, Any]]:
 
 def _contact(quick: bool) -> list[dict[str, Any]]:
     """How much of gap and penetration a sparse measurement sees, on rough ground."""
-    mesh, _ = _waves(60.0, 0.25, 6.0, 0.25)
+    mesh, _ = waves(60.0, 0.25, 6.0, 0.25)
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 200 if quick else 1000, rng=np.random.default_rng(3))
     full = settle(terrain, SIZE, xy, yaw, max_slope=1.5, contact_n=71)
@@ -157,7 +159,7 @@ def _contact(quick: bool) -> list[dict[str, Any]]:
 
 def _barrel(quick: bool) -> dict[str, float]:
     """A tank of 7 m with a barrel of 3 m ahead: bounding box against contact footprint, on rough ground."""
-    mesh, height = _waves(60.0, 0.25, 6.0, 0.25)
+    mesh, height = waves(60.0, 0.25, 6.0, 0.25)
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(4))
     offset = np.column_stack([np.cos(yaw), np.sin(yaw)]) * -1.5
@@ -166,15 +168,15 @@ def _barrel(quick: bool) -> dict[str, float]:
     whole = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0).world_from_vehicle
     contact = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0, footprint=tracks).world_from_vehicle
     return {
-        "bounding_box_median_deg": float(np.nanmedian(_angle(whole[:, :3, 2], up))),
-        "contact_footprint_median_deg": float(np.nanmedian(_angle(contact[:, :3, 2], up))),
+        "bounding_box_median_deg": float(np.nanmedian(angle_deg(whole[:, :3, 2], up))),
+        "contact_footprint_median_deg": float(np.nanmedian(angle_deg(contact[:, :3, 2], up))),
     }
 
 
 def _speed(quick: bool) -> dict[str, Any]:
     """Candidates a second on one terrain, all ways in turn; medians."""
     cells = 100 if quick else 500
-    mesh, _ = _waves(cells / 2, 1.0, 30.0, 1.5)
+    mesh, _ = waves(cells / 2, 1.0, 30.0, 1.5)
     terrain = Terrain(mesh)
     k = 5_000 if quick else 50_000
     xy, yaw = candidates(mesh.bounds, k, rng=np.random.default_rng(5))

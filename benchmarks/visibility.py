@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.camera import HD, _grid, vehicles
+from benchmarks.camera import HD, vehicles
+from benchmarks.sheets import sheet
 from camera.framing import frame_target
 from camera.projection import Camera, project
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
@@ -93,7 +94,7 @@ def _height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _waves(cells: int) -> Mesh:
     x, y = np.meshgrid(*[np.linspace(-SIZE, SIZE, cells + 1)] * 2)
-    return _grid(np.stack([x, y, _height(x, y)], axis=-1))
+    return sheet(np.stack([x, y, _height(x, y)], axis=-1))
 
 
 def _tree() -> Mesh:

@@ -231,7 +231,7 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[In
             for shift, axis in enumerate(axes):
                 cell = points[share, axis] - low[axis]
                 cell *= 255.0 / extent[axis]
-                key |= _SPREAD[shift].take(cell.astype(np.uint8))
+                key |= _DILATED[shift].take(cell.astype(np.uint8))
         order = np.argsort(key, kind="stable")
         order += share.start
         cuts = np.zeros(65537, dtype=np.intp)  # where each key begins
@@ -250,13 +250,13 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[In
         yield np.concatenate([order[cuts[a] : cuts[b]] for order, cuts in shares])
 
 
-def _spread(shift: int) -> UInt16[np.ndarray, "256"]:
+def _dilated(shift: int) -> UInt16[np.ndarray, "256"]:
     """The bits of 0..255, each followed by a zero bit, moved up by `shift`."""
     byte = np.arange(256)
     return (np.sum([(byte >> b & 1) << 2 * b for b in range(8)], axis=0) << shift).astype(np.uint16)
 
 
-_SPREAD = (_spread(0), _spread(1))
+_DILATED = (_dilated(0), _dilated(1))
 
 
 class Pool:
