@@ -20,11 +20,9 @@ import numpy as np
 from assets.naming import BACKDROPS, says
 from render.blender_frames import pose, world_from_blender_camera
 from render.light import Fog, HdriWorld
+from render.tidy_properties import PART, REST, TIDY
 
-PART = "hulldown_part"  # custom property of a tidy vehicle's objects: the index of their part
-REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
-TIDY = "hulldown_tidy"  # custom property of a tidy scenery's scene
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below

@@ -2,9 +2,9 @@
 
 People's files have parents, modifiers, constraints, key frames, particles and drivers, all of which can undo a planned
 pose. Here they are worked out, once, from the same evaluation that the exported geometry comes from; so what is
-rendered is what was planned. Vehicles: one collection; every object has the index of its part in ``hulldown_part`` and
-its pose in the vehicle frame in ``hulldown_rest`` (16 numbers, row by row). Sceneries: a scene in metres, z up,
-relative to the scenery's origin.
+rendered is what was planned. Vehicles: one collection; every object has the index of its part and its pose in the
+vehicle frame as custom properties, see `render.tidy_properties`. Sceneries: a scene in metres, z up, relative to the
+scenery's origin.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from render.blender_frames import pose as set_pose
 from render.reading.cleanup import Piece
+from render.tidy_properties import PART, REST, TIDY
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
@@ -66,8 +67,8 @@ def write_vehicle(
             continue
         rest = vehicle_from_file @ piece.pose
         obj = _object(keeper, piece, i)
-        obj["hulldown_part"] = int(part)
-        obj["hulldown_rest"] = rest.ravel().tolist()
+        obj[PART] = int(part)
+        obj[REST] = rest.ravel().tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
@@ -88,7 +89,7 @@ def write_scenery(
 ) -> None:
     """Write everything that is drawn but backdrops, in whose place the HDRI is seen, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
-    scene["hulldown_tidy"] = True
+    scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
     alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)

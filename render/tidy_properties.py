@@ -1,0 +1,5 @@
+"""Custom properties by which a tidy twin says what is what: `reading.tidy` writes them, `scene` reads them."""
+
+PART = "hulldown_part"  # of a vehicle's objects: the index of their part
+REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64, row by row
+TIDY = "hulldown_tidy"  # of a scenery's scene: that it is one
