@@ -113,7 +113,7 @@ class VehicleBoxes:
         xywh in continuous pixels, or None if no surface counts.
         """
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
-        angles = self._parts.angles([articulation or {}])
+        angles = self.shape.angles([articulation or {}])
         camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
         framed, extremes = self._framed(camera_from_parts, [camera.intrinsics])
         if framed[0]:
@@ -146,7 +146,7 @@ class VehicleBoxes:
         for name, given in (("world_from_camera", cameras), ("intrinsics", each), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
-        angles = self._parts.angles(turned)
+        angles = self.shape.angles(turned)
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))

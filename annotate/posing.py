@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from assets.vehicle import VehicleShape
 from geometry.hulls import extreme_points
+from geometry.sums import compose, product
 
 NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
 
@@ -24,6 +25,8 @@ class PosedParts:
 
     Attributes
     ----------
+    shape
+        The vehicle.
     vertices
         (3, v) used vertices at rest, part after part.
     faces
@@ -50,38 +53,7 @@ class PosedParts:
         hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
         self.extreme_slices = _slices(np.repeat(np.arange(parts), [len(hull) for hull in hulls]), parts)
-        self._shape = shape
-
-    def angles(self, articulations: Sequence[Mapping[str, float]]) -> Float[np.ndarray, "n p"]:
-        """Angles of all parts from {part name: radians}; zero where not named.
-
-        Raises
-        ------
-        ValueError
-            If one names a part the vehicle does not have.
-        """
-        column = {name: i for i, name in enumerate(self._shape.part_names) if i}
-        angles = np.zeros((len(articulations), len(self._shape.part_names)))
-        for row, articulation in enumerate(articulations):
-            for name, angle in articulation.items():
-                if name not in column:
-                    raise ValueError(f"articulation: {self._shape.name!r} has no part {name!r}; it has {list(column)}")
-                angles[row, column[name]] = angle
-        return angles
-
-    def vehicle_from_parts(self, angles: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 3 4"]:
-        """`VehicleShape.vehicle_from_parts` for many articulations at once, without the last row."""
-        poses = np.zeros((*angles.shape, 3, 4))
-        poses[:, :, :, :3] = np.eye(3)
-        for i in np.flatnonzero(angles.any(axis=0)):
-            turn = _turn(self._shape.part_axis[i], np.ascontiguousarray(angles[:, i]))
-            pivot = self._shape.part_pivot[i]
-            poses[:, i, :, :3] = turn
-            poses[:, i, :, 3] = pivot - _product(turn, pivot[:, None])[..., 0]
-        for i, parent in enumerate(self._shape.part_parent):
-            if parent >= 0:
-                poses[:, i] = _compose(poses[:, parent], poses[:, i])
-        return poses
+        self.shape = shape
 
     def camera_from_parts(
         self,
@@ -92,13 +64,13 @@ class PosedParts:
         """Where poses and angles take each part at rest, in the camera's frame."""
         camera_axes = np.swapaxes(world_from_camera[:, :3, :3], 1, 2)
         camera_from_vehicle = np.empty((len(world_from_vehicle), 3, 4))
-        camera_from_vehicle[:, :, :3] = _product(camera_axes, world_from_vehicle[:, :3, :3])
+        camera_from_vehicle[:, :, :3] = product(camera_axes, world_from_vehicle[:, :3, :3])
         # The difference first: far from the origin the digits are in it.
         apart = world_from_vehicle[:, :3, 3] - world_from_camera[:, :3, 3]
-        camera_from_vehicle[:, :, 3] = _product(camera_axes, apart[:, :, None])[:, :, 0]
+        camera_from_vehicle[:, :, 3] = product(camera_axes, apart[:, :, None])[:, :, 0]
         if not angles.any():
             return np.broadcast_to(camera_from_vehicle[:, None], (*angles.shape, 3, 4))
-        return _compose(camera_from_vehicle[:, None], self.vehicle_from_parts(angles))
+        return compose(camera_from_vehicle[:, None], self.shape.vehicle_from_turned(angles)[:, :, :3])
 
 
 def move(
@@ -122,27 +94,6 @@ def move(
             out += np.multiply(c, z, out=term)
             out += d
     return moved
-
-
-def _compose(
-    c_from_b: Float[np.ndarray, "*#n 3 4"], b_from_a: Float[np.ndarray, "*#n 3 4"]
-) -> Float[np.ndarray, "*n 3 4"]:
-    composed = _product(c_from_b[..., :3], b_from_a)
-    composed[..., 3] += c_from_b[..., 3]
-    return composed
-
-
-def _product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
-    """Matrix products by sums that are written out: a row's bits do not depend on how many rows there are."""
-    return a[..., :, 0:1] * b[..., 0:1, :] + a[..., :, 1:2] * b[..., 1:2, :] + a[..., :, 2:3] * b[..., 2:3, :]
-
-
-def _turn(axis: Float[np.ndarray, "3"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    """Rodrigues' formula, as `geometry.transforms.rotation_about` has it, without its checks."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    theta = angle[:, None, None]
-    return np.eye(3) + np.sin(theta) * cross + 2.0 * np.sin(theta / 2.0) ** 2 * (cross @ cross)
 
 
 def _slices(part: Int[np.ndarray, " n"], parts: int) -> list[slice]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from geometry.meshes import Mesh
-from geometry.transforms import apply, rigid, rotation_about
+from geometry.sums import compose, product, turn
+from geometry.transforms import apply
+
+Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest
 
 HULL = 0  # the part that stands on the ground and turns about nothing
 
@@ -58,26 +61,52 @@ class VehicleShape:
         low, high = self.mesh.bounds
         return high - low
 
-    def vehicle_from_parts(self, articulation: Mapping[str, float]) -> Float[np.ndarray, "p 4 4"]:
-        """For each part, where `articulation` (part name -> radians) takes its rest position in the vehicle frame.
+    def angles(self, articulations: Sequence[Articulation]) -> Float[np.ndarray, "n p"]:
+        """Angles of all parts in n articulations; zero where not named.
 
         Raises
         ------
         ValueError
-            If `articulation` names a part the vehicle does not have.
+            If one names a part the vehicle does not have.
         """
-        if unknown := set(articulation) - set(self.part_names[1:]):
-            raise ValueError(
-                f"articulation: {self.name!r} has no part {sorted(unknown)}; it has {list(self.part_names[1:])}"
-            )
-        poses = np.tile(np.eye(4), (len(self.part_names), 1, 1))
-        for i in range(1, len(self.part_names)):
-            turn = rotation_about(self.part_axis[i], articulation.get(self.part_names[i], 0.0))
-            about_pivot = rigid(turn, self.part_pivot[i] - turn @ self.part_pivot[i])
-            poses[i] = poses[self.part_parent[i]] @ about_pivot
+        column = {name: i for i, name in enumerate(self.part_names) if i}
+        angles = np.zeros((len(articulations), len(self.part_names)))
+        for row, articulation in enumerate(articulations):
+            for name, angle in articulation.items():
+                if name not in column:
+                    raise ValueError(f"articulation: {self.name!r} has no part {name!r}; it has {list(column)}")
+                angles[row, column[name]] = angle
+        return angles
+
+    def vehicle_from_parts(self, articulation: Articulation | Sequence[Articulation]) -> Float[np.ndarray, "... p 4 4"]:
+        """Where articulation takes each part's rest position: (p, 4, 4), or (n, p, 4, 4) for a sequence of n.
+
+        Raises
+        ------
+        ValueError
+            If it names a part the vehicle does not have.
+        """
+        if isinstance(articulation, Mapping):
+            return self.vehicle_from_turned(self.angles([articulation]))[0]
+        return self.vehicle_from_turned(self.angles(articulation))
+
+    def vehicle_from_turned(self, angles: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 4 4"]:
+        """`vehicle_from_parts` for angles as `angles` gives them; a row's bits depend on nothing but the row."""
+        poses = np.zeros((*angles.shape, 4, 4))
+        poses[:] = np.eye(4)
+        affine = poses[:, :, :3]
+        turned = angles.any(axis=0)
+        for i in np.flatnonzero(turned):
+            pivot = self.part_pivot[i]
+            affine[:, i, :, :3] = turn(self.part_axis[i], np.ascontiguousarray(angles[:, i]))
+            affine[:, i, :, 3] = pivot - product(affine[:, i, :, :3], pivot[:, None])[..., 0]
+        if turned.any():
+            for i, parent in enumerate(self.part_parent):
+                if parent >= 0:
+                    affine[:, i] = compose(affine[:, parent], affine[:, i])
         return poses
 
-    def vertices_at(self, articulation: Mapping[str, float]) -> Float[np.ndarray, "v 3"]:
+    def vertices_at(self, articulation: Articulation) -> Float[np.ndarray, "v 3"]:
         """All vertices in the vehicle frame with the parts turned."""
         vertices = self.mesh.vertices.copy()
         for i, pose in enumerate(self.vehicle_from_parts(articulation)):

@@ -185,11 +185,13 @@ class _Rules:
     def dropped(
         self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Camera, turned: dict
     ) -> np.ndarray | None:
-        poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], self.parts.angles([turned]))
+        angles = self.parts.shape.angles([turned])
+        poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         return _clamped(*move(points, slices, poses)[:, 0], camera)
 
     def clip_all(self, pose: np.ndarray, camera: Camera, turned: dict) -> np.ndarray | None:
-        poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], self.parts.angles([turned]))
+        angles = self.parts.shape.angles([turned])
+        poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         points = move(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
         u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum.of(camera.intrinsics, frame=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None

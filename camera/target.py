@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import HalfspaceIntersection, QhullError
 
-from assets.vehicle import VehicleShape
+from assets.vehicle import Articulation, VehicleShape
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
-from geometry.transforms import apply, invert_rigid, rigid, rotation_about
-
-Articulation = Mapping[str, float]
+from geometry.transforms import apply, invert_rigid
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
 
@@ -61,37 +59,16 @@ class VehicleTarget:
         # At rest one caster for all is quicker than one a part.
         self.at_rest = self.parts if len(self.parts) == 1 else (_part(0, shape.mesh),)
 
-    def vehicle_from_parts(self, articulation: Articulation | Sequence[Articulation]) -> Float[np.ndarray, "... p 4 4"]:
-        """Where articulation takes each part: (p, 4, 4), or (n, p, 4, 4) for a sequence of n of them."""
-        one = isinstance(articulation, Mapping)
-        rows = [articulation] if isinstance(articulation, Mapping) else list(articulation)
-        names = self.shape.part_names
-        if unknown := set().union(*(set(a) for a in rows)) - set(names[1:]):
-            raise ValueError(
-                f"articulation: {self.shape.name!r} has no part {sorted(unknown)}; it has {list(names[1:])}"
-            )
-        angles = np.array([[a.get(name, 0.0) for name in names] for a in rows], dtype=np.float64).reshape(
-            -1, len(names)
-        )
-        poses = np.tile(np.eye(4), (len(rows), len(names), 1, 1))
-        for i in range(1, len(names)):
-            poses[:, i] = poses[:, self.shape.part_parent[i]]
-            if angles[:, i].any():
-                turn = rotation_about(self.shape.part_axis[i], angles[:, i])
-                pivot = self.shape.part_pivot[i]
-                poses[:, i] = poses[:, i] @ rigid(turn, pivot - turn @ pivot)
-        return poses[0] if one else poses
-
     def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
         """Vehicle-frame points with the convex hull of the articulated vehicle; any projected box is theirs."""
-        poses = self.vehicle_from_parts(articulation)
+        poses = self.shape.vehicle_from_parts(articulation)
         return np.concatenate([apply(poses[part.index], part.hull) for part in self.parts])
 
     def placed(
         self, camera_from_vehicle: Float[np.ndarray, "n 4 4"], articulation: Articulation | Sequence[Articulation]
     ) -> list[tuple[Part, Float[np.ndarray, "n 4 4"]]]:
         """The parts to cast against and where each is in n cameras' frames."""
-        poses = self.vehicle_from_parts(articulation)
+        poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
             return [(part, camera_from_vehicle) for part in self.at_rest]
         return [(part, camera_from_vehicle @ poses[..., part.index, :, :]) for part in self.parts]

@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from assets.vehicle import Articulation
 from camera.beams import hidden_in_beams
 from camera.intrinsics import Optics, lenses
 from camera.pencils import Pencils, box_at_unit_depth
-from camera.target import Articulation, Standing, VehicleTarget
+from camera.target import Standing, VehicleTarget
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
 from geometry.transforms import apply, invert_rigid

@@ -140,7 +140,7 @@ class Artist:
     def _vehicle(self, vehicle: Mapping[str, Any]) -> list[Surface]:
         name = vehicle["vehicle"]
         target = self._models[name].target
-        poses = np.array(vehicle["world_from_vehicle"]) @ target.vehicle_from_parts(vehicle["articulation"])
+        poses = np.array(vehicle["world_from_vehicle"]) @ target.shape.vehicle_from_parts(vehicle["articulation"])
         return [
             VehiclePart(part, self._parts[name][part.index], poses[part.index], paint_of(name)) for part in target.parts
         ]

@@ -145,7 +145,7 @@ class Placed:
 
     def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
         """Where each part at rest goes."""
-        vehicle_from_parts = self.model.target.vehicle_from_parts(self.articulation)[:, self.model.corner_part]
+        vehicle_from_parts = self.model.shape.vehicle_from_parts(self.articulation)[:, self.model.corner_part]
         return self.world_from_vehicle[:, None] @ vehicle_from_parts
 
 

@@ -5,14 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from camera.target import VehicleTarget
 from geometry.transforms import apply
 from planning.inputs import Assets
 from planning.planner import plan
 from tests.planning_assets import hills, small_config, vehicle
 
 TANK = vehicle("t72")
-TANK_TARGET = VehicleTarget(TANK)
 ROCK = 1  # of the obstacle meshes; lower than the gun
 EDGE = np.linspace(0.0, 1.0, 9)
 # Points all over a vehicle's three boxes, at most an eighth of a side apart.
@@ -69,7 +67,7 @@ def test_vehicles_keep_their_distance_from_obstacles(clearance):
     ]
     nearest = []
     for row in rows:
-        poses = TANK_TARGET.vehicle_from_parts(row["articulation"])
+        poses = TANK.vehicle_from_parts(row["articulation"])
         world = apply(row["world_from_vehicle"], np.concatenate([apply(poses[k], points[k]) for k in range(3)]))
         away = [np.maximum(np.maximum(low - world, world - high), 0.0) for low, high in boxes]
         nearest.append(min(np.linalg.norm(d, axis=1).min() for d in away))
