@@ -105,6 +105,28 @@ class CocoDataset:
         for image_id, record in self._document.images:
             yield image_id, str(orjson.loads(record).get("file_name"))
 
+    def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
+        """Refuse ids, set aside for an image that is to be appended, which something else has got by hand.
+
+        Raises
+        ------
+        DatasetError
+            Naming the first.
+        """
+        document = self._document
+        if image_id in document.image_ids:
+            what = f"image {image_id} ({next(name for i, name in self.images() if i == image_id)!r})"
+            following = document.next_image_id
+        elif (taken := next((i for i in annotation_ids if i in document.annotation_ids), None)) is not None:
+            what, following = f"annotation {taken}", document.next_annotation_id
+        else:
+            return
+        raise DatasetError(
+            f"{what} has the id that is set aside for {file_name}",
+            path=self.folder / ANNOTATIONS_NAME,
+            remedy=f"give it another id there, from {following} on, or delete it",
+        )
+
     def missing(self) -> int:
         """How many images are set aside for a plan and not there."""
         ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))

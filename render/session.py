@@ -6,8 +6,8 @@ one picture; the next run does it again under the same name and id.
 
 from __future__ import annotations
 
-import hashlib
 import os
+import platform
 import shutil
 import sys
 from collections import Counter
@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import orjson
+from jaxtyping import Int
 from PIL import Image, UnidentifiedImageError
 
 from annotate.coco import CocoDataset
-from annotate.failures import FAILURES_NAME
+from annotate.failures import read_failures, write_failures
 from annotate.planned import labelled
-from annotate.runs import Run
+from annotate.provenance import add_provenance, read_provenance
+from annotate.runs import Run, plan_key
 from geometry.errors import ConfigError, DatasetError
 from planning.plan_file import Plan, is_inside
 from render.annotations import Segmenter, annotation_records, image_record
@@ -64,8 +65,12 @@ class Outline:
     def __init__(self, plan: Plan) -> None:
         self.rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
         _check_names([row[3] for row in self.rows], plan)
-        with plan.path.open("rb") as file:
-            self.key = hashlib.file_digest(file, "sha256").hexdigest()
+        self.key = plan_key(plan.path)
+        self.labels = np.array([row[2] for row in self.rows], dtype=np.int64)
+
+    def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
+        """The id of each image's first label; ids depend on the plan alone, never on what is finished when."""
+        return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
 
 
 class Todo:
@@ -81,16 +86,23 @@ class Todo:
         Only the first so many rows.
     share
         Of these the k-th of n equal parts, in the order in which they are rendered: (k, n).
+
+    Raises
+    ------
+    DatasetError
+        If something else in the dataset has an id that is set aside for one of them.
     """
 
     def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int, *, share: tuple[int, int] = (1, 1)) -> None:
         rows = outline.rows
-        counts = np.array([row[2] for row in rows], dtype=np.int64)
-        self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(counts.sum()))
-        # Ids depend on the plan alone, never on the order in which pictures are finished.
-        self.first_annotation = np.cumsum(counts) - counts + self.run.annotation_offset + 1
+        self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(outline.labels.sum()))
+        self.first_annotation = outline.first_annotations(self.run)
         mine = share_of(sorted(rows[:wanted]), share)
-        self.order = [row[1] for row in mine if not dataset.finished(self.run.file_name(row[3]))]
+        left = [(row, name) for row in mine if not dataset.finished(name := self.run.file_name(row[3]))]
+        for (_, index, labels, _), name in left:
+            first = int(self.first_annotation[index])
+            dataset.check_free(name, self.run.image_offset + index + 1, range(first, first + labels))
+        self.order, self.names = [row[1] for row, _ in left], {name for _, name in left}
         self.wanted, self.already = len(mine), len(mine) - len(self.order)
 
 
@@ -135,6 +147,11 @@ class Session:
         What is rendered, into what.
     progress
         Called after each image and with each message.
+
+    Attributes
+    ----------
+    begun
+        Whether an image has been given its name, or given up.
     """
 
     def __init__(
@@ -147,10 +164,15 @@ class Session:
     ) -> None:
         self.rendered = 0
         self.failed: list[str] = []
+        self.begun = False
         self._plan, self._dataset, self._todo, self._assets = plan, dataset, todo, assets
         self._progress = progress
         self._folder = dataset.folder
         self._unfinished = confined(self._folder, UNFINISHED_NAME).resolve()
+        # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
+        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in todo.names]
+        read_provenance(self._folder)
+        self._recorded: set[str] = set()
         self._settings = {key: plan.header["config"]["render"][key] for key in SETTINGS}
         self._segmenter = Segmenter(
             {name: vehicle.shape for name, vehicle in assets.vehicles.items()},
@@ -166,17 +188,35 @@ class Session:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
+        self._pool = pool
         self.say("")
         try:
             pool.run(self._todo.order, self._message, self._done, self._give_up)
-            self._forget_failures()
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
-    def _forget_failures(self) -> None:
-        """Those of earlier runs, once Blender works: what failed gets its attempts anew."""
-        if not self.failed:
-            (self._folder / FAILURES_NAME).unlink(missing_ok=True)
+    def _begin(self) -> None:
+        """Once Blender works: what failed in an earlier run gets its attempts anew."""
+        if not self.begun:
+            self.begun = True
+            write_failures(self._folder, self._failures)
+
+    def _record(self) -> None:
+        """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
+        devices = self._pool.devices - self._recorded
+        if not devices:
+            return
+        entry = {
+            "file": self._plan.path.name,
+            "first_image_id": self._todo.run.image_offset + 1,
+            "images": len(self._plan),
+            "blender": [self._pool.blender_version],
+            "devices": list(devices),
+            "systems": [platform.platform(terse=True)],
+            "plan": self._plan.header,
+        }
+        add_provenance(self._folder, {self._todo.run.key: entry})
+        self._recorded |= devices
 
     def _output(self, index: int) -> Path:
         return self._unfinished / f"{index}{SUFFIX}"
@@ -200,6 +240,8 @@ class Session:
         run, name = self._todo.run, self._todo.run.file_name(row["file_name"])
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._todo.first_annotation[index])
+        self._begin()
+        self._record()
         try:
             picture.write_bytes(without_notes(picture.read_bytes()))
             publish(picture, self._folder, name)
@@ -213,20 +255,15 @@ class Session:
             {"id": run.image_offset + index + 1, "file_name": name, **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
-        if not self.rendered:
-            self._forget_failures()
         self.rendered += 1
         self.say("")
         return None
 
     def _give_up(self, index: int, reasons: list[str]) -> None:
-        self._forget_failures()
+        self._begin()
         name = self._todo.run.file_name(self._plan[index]["file_name"])
-        line = {"index": index, "file_name": name, "reasons": reasons}
-        with (self._folder / FAILURES_NAME).open("ab") as file:
-            file.write(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE))
-            file.flush()
-            os.fsync(file.fileno())
+        self._failures.append({"index": index, "file_name": name, "reasons": reasons})
+        write_failures(self._folder, self._failures)
         self.failed.append(name)
         self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
 

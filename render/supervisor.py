@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from annotate.coco import CocoDataset
-from geometry.errors import ConfigError, HulldownError
+from geometry.errors import HulldownError
 from planning.plan_file import Plan, read_plan
-from render import provenance
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
 from render.session import LOGS_NAME, Outline, Progress, Session, Todo, confined
@@ -116,6 +115,7 @@ def render_plan(
     had_logs = (folder / LOGS_NAME).exists()
     with CocoDataset.open(folder, categories=_categories(plan)) as dataset, _stop_on_signals() as stopping:
         interrupted = False
+        session: Session | None = None
         pool: Pool | None = None
         try:
             todo = Todo(outline, dataset, wanted, share=share)
@@ -133,14 +133,21 @@ def render_plan(
                 session.render(pool)
         except Stopped:
             interrupted = True
+            if session is not None and not session.begun:
+                _leave_no_trace(dataset, keep_logs=had_logs)
         except HulldownError as error:
-            # Blender has not started, or the plan cannot be rendered: the folder stays as it was.
-            if pool is None or not pool.devices or isinstance(error, ConfigError):
-                raise _without_trace(error, dataset, had_logs=had_logs) from error
+            if session is not None and session.begun:
+                raise
+            # A Blender that does not start says why itself; why attempts fail is in the log.
+            logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
+            started = pool is not None and bool(pool.devices)
+            keep_logs = had_logs or (logged and started)
+            _leave_no_trace(dataset, keep_logs=keep_logs)
+            if logged and not keep_logs:
+                raise type(error)(error.problem, remedy=error.remedy) from error
             raise
+        assert session is not None
         assert pool is not None  # only a pool is ever stopped
-        if pool.devices:
-            provenance.record(folder, plan, todo.run, blender=pool.blender_version, devices=pool.devices)
     return RenderReport(
         images=todo.wanted,
         already=todo.already,
@@ -152,17 +159,11 @@ def render_plan(
     )
 
 
-def _without_trace(error: HulldownError, dataset: CocoDataset, *, had_logs: bool) -> HulldownError:
-    """Undo what opening a dataset has done, unless it has got an image since; the error without a log that goes too."""
-    if dataset.grown:
-        return error
-    logs = dataset.folder / LOGS_NAME
-    if not had_logs and logs.is_dir():
-        shutil.rmtree(logs)
-        if error.path is not None and Path(error.path).is_relative_to(logs):
-            error = type(error)(error.problem, remedy=error.remedy)
+def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
+    """Undo what opening a dataset has done, so that the next run, perhaps of a mended plan, finds what this one has."""
+    if not keep_logs:
+        shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)
     dataset.abandon()
-    return error
 
 
 def _categories(plan: Plan) -> list[str]:

@@ -16,12 +16,14 @@ from pycocotools.coco import COCO
 
 from annotate.coco import CocoDataset
 from annotate.document import read_coco
+from annotate.failures import read_failures
 from annotate.join import join
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import ConfigError, DatasetError, HulldownError
 from geometry.meshes import Mesh
 from render.jobs import RenderAssets, SceneryFile, VehicleFile
+from render.pool import Limits
 from render.supervisor import render_plan
 
 FAKE = Path(__file__).with_name("fake_blender.py")
@@ -42,6 +44,13 @@ CUBE_FACES = np.array(
         (1, 7, 3),
     ]
 )
+
+
+NO_DENOISER = r"""
+printf '@hulldown {"ready": "5.0"}\n'; read line
+printf '@hulldown {"done": "start", "device": "CPU", "devices": 1}\n'; read line
+printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; read line
+"""
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +182,27 @@ def test_provenance_says_what_was_used(tmp_path, blender, assets):
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
 
 
+def test_provenance_is_there_with_the_first_image(tmp_path, blender, assets):
+    """However the run ends: the next may be on another machine."""
+    there = {}
+
+    def look(progress):
+        there[progress.finished] = (tmp_path / "d" / "provenance.json").exists()
+
+    plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
+    render_plan(plan, tmp_path / "d", assets=assets, blender=blender, progress=look)
+    assert there == {0: False, 1: True, 2: True, 3: True}
+
+
+@pytest.mark.parametrize("name", ["provenance.json", "failures.jsonl"])
+def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, assets, name):
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / name).write_text("x\n")
+    with pytest.raises(DatasetError, match=name):
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=assets, blender=blender)
+    assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
+
+
 def test_a_second_run_does_nothing_twice(tmp_path, blender, assets):
     plan = write_plan(tmp_path, [make_row(i) for i in range(6)])
     first = render_plan(plan, tmp_path / "d", assets=assets, blender=blender, limit=4)
@@ -225,6 +255,7 @@ def test_a_share_that_is_none_is_refused(tmp_path, blender, assets, share):
         ("exit 1", "Blender has not started 3 times"),
         ("echo no graphics card of that kind >&2; exit 3", "no graphics card"),
         ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),
+        (NO_DENOISER, "Blender cannot be used: no denoiser; plan without"),
     ],
 )
 @pytest.mark.parametrize("there", ["nothing", "a dataset", "an unclosed dataset"])
@@ -255,6 +286,62 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, bl
     assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
 
 
+def test_a_run_in_which_every_attempt_fails_leaves_its_logs_alone(tmp_path, blender, assets):
+    plan = write_plan(tmp_path, [make_row(i, width=70_000_000_000) for i in range(4)])
+    with pytest.raises(HulldownError, match=r"logs: 4 attempts have failed one after the other"):
+        render_plan(plan, tmp_path / "d", assets=assets, blender=blender, limits=Limits(give_up_after=4))
+    assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
+    mended = write_plan(tmp_path, [make_row(0)])
+    render_plan(mended, tmp_path / "d", assets=assets, blender=blender)
+    (image,) = read_coco(tmp_path / "d")["images"]
+    assert (image["id"], image["file_name"]) == (1, "images/00000001.png")
+
+
+def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, blender, assets):
+    def stop(progress):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    plan = write_plan(tmp_path, [make_row(0)])
+    assert render_plan(plan, tmp_path / "d", assets=assets, blender=blender, progress=stop).interrupted
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_picture_that_cannot_be_recorded_keeps_its_name(tmp_path, blender, assets, monkeypatch):
+    def full(*_):
+        raise DatasetError("the disk is full")
+
+    plan = write_plan(tmp_path, [make_row(i) for i in range(2)])
+    with monkeypatch.context() as patch:
+        patch.setattr(CocoDataset, "append", full)
+        with pytest.raises(DatasetError, match="the disk is full"):
+            render_plan(plan, tmp_path / "d", assets=assets, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=assets, blender=blender)
+    render_plan(plan, tmp_path / "whole", assets=assets, blender=blender)
+    assert contents(tmp_path / "d") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "message"),
+    [
+        ("images", {"id": 4, "file_name": "real/x.jpg", "width": 8, "height": 6}, "image 4 .'real/x.jpg'. has the id"),
+        ("annotations", {"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 1, 2, 2]}, "annotation 4 has the id"),
+    ],
+)
+def test_an_id_of_the_plan_that_something_else_has_is_named(tmp_path, blender, assets, kind, changes, message):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
+    render_plan(plan, tmp_path / "d", assets=assets, blender=blender, limit=2)
+    path = tmp_path / "d" / "annotations.json"
+    coco = json.loads(path.read_text())
+    coco[kind].append(changes)
+    path.write_text(json.dumps(coco))
+    before = path.read_bytes()
+    with pytest.raises(DatasetError, match=rf"{message} that is set aside for images/00000004\.png; .* from 6 on"):
+        render_plan(plan, tmp_path / "d", assets=assets, blender=blender)
+    assert path.read_bytes() == before
+    path.write_text(path.read_text().replace('"id": 4', '"id": 6'))
+    assert render_plan(plan, tmp_path / "d", assets=assets, blender=blender).rendered == 3
+
+
 def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender, assets):
     one = write_plan(tmp_path / "one", [make_row(i) for i in range(3)])
     two = write_plan(tmp_path / "two", [make_row(i, strength=2.0) for i in range(3)])
@@ -282,6 +369,19 @@ def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, blender
     assert [image["id"] for image in read_coco(tmp_path / "d")["images"]] == [1, 2, 4]
     again = render_plan(plan, tmp_path / "d", assets=assets, blender=blender)
     assert (again.already, again.failed) == (3, ("images/00000003.png",))
+
+
+def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, blender, assets):
+    rows = [make_row(i, **({"width": 70_000_000_000} if i == 2 else {})) for i in range(4)]
+    plan, dataset = write_plan(tmp_path, rows), tmp_path / "d"
+    render_plan(plan, dataset, assets=assets, blender=blender, limit=1)
+    other = [f"images/{name}.png" for name in ("00000004", "2-1f0c9a77-00000001")]
+    lines = [{"file_name": name, "reasons": []} for name in (*other, "images/00000002.png")]
+    (dataset / "failures.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    render_plan(plan, dataset, assets=assets, blender=blender, limit=2)
+    assert [line["file_name"] for line in read_failures(dataset)] == other
+    render_plan(plan, dataset, assets=assets, blender=blender, limit=3)
+    assert [line["file_name"] for line in read_failures(dataset)] == [*other, "images/00000003.png"]
 
 
 @pytest.mark.parametrize(
