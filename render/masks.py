@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +14,16 @@ from rich.table import Table
 
 from annotate.document import read_coco
 from annotate.masks import mask_box
-from annotate.planned import labelled
+from annotate.planned import labelled, not_annotated
 from annotate.records import Finding
+from annotate.runs import find_run
 from annotate.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
 from render.annotations import targets
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.pool import Pool
+from render.session import Outline
 
 ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
 SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges
@@ -102,53 +103,45 @@ def verify_masks(
     """
     plan = read_plan(plan_path)
     coco = read_coco(dataset)
-    with plan.path.open("rb") as file:
-        key = hashlib.file_digest(file, "sha256").hexdigest()
-    runs = coco.get("info", {}).get("hulldown_runs", [])
-    run = next((run for run in runs if run["key"] == key), None)
+    outline = Outline(plan)
+    run = find_run(coco, outline.key)
     if run is None:
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
     names = {image["id"]: image["file_name"] for image in coco["images"]}
-    finished = [i for i in range(len(plan)) if run["image_offset"] + i + 1 in names]
+    finished = [i for i in range(len(plan)) if run.image_offset + i + 1 in names]
     chosen = sorted(
         {finished[i] for i in np.linspace(0, len(finished) - 1, min(count, len(finished))).round().astype(int)}
     )
-    of_image: dict[int, list[dict[str, Any]]] = {}
-    for annotation in coco["annotations"]:
-        of_image.setdefault(annotation["image_id"], []).append(annotation)
+    labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
+    first = outline.first_annotations(run)
     masks = cycles_masks(plan, chosen, assets or render_assets(plan), progress=progress)
     rows: list[MaskRow] = []
     findings: list[Finding] = []
     for found in masks:
-        image_id = run["image_offset"] + found.index + 1
-        for row, finding in _compared(plan[found.index], found, names[image_id], of_image.get(image_id, [])):
-            rows.append(row)
-            findings += [finding] if finding else []
+        image_id = run.image_offset + found.index + 1
+        row, first_id = plan[found.index], int(first[found.index])
+        at = {id(target): i for i, target in enumerate(targets(row))}
+        for label_id, target in enumerate(labelled(row), start=first_id):
+            label, i = labels.get(label_id), at[id(target)]
+            if label is None or label.get("image_id") != image_id:
+                findings.append(not_annotated(names[image_id], target))
+                continue
+            measured = _measured(names[image_id], target["vehicle"], label, found.alone[i], found.visible[i])
+            rows.append(measured)
+            findings += [finding] if (finding := _judged(measured, float(label["area"]))) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
-def _compared(
-    row: Mapping[str, Any], found: RowMasks, name: str, annotations: Sequence[Mapping[str, Any]]
-) -> list[tuple[MaskRow, Finding | None]]:
-    at = {id(target): i for i, target in enumerate(targets(row))}
-    wanted = labelled(row)
-    if len(annotations) != len(wanted):
-        problem = f"has {len(annotations)} annotations, {len(wanted)} were planned"
-        return [(MaskRow(name, "", 0, np.inf, np.inf, 0.0), Finding("error", name, problem))]
-    compared = []
-    for target, annotation in zip(wanted, sorted(annotations, key=lambda a: a["id"]), strict=True):
-        alone, visible = found.alone[at[id(target)]], found.visible[at[id(target)]]
-        result = compare(annotation["bbox"], alone, segmentation=annotation["segmentation"], visible=visible)
-        measured = MaskRow(
-            name,
-            target["vehicle"],
-            int(visible.sum()),
-            result.box_error,
-            _outside(annotation["bbox"], alone),
-            result.mask_iou,
-        )
-        compared.append((measured, _judged(measured, float(annotation["area"]))))
-    return compared
+def _measured(
+    name: str,
+    vehicle: str,
+    label: Mapping[str, Any],
+    alone: Bool[np.ndarray, "h w"],
+    visible: Bool[np.ndarray, "h w"],
+) -> MaskRow:
+    result = compare(label["bbox"], alone, segmentation=label["segmentation"], visible=visible)
+    outside = _outside(label["bbox"], alone)
+    return MaskRow(name, vehicle, int(visible.sum()), result.box_error, outside, result.mask_iou)
 
 
 def _outside(bbox: Sequence[float], alone: Bool[np.ndarray, "h w"]) -> float:
