@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, TypeGuard
 
 import orjson
@@ -195,10 +195,25 @@ def read_document(folder: Path) -> Document:
 
 
 def stays_inside(file_name: object) -> TypeGuard[str]:
-    """Whether an image's ``file_name`` is a path, and one that does not leave the dataset's folder."""
+    """Whether a ``file_name`` is a path that does not leave its folder, read the Unix way and the Windows way."""
     if not isinstance(file_name, str) or not file_name or "\0" in file_name:
         return False
-    return not file_name.startswith("/") and ".." not in PurePosixPath(file_name).parts
+    unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)
+    return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)
+
+
+def check_is_dataset(folder: Path) -> None:
+    """Refuse a folder that has nothing of a dataset.
+
+    Raises
+    ------
+    DatasetError
+        If neither file is there.
+    """
+    if not (folder / ANNOTATIONS_NAME).exists() and not (folder / JOURNAL_NAME).exists():
+        raise DatasetError(
+            f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name the folder of a dataset"
+        )
 
 
 def read_coco(folder: Path | str) -> dict[str, Any]:
@@ -210,10 +225,7 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
         If there is none, or it is damaged.
     """
     folder = Path(folder)
-    if not (folder / ANNOTATIONS_NAME).exists() and not (folder / JOURNAL_NAME).exists():
-        raise DatasetError(
-            f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name the folder of a dataset"
-        )
+    check_is_dataset(folder)
     return read_document(folder).to_dict()
 
 

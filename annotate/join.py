@@ -17,7 +17,7 @@ import orjson
 from annotate.coco import CocoDataset
 from annotate.failures import read_failures, write_failures
 from annotate.part import Part, loaded, read_part
-from annotate.placing import check_confined, place
+from annotate.placing import confined, place
 from annotate.provenance import add_provenance, read_provenance
 from annotate.runs import Run
 from geometry.errors import DatasetError
@@ -93,7 +93,8 @@ def join(
         # Of an image that two parts have, the first is taken.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
-        check_confined(folder, (move.name for move in left))
+        for parent in sorted({str(PurePosixPath(move.name).parent) for move in left}):
+            confined(folder, parent)
         _refuse_other_images(moves, target)
         _check(left, target)
         failures = _failures(read, target)

@@ -8,7 +8,7 @@ from typing import Any
 
 import orjson
 
-from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from annotate.document import Document, check_is_dataset, read_document
 from annotate.failures import read_failures
 from annotate.provenance import read_provenance
 from annotate.records import check_usable
@@ -46,8 +46,7 @@ def read_part(folder: Path, target: Path) -> Part:
     DatasetError
         If there is none, it is the dataset itself, a picture is missing, or a record could not be carried over.
     """
-    if not (folder / ANNOTATIONS_NAME).exists() and not (folder / JOURNAL_NAME).exists():
-        raise DatasetError(f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name a dataset")
+    check_is_dataset(folder)
     if target.exists() and folder.samefile(target):
         raise DatasetError("is a part of itself", path=folder, remedy="name the other parts only")
     document = read_document(folder)

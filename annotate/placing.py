@@ -2,68 +2,106 @@
 
 from __future__ import annotations
 
-import contextlib
+import errno
 import os
 import shutil
-from collections.abc import Iterable
 from pathlib import Path
 
+from annotate.document import stays_inside
 from annotate.journal import sync_folder
 from geometry.errors import DatasetError
 
 PLACING_SUFFIX = ".joining"  # of a picture that is about to get its name
 
 
-def check_confined(folder: Path, names: Iterable[str]) -> None:
-    """Refuse file names that a symbolic link would lead out of the dataset.
+def confined(folder: Path, name: str) -> Path:
+    """`folder / name`, if that is in the folder.
 
     Raises
     ------
     DatasetError
-        Naming the first.
+        If the name leads out of the folder, also by way of a symbolic link.
     """
-    for parent in sorted({(folder / name).parent for name in names}):
-        if not parent.resolve().is_relative_to(folder.resolve()):
-            raise DatasetError("leads out of the dataset", path=parent, remedy="replace the link by a folder")
+    path = folder / name
+    real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
+    if not stays_inside(name) or not real.is_relative_to(folder.resolve()):
+        raise DatasetError(
+            f"{name!r} leads out of the dataset, to {real}",
+            path=folder,
+            remedy="replace the link by a folder, or move the whole dataset there",
+        )
+    return path
 
 
-def place(picture: Path, folder: Path, name: str) -> None:
-    """Give a picture that lies elsewhere a name in a dataset too: as a hard link, or as a copy where there are none.
+def publish(picture: Path, folder: Path, name: str) -> None:
+    """Give a finished picture its name in the dataset, in one step and never outside the folder.
 
     Parameters
     ----------
     picture
-        The picture; it stays where it is.
+        On the same disk; it is moved.
     folder, name
-        The dataset, and the name in it, which `check_confined` has passed; what has that name is replaced.
+        The dataset, and the name in it; what has that name is replaced.
 
     Raises
     ------
     DatasetError
-        If it cannot be written.
+        If the name leads out of the folder, or cannot be given.
     """
-    final = folder / name
+    final = confined(folder, name)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
-        if final.exists() and final.samefile(picture):
-            return
-        temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
-        temporary.unlink(missing_ok=True)
-        _link_or_copy(picture.resolve(), temporary)
-        os.replace(temporary, final)
+        with picture.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(picture, final)
         sync_folder(final.parent)
     except OSError as error:
-        raise DatasetError(
-            f"{name} cannot be written ({error.strerror})",
-            path=folder,
-            remedy="make room and join again, which goes on from here",
-        ) from error
+        raise unwritten(folder, name, error) from error
 
 
-def _link_or_copy(source: Path, target: Path) -> None:
-    with contextlib.suppress(OSError):  # another disk, or one that has no links
+def place(picture: Path, folder: Path, name: str) -> None:
+    """Give a picture that lies elsewhere a name in the dataset too, as `publish` does; it stays where it is.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder, or cannot be given.
+    """
+    final = confined(folder, name)
+    temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
+    try:
+        if final.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if final.exists() and final.samefile(picture):
+            return
+        final.parent.mkdir(parents=True, exist_ok=True)
+        temporary.unlink(missing_ok=True)
+        link_or_copy(picture.resolve(), temporary)
+    except OSError as error:
+        raise unwritten(folder, name, error) from error
+    publish(temporary, folder, name)
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """A file under another name, that nothing has yet: as a hard link, or as a copy where there are none.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, something has the name, or it cannot be written.
+    """
+    try:
         os.link(source, target)
-        return
-    shutil.copyfile(source, target)
-    with target.open("rb") as file:
-        os.fsync(file.fileno())
+    except (FileNotFoundError, FileExistsError):
+        raise  # copied over, a target that is a link already would take what it links to with it
+    except OSError:  # another disk, or one that has no links
+        shutil.copyfile(source, target)
+
+
+def unwritten(folder: Path, name: str, error: OSError) -> DatasetError:
+    """What to tell the user when a picture cannot be written."""
+    return DatasetError(
+        f"{name} cannot be written ({error.strerror})",
+        path=folder,
+        remedy="make room and run the same command again, which goes on from here",
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from typing import Any
 
 import orjson
 
+from annotate.placing import link_or_copy
 from annotate.records import read_usable
 from annotate.yolo import class_numbers, label_lines, write_data_file
 from geometry.errors import DatasetError
@@ -141,7 +141,12 @@ def export(
         for done, image in enumerate(coco["images"], start=1):
             pictures, texts = _folders(unfinished, layout, split_of[image["id"]])
             name = names[image["id"]]
-            _link(dataset / image["file_name"], pictures / name)
+            source = dataset / image["file_name"]
+            try:
+                link_or_copy(source, pictures / name)
+            except OSError as error:
+                problem = f"cannot be exported ({error.strerror})"
+                raise DatasetError(problem, path=source, remedy="check it with `hulldown verify`") from error
             if layout == "yolo":
                 lines = label_lines(boxes[image["id"]], numbers, image["width"], image["height"])
                 (texts / f"{PurePosixPath(name).stem}.txt").write_text("".join(f"{line}\n" for line in lines))
@@ -212,20 +217,6 @@ def _flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
         taken.add(PurePosixPath(name).stem.casefold())
         names[image["id"]] = name
     return names
-
-
-def _link(source: Path, target: Path) -> None:
-    try:
-        try:
-            os.link(source, target)
-        except (FileNotFoundError, FileExistsError):
-            raise  # copied over, a target that is a link already would take the image it links to with it
-        except OSError:
-            shutil.copyfile(source, target)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot be exported ({error.strerror})", path=source, remedy="check it with `hulldown verify`"
-        ) from error
 
 
 def _count(images: Iterable[Sequence[Mapping[str, Any]]]) -> dict[int, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
@@ -17,6 +17,7 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
+from annotate.document import stays_inside
 from geometry.errors import ConfigError
 from planning.row_types import misfit
 
@@ -132,7 +133,7 @@ class Plan:
         if row["image_id"] != index + 1:
             raise self._damaged(number, f"has image_id {row['image_id']}, expected {index + 1}")
         self._check_categories(row, number)
-        if not is_inside(row["file_name"]):
+        if not stays_inside(row["file_name"]):
             raise self._damaged(number, f"has file_name {row['file_name']!r}, which leaves the dataset's folder")
         return row
 
@@ -195,14 +196,6 @@ def read_plan(path: str | Path) -> Plan:
 def encode(record: Mapping[str, Any]) -> bytes:
     """One line: a header or a row; floats with the fewest digits that read back exactly."""
     return orjson.dumps(record, option=orjson.OPT_APPEND_NEWLINE)
-
-
-def is_inside(file_name: object) -> bool:
-    """Whether a relative path stays in its folder, read the Unix way and the Windows way."""
-    if not isinstance(file_name, str) or not file_name or "\0" in file_name:
-        return False
-    unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)
-    return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)
 
 
 class PlanWriter:

@@ -6,10 +6,8 @@ one picture; the next run does it again under the same name and id.
 
 from __future__ import annotations
 
-import os
 import platform
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,11 +20,12 @@ from PIL import Image, UnidentifiedImageError
 
 from annotate.coco import CocoDataset
 from annotate.failures import read_failures, write_failures
+from annotate.placing import confined, publish, unwritten
 from annotate.planned import labelled
 from annotate.provenance import add_provenance, read_provenance
 from annotate.runs import Run, plan_key
-from geometry.errors import ConfigError, DatasetError
-from planning.plan_file import Plan, is_inside
+from geometry.errors import ConfigError
+from planning.plan_file import Plan
 from render.annotations import Segmenter, annotation_records, image_record
 from render.jobs import RenderAssets, job
 from render.png import without_notes
@@ -244,13 +243,9 @@ class Session:
         self._record()
         try:
             picture.write_bytes(without_notes(picture.read_bytes()))
-            publish(picture, self._folder, name)
         except OSError as error:
-            raise DatasetError(
-                f"{name} cannot be written ({error.strerror})",
-                path=self._folder,
-                remedy="make room and run again, which goes on from here",
-            ) from error
+            raise unwritten(self._folder, name, error) from error
+        publish(picture, self._folder, name)
         self._dataset.append(
             {"id": run.image_offset + index + 1, "file_name": name, **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
@@ -278,43 +273,3 @@ def _damage(picture: Path, width: int, height: int) -> str | None:
     except (OSError, SyntaxError, UnidentifiedImageError) as error:
         return f"Blender wrote a picture that cannot be read ({error})"
     return None
-
-
-def confined(folder: Path, name: str) -> Path:
-    """`folder / name`, if that is in the folder.
-
-    Raises
-    ------
-    DatasetError
-        If the name leads out of the folder, also by way of a symbolic link.
-    """
-    path = folder / name
-    real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
-    if not is_inside(name) or not real.is_relative_to(folder.resolve()):
-        raise DatasetError(
-            f"{name!r} leads out of the dataset, to {real}",
-            path=folder,
-            remedy="replace the link by a folder, or move the whole dataset there",
-        )
-    return path
-
-
-def publish(picture: Path, folder: Path, name: str) -> None:
-    """Give a finished picture its name in the dataset, in one step and never outside the folder.
-
-    Raises
-    ------
-    DatasetError
-        If the name leads out of the folder.
-    """
-    final = confined(folder, name)
-    final.parent.mkdir(parents=True, exist_ok=True)
-    with picture.open("rb") as file:
-        os.fsync(file.fileno())
-    os.replace(picture, final)
-    if sys.platform != "win32":
-        handle = os.open(final.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from annotate.coco import CocoDataset
+from annotate.placing import confined
 from geometry.errors import HulldownError
 from planning.plan_file import Plan, read_plan
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
-from render.session import LOGS_NAME, Outline, Progress, Session, Todo, confined
+from render.session import LOGS_NAME, Outline, Progress, Session, Todo
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,9 @@ import os
 
 import pytest
 
+from annotate.document import stays_inside
 from geometry.errors import ConfigError
-from planning.plan_file import ROW_KEYS, PlanWriter, encode, is_inside, read_plan
+from planning.plan_file import ROW_KEYS, PlanWriter, encode, read_plan
 
 HEADER = {
     "hulldown_plan": 1,
@@ -221,9 +222,9 @@ def test_two_processes_do_not_write_one_plan(tmp_path):
 
 @pytest.mark.parametrize("name", ["images/1.png", "a.png", "a/b..c/d.png"])
 def test_names_inside(name):
-    assert is_inside(name)
+    assert stays_inside(name)
 
 
 @pytest.mark.parametrize("name", ["", "/a", "../a", "a/../../b", "C:\\a", "\\a", "a\\..\\b", "C:a", None, 3, "a\0b"])
 def test_names_that_leave_the_folder(name):
-    assert not is_inside(name)
+    assert not stays_inside(name)
