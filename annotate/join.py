@@ -152,7 +152,7 @@ def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
 
 def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
     """An image of a plan is known by its id, any other by its name: another image in its place would be lost."""
-    names, ids = {move.name for move in moves}, {move.image_id for move in moves}
+    names, ids = {move.name for move in moves}, {move.image_id for move in moves} - {None}
     by_name: dict[str, tuple[int | None, Path]] = {}
     by_id: dict[int, tuple[str, Path]] = {}
     for image_id, name in target.images():
@@ -174,7 +174,7 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
         its_id, other = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
         planned = its_id is not None and its_id == move.image_id
         if not planned and other.exists() and not _same(other, picture):
-            which = "one of them" if its_id is None and move.image_id is None else "the one of no plan"
+            which = "one of them" if move.image_id is None and its_id not in ids else "the one of no plan"
             raise DatasetError(f"is another picture than {other}", path=picture, remedy=f"give {which} another name")
 
 

@@ -202,7 +202,7 @@ def test_another_picture_of_the_same_name_is_refused(tmp_path):
         join([one, two], tmp_path / "joined")
     assert not (tmp_path / "joined").exists()
     before = contents(one)
-    with pytest.raises(DatasetError, match="is another picture"):
+    with pytest.raises(DatasetError, match=r"is another picture than .*; give one of them another name"):
         join([two], one)
     assert contents(one) == before
     assert not (one / "journal.jsonl").exists()
