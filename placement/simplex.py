@@ -19,6 +19,7 @@ STARTS = 13  # so many samples make some eighty triangles to start from: more co
 # Heights and shares are rounded to so many steps: their products, and the sums of these, stay below 2^24, where float32
 # holds every whole number.
 STEPS = 1 << 11
+FLAT = 1e-300  # metres of relief: with less, the steps could not be counted in float64, and need not be
 # The table's shares are those of a point so many times as far out as the centre (which lies next to the origin), but on
 # the same side of all lines through two samples of a small grid: next to a sample all triangles with this corner tie.
 AHEAD = 2e4
@@ -60,7 +61,7 @@ def highest_triangles(
     low = heights.min(axis=1) if complete else np.where(missing, np.inf, heights).min(axis=1)
     span = high - low
     with np.errstate(invalid="ignore"):
-        step = (heights[:, few] - low[:, None]) * (STEPS / np.where(span > 0, span, np.inf))[:, None]
+        step = (heights[:, few] - low[:, None]) * (STEPS / np.where(span > FLAT, span, np.inf))[:, None]
     if not complete:
         step[missing[:, few]] = -2 * STEPS
     basis = triangles[_highest(np.rint(step), shares)]

@@ -140,3 +140,8 @@ def test_few_samples_and_no_rows_are_legal():
     assert support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).found.shape == (0,)
     line = np.array([[-1.0, 0.0], [1.0, 0.0]])
     assert not support_plane(line, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
+
+
+def test_relief_too_small_to_divide_by_is_flat():
+    plane = support_plane(GRID, 1e-308 * GRID[:, 0][None], np.ones((1, 25), dtype=bool))
+    np.testing.assert_allclose(plane.gradient, [[0.0, 0.0]], atol=1e-300)
