@@ -8,7 +8,6 @@ somebody deletes there stays deleted.
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -20,7 +19,8 @@ import numpy as np
 import orjson
 from filelock import FileLock, Timeout
 
-from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document, stays_inside
+from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from annotate.entries import check_annotation, check_image, free_id, plain_json
 from annotate.journal import MERGED, Journal
 from annotate.runs import Run
 from geometry.errors import DatasetError
@@ -214,20 +214,20 @@ class CocoDataset:
     def _line(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What the journal is to say of an image."""
         document = self._document
-        record = _plain(image, "image")
-        _check_image(record)
+        record = plain_json(image, "image")
+        check_image(record)
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
-        image_id = _free_id(record, "image", document.next_image_id, document.image_ids)
+        image_id = free_id(record, "image", document.next_image_id, document.image_ids)
         categories: list[dict[str, Any]] = []
         records: list[dict[str, Any]] = []
         used: set[int] = set()
         next_id = document.next_annotation_id
         for i, annotation in enumerate(annotations):
             name = f"annotations[{i}]"
-            plain = _plain(annotation, name)
-            _check_annotation(plain, name)
-            annotation_id = _free_id(plain, name, next_id, document.annotation_ids, used)
+            plain = plain_json(annotation, name)
+            check_annotation(plain, name)
+            annotation_id = free_id(plain, name, next_id, document.annotation_ids, used)
             used.add(annotation_id)
             next_id = max(next_id, annotation_id + 1)
             category_id = self._category_id(
@@ -303,54 +303,6 @@ class CocoDataset:
         highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
         new.append({**category, "id": max(highest, 0) + 1})
         return int(new[-1]["id"])
-
-
-def _plain(value: Any, name: str) -> Any:
-    """`value` with mappings, sequences and arrays as plain JSON values; NaN and infinities are refused."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item, f"{name}: {key}") for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item, name) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{name}: expected finite numbers, got {value}")
-    if isinstance(value, bytes):
-        return value.decode("ascii")
-    return value
-
-
-def _check_image(record: Mapping[str, Any]) -> None:
-    name = record.get("file_name")
-    if not stays_inside(name):
-        raise ValueError(f"image: file_name: expected a path inside the dataset, got {name!r}")
-    for key in ("width", "height"):
-        size = record.get(key)
-        if not isinstance(size, int) or size < 1:
-            raise ValueError(f"image: {key}: expected a whole number of pixels, got {size!r}")
-
-
-def _check_annotation(record: Mapping[str, Any], name: str) -> None:
-    category = record.get("category")
-    if not isinstance(category, str) or not category:
-        raise ValueError(f"{name}: category: expected a name, got {category!r}")
-    box = record.get("bbox")
-    if (
-        not isinstance(box, list)
-        or len(box) != 4
-        or not all(isinstance(number, int | float) for number in box)
-        or min(box[2:]) < 0
-    ):
-        raise ValueError(f"{name}: bbox: expected [x, y, width, height] in pixels, got {box!r}")
-
-
-def _free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:
-    wanted = record.get("id")
-    if wanted is None:
-        return following
-    if not isinstance(wanted, int) or wanted < 1 or any(wanted in ids for ids in used):
-        raise ValueError(f"{name}: id: expected a whole number above 0 that is not in use, got {wanted!r}")
-    return wanted
 
 
 def _has_files(folder: Path) -> bool:
