@@ -173,6 +173,9 @@ def _fill(folder: Path, n: int) -> None:
             file.write(orjson.dumps({"image": {"id": i + 1, **_image(i)}, "annotations": boxed}) + b"\n")
             if i % MERGED_AFTER == MERGED_AFTER - 1 or i == n - 1:
                 file.write(b'{"merged":true}\n')
+        # Else the first append would wait for all of this to reach the disk.
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _image(i: int) -> dict:
