@@ -243,7 +243,12 @@ def plots(results: dict, folder: Path) -> list[Path]:
             axes.axvline(i + 1, color="0.85", zorder=0)
     axes.axhspan(held[19], 1.05 * held[19], xmin=0, color="tab:green", alpha=0.12, label="5 % above image 20")
     axes.legend(loc="lower right")
-    axes.set(xlabel="image (grey: another vehicle)", ylabel="MB held by the worker", ylim=(0, None), xlim=(1, None))
+    axes.set(
+        xlabel="image (grey: another vehicle)",
+        ylabel="MB held by the worker",
+        ylim=(0, 1.15 * max(held)),
+        xlim=(1, None),
+    )
     memory_path = folder / "rendering_memory.png"
     figure.savefig(memory_path, dpi=120)
     return [rendering_error.plot(results["error"], folder / "rendering_error.png"), memory_path]

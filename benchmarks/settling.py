@@ -21,6 +21,7 @@ from placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = ("averaged", "least_squares", "support")
+DEFAULT = ("support", 5)
 TRUTH_CELL = 0.1  # metres between the samples of the reference
 UNSURE = 0.2  # metres: a centre of gravity nearer to the edge of its contact triangle may tip either way
 
@@ -318,6 +319,8 @@ def plots(results: dict[str, Any], folder: Path) -> list[Path]:
             panel.loglog(
                 [r["rays"] for r in mine], [r["angle_median_deg"] for r in mine], "o-", label=rule.replace("_", " ")
             )
+        default = next(r for r in rows if (r["rule"], r["n"]) == DEFAULT)
+        panel.plot(default["rays"], default["angle_median_deg"], "*", ms=14, color="black", label="default", zorder=3)
         panel.set_title(name, fontsize=10)
         panel.set_xlabel("rays a candidate")
         panel.grid(True, which="both", alpha=0.3)

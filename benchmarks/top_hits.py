@@ -15,6 +15,7 @@ from geometry.meshes import Mesh
 
 DEFAULT = "hulldown certified"
 RAW = "raw embreex"
+TWO = ", 2 threads"
 OPEN3D = "Open3D"
 BLENDER = "Blender scene.ray_cast"
 # Slow peers get one in so many of the rays: their rate is the same for fewer.
@@ -41,7 +42,7 @@ def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
     mesh = peers.hills(faces)
     xy = peers.points(mesh, rays)
     raw = peers.raw_embreex(mesh)
-    queries: dict[str, Callable] = {RAW: raw, f"{RAW}, 2 threads": peers.by_two_threads(raw), **peers.ours(mesh)}
+    queries: dict[str, Callable] = {RAW: raw, f"{RAW}{TWO}": peers.by_two_threads(raw), **peers.ours(mesh)}
     for peer in (peers.trimesh_peer, peers.open3d_peer, peers.blender_peer):
         try:
             queries |= peer(mesh)
@@ -123,7 +124,7 @@ def _rate(figures: dict[str, float] | None) -> str:
 
 
 def _gain(speed: dict[str, dict[str, float]], name: str) -> str:
-    both = speed.get(f"{name}, 2 threads")
+    both = speed.get(f"{name}{TWO}")
     return f"{both['ratio'] / speed[name]['ratio']:.2f} ×" if both else ""
 
 
@@ -183,9 +184,14 @@ def plots(results: dict, folder: Path) -> list[Path]:
     left.grid(alpha=0.3)
     left.legend(fontsize=7, loc="center right")
     sizes = [int(n) for n in results["speed"]]
+    ways = [name.removesuffix(TWO) for name in speed if not name.endswith(TWO)]
     for name in speed:
         rates = [results["speed"][str(n)][name]["rays_per_s"] for n in sizes]
-        right.plot(sizes, rates, marker="*" if name == DEFAULT else ".", lw=2.5 if name == DEFAULT else 1, label=name)
+        marker, width = ("*", 2.5) if name == DEFAULT else (".", 1)
+        line = "--" if name.endswith(TWO) else "-"
+        right.plot(
+            sizes, rates, line, marker=marker, lw=width, color=f"C{ways.index(name.removesuffix(TWO))}", label=name
+        )
     right.set(xscale="log", yscale="log", xlabel="triangles", ylabel="points a second", title="Speed by size")
     right.grid(alpha=0.3)
     right.set_ylim(top=right.get_ylim()[1] * 6)
