@@ -20,7 +20,7 @@ import orjson
 from filelock import FileLock, Timeout
 
 from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from annotate.entries import check_annotation, check_image, free_id, plain_json
+from annotate.entries import check_annotation, check_image, free_id, new_category, plain_json
 from annotate.journal import MERGED, Journal
 from annotate.runs import Run
 from geometry.errors import DatasetError
@@ -81,7 +81,7 @@ class CocoDataset:
         try:
             document = read_document(folder)
             dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document, made)
-            dataset.add_categories({"id": 0, "name": name, "supercategory": "vehicle"} for name in categories)
+            dataset.add_categories(map(new_category, categories))
         except BaseException:
             lock.release()
             raise
@@ -230,9 +230,7 @@ class CocoDataset:
             annotation_id = free_id(plain, name, next_id, document.annotation_ids, used)
             used.add(annotation_id)
             next_id = max(next_id, annotation_id + 1)
-            category_id = self._category_id(
-                {"id": 0, "name": plain.pop("category"), "supercategory": "vehicle"}, categories
-            )
+            category_id = self._category_id(new_category(plain.pop("category")), categories)
             box = plain["bbox"]
             defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
             ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}

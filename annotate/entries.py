@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -43,13 +43,22 @@ def check_annotation(record: Mapping[str, Any], name: str) -> None:
     if not isinstance(category, str) or not category:
         raise ValueError(f"{name}: category: expected a name, got {category!r}")
     box = record.get("bbox")
-    if (
-        not isinstance(box, list)
-        or len(box) != 4
-        or not all(isinstance(number, int | float) for number in box)
-        or min(box[2:]) < 0
-    ):
+    if not is_box(box) or min(box[2:]) < 0:
         raise ValueError(f"{name}: bbox: expected [x, y, width, height] in pixels, got {box!r}")
+
+
+def is_box(value: Any) -> TypeGuard[list[float]]:
+    """Whether this is [x, y, width, height], finite; width and height may be below 0."""
+    return (
+        isinstance(value, list)
+        and len(value) == 4
+        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+    )
+
+
+def new_category(name: str) -> dict[str, Any]:
+    """The record of a class that a dataset does not have yet; the id is given when it gets there."""
+    return {"id": 0, "name": name, "supercategory": "vehicle"}
 
 
 def free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:

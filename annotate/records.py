@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from annotate.document import read_coco, stays_inside
+from annotate.entries import is_box
 from annotate.masks import decode, mask_box
 from geometry.errors import DatasetError
 
@@ -90,7 +90,7 @@ def _hindrances(
             yield where, f"image {annotation.get('image_id')!r} does not exist"
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             yield where, f"category {annotation.get('category_id')!r} does not exist"
-        if not _is_box(annotation.get("bbox")):
+        if not is_box(annotation.get("bbox")):
             yield where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]"
 
 
@@ -170,16 +170,8 @@ def _size_problems(image: Mapping[str, Any]) -> Iterator[str]:
             yield f"{key} is {image.get(key)!r}"
 
 
-def _is_box(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 4
-        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
-    )
-
-
 def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
-    if not _is_box(bbox):
+    if not is_box(bbox):
         yield f"bbox {bbox!r} is not [x, y, width, height]"
         return
     x, y, w, h = bbox
@@ -217,7 +209,7 @@ def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
         if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
             yield f"{key} is {share!r}, expected a number from 0 to 1"
     amodal = annotation.get("bbox_amodal")
-    if amodal is not None and not _is_box(amodal):
+    if amodal is not None and not is_box(amodal):
         yield f"bbox_amodal {amodal!r} is not [x, y, width, height]"
     elif amodal is not None:
         x, y, w, h = annotation["bbox"]
