@@ -25,7 +25,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
         length, width, height = _extent(pieces)
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
-    kept = [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
+    kept = _vehicle(pieces)
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 
@@ -45,7 +45,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
     if kind == "vehicle":
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return ""
-        kept = [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
+        kept = _vehicle(pieces)
         if any(says(p.name, VEHICLE) for p in kept):
             return ""  # a tank in centimetres has tracks, which are called like ground: `doubts` names the scale
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
@@ -57,8 +57,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
     if options.scale or options.include or options.exclude or likely_kind(pieces, options) == "scenery":
         return ""
     telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
-    kept = [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
-    longest = max(_extent(kept or pieces))
+    longest = max(_extent(_vehicle(pieces) or pieces))
     if longest > BIGGEST_VEHICLE:
         return ""
     if telling:
@@ -74,6 +73,10 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
 def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
     roles = scenery_roles(pieces, include=options.include, exclude=options.exclude)
     return [p for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+
+
+def _vehicle(pieces: Sequence[Piece]) -> list[Piece]:
+    return [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
 
 
 def _extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
