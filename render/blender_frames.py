@@ -5,7 +5,6 @@ Imports numpy only, because it also runs inside an installed Blender.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,8 +29,3 @@ def pose(obj: Any, world_from_object: Any) -> None:
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(f"world_from_object: expected a finite (4, 4) matrix, got {matrix.tolist()}")
     obj.matrix_parent_inverse = matrix.T.tolist()  # Blender stores columns and takes nested lists as stored
-
-
-def matrix_of(blender_matrix: Sequence[Sequence[float]]) -> np.ndarray:
-    """A Blender matrix as (4, 4) float64."""
-    return np.array([list(row) for row in blender_matrix], dtype=np.float64)
