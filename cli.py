@@ -99,21 +99,28 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from render.reading.inspect import inspect_file
+    from render.reading.inspect import Inspected, inspect, write_pictures
 
-    if arguments.output and len(arguments.files) > 1:
-        raise HulldownError(f"-o {arguments.output}: one picture, {len(arguments.files)} files", remedy="name one file")
     if arguments.output:
         _make_room(arguments.output)
-    reports = []
+    inspected: list[Inspected] = []
     for path in arguments.files:
-        with STDERR.status(f"reading {escape(str(path))}"):
-            report = inspect_file(path, kind=arguments.kind, strict=arguments.strict, picture=arguments.output)
-        reports.append(report.to_json())
+        with STDERR.status(f"reading {escape(str(path))}") as status:
+            found = inspect(
+                path,
+                kind=arguments.kind,
+                strict=arguments.strict,
+                pictures=bool(arguments.output),
+                progress=lambda file: status.update(f"reading {escape(file)}"),
+            )
         if not arguments.json:
-            _print_report(report)
+            for one in found:
+                _print_report(one.report)
+        inspected += found
+    if arguments.output:
+        write_pictures(inspected, arguments.output)
     if arguments.json:
-        _print_json(reports)
+        _print_json([one.report.to_json() for one in inspected])
     return DONE
 
 
@@ -444,11 +451,15 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = verb(
         "inspect", _inspect, "show what will be used of asset files",
-        "Reads .blend, .glb, .gltf, .fbx or .obj; writes a table, and with -o a picture from four sides.",
+        "Reads .blend, .glb, .gltf, .fbx or .obj files, or configs and what they list, with their options; writes a "
+        "table of each, and with -o a picture from four sides.",
     )  # fmt: skip
-    sub.add_argument("files", type=Path, nargs="+", metavar="FILE")
-    sub.add_argument("--as", dest="kind", choices=("vehicle", "scenery"), help="default: judged by what is in the file")
-    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="shaded picture, parts in colours")
+    sub.add_argument("files", type=Path, nargs="+", metavar="FILE", help="an asset, or a config (.toml)")
+    sub.add_argument(
+        "--as", dest="kind", choices=("vehicle", "scenery"),
+        help="default: judged by what is in the file; a config says it itself",
+    )  # fmt: skip
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="shaded picture of all, parts in colours")
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
 
     sub = verb(

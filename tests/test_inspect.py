@@ -16,7 +16,7 @@ from geometry.meshes import Mesh
 from render.reading.build import Options
 from render.reading.doubts import scenery_doubts, vehicle_doubts
 from render.reading.formats import format_of
-from render.reading.inspect import COLOURS, draw, inspect_file
+from render.reading.inspect import COLOURS, draw, inspect, write_pictures
 from render.reading.report import FileReport, Missing, PartRow, Row, gathered
 
 FILE = """
@@ -165,7 +165,8 @@ def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
 def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
     subprocess.run([sys.executable, "-c", FILE, str(path), "0.01"], check=True, capture_output=True)
-    found = inspect_file(path, picture=tmp_path / "tiny.png")
+    inspected = inspect(path, pictures=True)
+    found = inspected[0].report
     assert found.kind == "vehicle"
     assert found.unit == 0.01
     assert found.size == pytest.approx((0.04, 0.04, 0.055))
@@ -176,13 +177,14 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
     assert [Path(m.path).name for m in found.missing] == ["gone.png"]
     assert found.missing[0].wanted_by == ("Hull",)
     assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt for doubt in found.doubts)
+    write_pictures(inspected, tmp_path / "tiny.png")
     with Image.open(tmp_path / "tiny.png") as image:
         assert image.size == (960, 960)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.blend", "tiny.png"]
     with pytest.raises(AssetError, match=r"gone\.png is missing, which Hull wants"):
-        inspect_file(path, strict=True)
+        inspect(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
-        inspect_file(path, picture=tmp_path / "none" / "x.png")
+        write_pictures(inspected, tmp_path / "none" / "x.png")
 
 
 @pytest.mark.blender
@@ -190,7 +192,7 @@ def test_a_file_with_nothing_to_see_says_what_hides_it(tmp_path: Path) -> None:
     path = tmp_path / "hidden.blend"
     subprocess.run([sys.executable, "-c", HIDDEN, str(path)], check=True, capture_output=True)
     with pytest.raises(AssetError, match="nothing that is rendered: 'Hull' is hidden from render with its collection"):
-        inspect_file(path)
+        inspect(path)
 
 
 @pytest.mark.parametrize(("version", "refused"), [("1.0", True), ("2.0", False)])

@@ -1,25 +1,27 @@
-"""`hulldown inspect`: what a file would be used as, as data and as a picture from four sides."""
+"""`hulldown inspect`: what files are used as, alone or as a config lists them, as data and as pictures."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
+from annotate.overlay import contact_sheet
 from assets.bundle import load_scenery, load_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
-from render.reading.build import Options
-from render.reading.cache import refuse_missing
-from render.reading.export import DEFAULTS, export
+from planning.config import Config, load_config
+from render.reading.cache import load_library, refuse_missing
+from render.reading.export import export
 from render.reading.report import FileReport
 
 # Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
@@ -38,48 +40,107 @@ Caster = Callable[
 ]
 
 
-def inspect_file(
+@dataclass(frozen=True, eq=False, slots=True)
+class Inspected:
+    """What a file is used as.
+
+    Parameters
+    ----------
+    name
+        Of the vehicle or scenery.
+    report
+        What was found in its file and what was made of it.
+    picture
+        What it looks like (see `draw`); None if nobody asked.
+    """
+
+    name: str
+    report: FileReport
+    picture: Image.Image | None
+
+
+def inspect(
     path: Path | str,
     *,
     kind: str | None = None,
-    options: Options = DEFAULTS,
     strict: bool = False,
-    picture: Path | str | None = None,
-) -> FileReport:
-    """Read the file `path` afresh and say what it would be used as.
+    pictures: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Inspected, ...]:
+    """What an asset file would be used as; of a config (.toml) what all its assets are used as, in its order.
+
+    A file is read afresh. What a config lists is read with its options and out of its cache, as for a plan.
 
     Parameters
     ----------
     path
-        A .blend, .glb, .gltf, .fbx or .obj file.
+        A .blend, .glb, .gltf, .fbx or .obj file, or a config.
     kind
-        "vehicle" or "scenery"; None to judge by what is in it.
-    options
-        How to read it.
+        "vehicle" or "scenery"; None to judge by what is in it. A config knows it by itself.
     strict
         Refuse a file whose textures or libraries are missing.
-    picture
-        Where to write what it looks like (see `draw`), if anywhere.
+    pictures
+        Whether to draw them too.
+    progress
+        Called with a file's path before it is read.
 
     Raises
     ------
     AssetError
-        If the file cannot be read, or the picture not written.
+        If a file cannot be read.
+    ConfigError
+        If the config is wrong.
     """
+    if Path(path).suffix.lower() == ".toml":
+        return _listed(load_config(path), strict=strict, pictures=pictures, progress=progress)
+    if progress:
+        progress(str(path))
     with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
-        exported = export(path, folder, kind=kind, options=options)
+        exported = export(path, folder, kind=kind)
         if strict:
             refuse_missing([exported.report])
-        if picture is not None:
+        picture = None
+        if pictures:
             load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
-            _write(draw(load(exported.bundle)), Path(picture))
-        return exported.report
+            picture = draw(load(exported.bundle))
+        return (Inspected(Path(path).stem, exported.report, picture),)
 
 
-def _write(image: Image.Image, path: Path) -> None:
+def _listed(
+    config: Config, *, strict: bool, pictures: bool, progress: Callable[[str], None] | None
+) -> tuple[Inspected, ...]:
+    library = load_library(config, strict=strict, progress=progress)
+    shapes, sceneries = library.assets.vehicles, library.assets.sceneries
+    listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
+    listed += [(_as_listed(e.report, shapes[name]), shapes[name]) for name, e in library.vehicles.items()]
+    listed += [(e.report, sceneries[name]) for name, e in library.sceneries.items()]
+    return tuple(Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed)
+
+
+def _as_listed(report: FileReport, shape: VehicleShape) -> FileReport:
+    """With how far its parts turn by the config, which its file does not know."""
+    limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
+    parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
+    return replace(report, parts=tuple(parts))
+
+
+def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
+    """Write the pictures as one; several side by side, each under its name.
+
+    Raises
+    ------
+    AssetError
+        If it cannot be written.
+    """
+    drawn = [(one.name, one.picture) for one in inspected if one.picture]
+    sheet = drawn[0][1]
+    if len(drawn) > 1:
+        sheet = contact_sheet(
+            [picture for _, picture in drawn], columns=3, tile_width=sheet.width, captions=[name for name, _ in drawn]
+        )
     unfinished = path.with_name(f".{os.getpid()}.{path.name}")
     try:
-        image.save(unfinished)
+        sheet.save(unfinished)
         unfinished.replace(path)
     except (OSError, ValueError) as error:
         raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None

@@ -1,0 +1,121 @@
+"""What `hulldown inspect` says of a config: its files as its options make of them."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+import cli
+from geometry.errors import ConfigError
+from render.reading.inspect import inspect
+
+FILES = """
+import bpy
+from mathutils import Vector
+
+def cube(name, size, place):
+    bpy.ops.mesh.primitive_cube_add(size=1, location=place)
+    bpy.context.object.name, bpy.context.object.scale = name, size
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+cube("Hull", (300, 600, 100), (0, 0, 50))
+cube("Turret", (200, 200, 100), (0, 0, 150))
+cube("Crate", (200, 200, 200), (500, 0, 100))
+bpy.ops.wm.save_as_mainfile(filepath="tank.blend")
+bpy.ops.wm.read_factory_settings(use_empty=True)
+cube("Lawn", (100, 100, 1), (0, 0, 0))
+cube("Rock", (2, 2, 2), (0, 0, 1))
+bpy.ops.wm.save_as_mainfile(filepath="park.blend")
+"""
+CONFIG = """
+[assets]
+hdris = ["*.exr"]
+vehicles = [
+    { path = "tank.blend", category = "tank", scale = 0.01, forward = "+y", drop = ["Crate"], turret_limits_deg = 30 },
+]
+sceneries = [{ path = "park.blend" }]
+
+[ground]
+include = ["Lawn"]
+
+[budget]
+images_per_class = 1
+"""
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("project")
+    subprocess.run([sys.executable, "-c", FILES], cwd=folder, check=True, capture_output=True)
+    (folder / "sky.exr").write_bytes(b"\x76\x2f\x31\x01")
+    (folder / "hulldown.toml").write_text(CONFIG, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.blender
+def test_the_files_of_a_config_are_read_with_its_options(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(project)
+    assert cli.main(["inspect", "hulldown.toml", "tank.blend", "--json", "-o", "all.png"]) == 0
+    tank, park, alone = json.loads(capsys.readouterr().out)
+    assert [(found["kind"], found["path"]) for found in (tank, park, alone)] == [
+        ("vehicle", "tank.blend"),
+        ("scenery", "park.blend"),
+        ("vehicle", "tank.blend"),
+    ]
+    assert tank["size"] == pytest.approx([6.0, 3.0, 2.0])
+    assert tank["unit"] == 0.01
+    assert {row["name"]: row["use"] for row in tank["rows"]} == {
+        "Hull": "hull",
+        "Turret": "turret",
+        "Crate": "dropped",
+    }
+    assert tank["parts"][0]["limits"] == pytest.approx([math.radians(30), math.radians(30)])
+    assert {row["name"]: row["use"] for row in park["rows"]} == {"Lawn": "ground", "Rock": "obstacle"}
+    assert max(alone["size"]) > 100
+    assert alone["parts"][0]["limits"] != tank["parts"][0]["limits"]
+    with Image.open("all.png") as image:
+        assert image.width > 3 * 960
+
+
+@pytest.mark.blender
+def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
+    inspect(project / "hulldown.toml")
+    read: list[str] = []
+    inspect(project / "hulldown.toml", progress=read.append)
+    assert read == []
+    inspect(project / "park.blend", progress=read.append)
+    assert read == [str(project / "park.blend")]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("scale = ", "hulldown: hulldown.toml: is no TOML: Invalid value (at end of document)"),
+        ("scale = 1", "hulldown: hulldown.toml: assets is missing (and 2 more)"),
+        (CONFIG, "hulldown: hulldown.toml: assets.hdris: '*.exr' matches no file"),
+        (CONFIG.replace("*.exr", "sky.exr"), "hulldown: tank.blend: does not exist"),
+    ],
+)
+def test_what_is_wrong_with_a_config_is_one_line(
+    text: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hulldown.toml").write_text(text, encoding="utf-8")
+    if "sky.exr" in text:
+        Path("sky.exr").write_bytes(b"\x76\x2f\x31\x01")
+    assert cli.main(["inspect", "hulldown.toml"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(line)
+    assert said.err.count("\n") == 1
+
+
+def test_a_config_that_is_not_there_says_how_to_get_one() -> None:
+    with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
+        inspect("none.toml")
