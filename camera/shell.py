@@ -93,38 +93,3 @@ def draw_elevation(
         # arcsin may round past the bounds by an ulp.
         return np.clip(np.arcsin(rng.uniform(math.sin(low), math.sin(high), n)), low, high)
     raise ValueError(f"uniform_in: expected 'angle' or 'sphere', got {uniform_in!r}")
-
-
-def draw_distance(
-    baseline: ArrayLike,
-    bounds: tuple[float, float],
-    n: int,
-    *,
-    rng: np.random.Generator,
-    uniform_in: Literal["distance", "log"] = "distance",
-) -> Float[np.ndarray, "... n"]:
-    """A list of `n` random distances for each baseline: what the paper samples once for a loaded vehicle.
-
-    Parameters
-    ----------
-    baseline
-        (...) metres, positive: eq 6's D, or the exact solve of `camera.size`.
-    bounds
-        Shortest and longest distance as multiples of the baseline.
-    n
-        Distances for each baseline.
-    rng
-        Source of randomness.
-    uniform_in
-        ``"distance"``: uniform in metres. ``"log"``: every halving of the apparent size is as likely as any other;
-        uniform metres put three quarters of the shots between 1 and 4 D beyond 1.75 D.
-    """
-    d = checked(baseline, "baseline", ("...",))
-    low, high = bounds
-    if not 0.0 < low <= high:
-        raise ValueError(f"bounds: expected 0 < low <= high, got {bounds}")
-    if uniform_in not in ("distance", "log"):
-        raise ValueError(f"uniform_in: expected 'distance' or 'log', got {uniform_in!r}")
-    u = rng.random((*d.shape, n))
-    factor = low + u * (high - low) if uniform_in == "distance" else low * (high / low) ** u
-    return d[..., None] * np.clip(factor, low, high)

@@ -90,16 +90,6 @@ def first_alike(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
     return first
 
 
-def weld(mesh: Mesh) -> Mesh:
-    """The mesh with vertices at exactly the same place made one, in the order of their first use by number.
-
-    Nothing in hulldown welds by itself; faces keep their order and winding.
-    """
-    first = first_alike(mesh.vertices)
-    kept, index = np.unique(first, return_inverse=True)
-    return Mesh(mesh.vertices[kept], index[mesh.faces], mesh.name)
-
-
 def merge(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
     """All meshes as one, and for every face the index of the mesh it came from."""
     if not meshes:

@@ -1,12 +1,8 @@
-"""Why a vehicle may not stand where it was tried, and how often each reason was met."""
+"""Why a vehicle may not stand where it was tried."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import IntEnum
-
-import numpy as np
-from numpy.typing import ArrayLike
 
 
 class Verdict(IntEnum):
@@ -24,7 +20,7 @@ class Verdict(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """The reason in words that complete "of 100 tries 3 % ...", with what to change about it."""
+        """The reason in words that complete "of 100 tries 3 % ..."."""
         return _PHRASES[self]
 
 
@@ -39,33 +35,3 @@ _PHRASES = {
     Verdict.OBSTACLE: "were too near an obstacle",
     Verdict.VEHICLE: "were too near another vehicle",
 }
-
-
-def count(verdicts: ArrayLike) -> dict[Verdict, int]:
-    """How often each verdict occurs in an array of codes; verdicts that do not occur are left out."""
-    codes, times = np.unique(np.asarray(verdicts, dtype=np.uint8), return_counts=True)
-    return {Verdict(int(code)): int(n) for code, n in zip(codes, times, strict=True)}
-
-
-def describe(counts: Mapping[Verdict, int]) -> str:
-    """One sentence, most frequent refusal first: "of 10,000 tries 71 % were too steep at the spot, ...".
-
-    Parameters
-    ----------
-    counts
-        As `count` gives them, or sums of such counts.
-    """
-    total = sum(counts.values())
-    if not total:
-        return "nothing was tried"
-    refused = sorted((v for v in counts if v is not Verdict.OK and counts[v]), key=lambda v: (-counts[v], v))
-    parts = [f"{_percent(counts[v], total)} {v.phrase}" for v in refused]
-    parts.append(f"{_percent(counts.get(Verdict.OK, 0), total)} {Verdict.OK.phrase}")
-    return f"of {total:,} {'try' if total == 1 else 'tries'} " + ", ".join(parts)
-
-
-def _percent(part: int, total: int) -> str:
-    # 0 % and 100 % are said only where they are exact.
-    if 0 < part < total:
-        return f"{min(max(100 * part / total, 0.1), 99.9):.{0 if 1 <= 100 * part / total <= 99 else 1}f} %"
-    return f"{100 * part // total} %"

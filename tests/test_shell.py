@@ -5,7 +5,7 @@ import pytest
 
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
-from camera.shell import camera_pose, draw_azimuth, draw_distance, draw_elevation, shell_axes
+from camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 
 HD = Intrinsics(1920, 1080, math.radians(60))
 
@@ -93,28 +93,13 @@ def test_the_pole_gets_as_many_draws_as_the_docstring_says() -> None:
     assert shares == [pytest.approx(1 / 9, abs=0.005), pytest.approx(1 - math.sin(top), abs=0.002)]
 
 
-def test_distances_are_drawn_around_each_baseline() -> None:
-    distance = draw_distance([10.0, 1000.0], (1.0, 4.0), 10_000, rng=np.random.default_rng(3))
-    assert distance.shape == (2, 10_000)
-    assert largest_gap(distance[0], (distance[0] / 10 - 1) / 3) < FAR
-    assert distance[1].min() >= 1000
-    assert distance[1].max() <= 4000
-    logarithmic = draw_distance(10.0, (1.0, 4.0), 10_000, rng=np.random.default_rng(4), uniform_in="log")
-    assert largest_gap(logarithmic, np.log(logarithmic / 10) / math.log(4)) < FAR
-    # The docstring's example.
-    assert (distance[0] > 17.5).mean() == pytest.approx(0.75, abs=0.02)
-
-
 def test_degenerate_bounds_give_their_one_value() -> None:
     rng = np.random.default_rng(0)
     assert (draw_elevation(3, (0.5, 0.5), rng=rng, uniform_in="sphere") == 0.5).all()
     assert draw_elevation(0, (0.1, 0.2), rng=rng).shape == (0,)
-    np.testing.assert_array_equal(draw_distance([5.0], (2.0, 2.0), 3, rng=rng), [[10, 10, 10]])
 
 
 def test_wrong_bounds_are_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="bounds: expected -pi/2 <= low <= high"):
         draw_elevation(1, (0.5, 0.4), rng=rng)
-    with pytest.raises(ValueError, match="bounds: expected 0 < low <= high"):
-        draw_distance(1.0, (0.0, 1.0), 1, rng=rng)
