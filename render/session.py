@@ -187,10 +187,9 @@ class Session:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
-        self._pool = pool
         self.say("")
         try:
-            pool.run(self._todo.order, self._message, self._done, self._give_up)
+            pool.run(self._todo.order, self._message, lambda index, _: self._done(index, pool), self._give_up)
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
@@ -200,16 +199,16 @@ class Session:
             self.begun = True
             write_failures(self._folder, self._failures)
 
-    def _record(self) -> None:
+    def _record(self, pool: Pool) -> None:
         """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
-        devices = self._pool.devices - self._recorded
+        devices = pool.devices - self._recorded
         if not devices:
             return
         entry = {
             "file": self._plan.path.name,
             "first_image_id": self._todo.run.image_offset + 1,
             "images": len(self._plan),
-            "blender": [self._pool.blender_version],
+            "blender": [pool.blender_version],
             "devices": list(devices),
             "systems": [platform.platform(terse=True)],
             "plan": self._plan.header,
@@ -231,7 +230,7 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, _answer: Mapping[str, Any]) -> str | None:
+    def _done(self, index: int, pool: Pool) -> str | None:
         row = self._plan[index]
         picture = self._output(index)
         if wrong := _damage(picture, row["width"], row["height"]):
@@ -240,7 +239,7 @@ class Session:
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._todo.first_annotation[index])
         self._begin()
-        self._record()
+        self._record(pool)
         try:
             picture.write_bytes(without_notes(picture.read_bytes()))
         except OSError as error:
