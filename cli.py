@@ -13,7 +13,6 @@ import argparse
 import dataclasses
 import errno
 import json
-import math
 import os
 import sys
 import warnings
@@ -25,7 +24,6 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from geometry.errors import HulldownError
 
@@ -105,17 +103,18 @@ def _inspect(arguments: argparse.Namespace) -> int:
         _make_room(arguments.output)
     inspected: list[Inspected] = []
     for path in arguments.files:
-        with STDERR.status(f"reading {escape(str(path))}") as status:
+        with _reading() as progress:
             found = inspect(
                 path,
                 kind=arguments.kind,
                 strict=arguments.strict,
                 pictures=bool(arguments.output),
-                progress=lambda file: status.update(f"reading {escape(file)}"),
+                progress=progress,
             )
         if not arguments.json:
             for one in found:
-                _print_report(one.report)
+                STDOUT.print(one.report.table())
+                _list(one.report.notes())
         inspected += found
     if arguments.output:
         write_pictures(inspected, arguments.output)
@@ -138,10 +137,8 @@ def _plan(arguments: argparse.Namespace) -> int:
             "a plan is text, and its picture gets this name", path=arguments.output, remedy="name it .jsonl"
         )
     config = load_config(arguments.config)
-    with STDERR.status("reading assets") as status:
-        assets = load_assets(
-            config, strict=arguments.strict, progress=lambda path: status.update(f"reading {path}"), warn=_warn
-        )
+    with _reading() as progress:
+        assets = load_assets(config, strict=arguments.strict, progress=progress, warn=_warn)
     with _progress("planning") as advance:
         plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
     return _summarise(plan, arguments)
@@ -168,15 +165,14 @@ def _check_plan(arguments: argparse.Namespace) -> int:
     from render.reading.cache import load_planned_assets
 
     plan = read_plan(arguments.config)
-    with STDERR.status("reading assets") as status:
-        assets = load_planned_assets(plan, progress=lambda path: status.update(f"reading {path}"))
+    with _reading() as progress:
+        assets = load_planned_assets(plan, progress=progress)
     with _progress("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
         _print_json(findings)
     else:
-        for finding in findings:
-            STDOUT.print(escape(finding), soft_wrap=True)
+        _list(findings)
     _say(f"{len(plan)} images checked, {len(findings)} limits broken")
     return FOUND if findings else DONE
 
@@ -188,8 +184,8 @@ def _preview(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(arguments.plan)
     _make_room(arguments.output)
-    with STDERR.status("reading assets") as status:
-        assets = load_planned_assets(plan, progress=lambda path: status.update(f"reading {path}"))
+    with _reading() as progress:
+        assets = load_planned_assets(plan, progress=progress)
     with _progress("shading") as advance:
         preview_sheet(plan, assets, arguments.output, count=arguments.count, progress=advance)
     _say(f"wrote {arguments.output}")
@@ -266,8 +262,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.json:
         _print_json([dataclasses.asdict(finding) for finding in findings])
     else:
-        for finding in findings:
-            STDOUT.print(escape(str(finding)), soft_wrap=True)
+        _list([str(finding) for finding in findings])
     errors = sum(finding.severity == "error" for finding in findings)
     masks = f", {checked} masks rendered" if arguments.masks else ""
     _say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
@@ -294,20 +289,11 @@ def _doctor(arguments: argparse.Namespace) -> int:
         diagnosis = diagnose()
     if arguments.json:
         _print_json(dataclasses.asdict(diagnosis))
-        return FOUND if diagnosis.problems else DONE
-    table = Table(show_header=False, box=None)
-    table.add_row("python", diagnosis.python)
-    table.add_row("system", diagnosis.system)
-    for name, version in diagnosis.versions.items():
-        table.add_row(name, version or "not installed")
-    table.add_row("Blender", diagnosis.blender or "does not start")
-    for device in diagnosis.devices:
-        table.add_row(f"device {device['kind']}", device["name"])
-    STDOUT.print(table)
-    for problem in diagnosis.problems:
-        STDOUT.print(f"problem: {escape(problem)}", soft_wrap=True)
-    if not diagnosis.problems:
-        STDOUT.print("all well: this machine can plan and render")
+    else:
+        STDOUT.print(diagnosis.table())
+        _list([f"problem: {problem}" for problem in diagnosis.problems])
+        if not diagnosis.problems:
+            _list(["all well: this machine can plan and render"])
     return FOUND if diagnosis.problems else DONE
 
 
@@ -335,25 +321,6 @@ def _demo(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _print_report(report: Any) -> None:
-    table = Table(title=f"{report.path}: {report.kind}", title_justify="left")
-    for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
-        table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
-    for row in report.rows:
-        size = " x ".join(f"{x:.2f}" for x in row.size)
-        table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
-    STDOUT.print(table)
-    size = " x ".join(f"{x:.2f}" for x in report.size)
-    STDOUT.print(f"size {size} m, {report.triangles:,} triangles, {report.up} up, 1 unit = {report.unit:g} m")
-    for part in report.parts:
-        low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
-        pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
-        turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
-        STDOUT.print(f"{part.name} on {part.parent}: {turns}; {escape(part.why)}", soft_wrap=True)
-    for doubt in report.doubts:
-        STDOUT.print(f"doubt: {escape(doubt)}", soft_wrap=True)
-
-
 def _make_room(path: Path) -> None:
     """Make the folder of a file that shall be written, before the long work, or refuse."""
     if path.is_dir():
@@ -364,6 +331,12 @@ def _make_room(path: Path) -> None:
         raise HulldownError(
             f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
         ) from None
+
+
+def _list(lines: Sequence[str]) -> None:
+    """On stdout, a line each however narrow the terminal."""
+    for line in lines:
+        STDOUT.print(escape(line), soft_wrap=True)
 
 
 def _say(line: str) -> None:
@@ -377,6 +350,13 @@ def _warn(line: str) -> None:
 def _print_json(value: Any) -> None:
     sys.stdout.write(json.dumps(value, indent=2, default=str) + "\n")
     sys.stdout.flush()
+
+
+@contextmanager
+def _reading() -> Iterator[Callable[[str], None]]:
+    """A sign of life on stderr; yields what is to be called with the path that is read."""
+    with STDERR.status("reading assets") as status:
+        yield lambda path: status.update(f"reading {escape(path)}")
 
 
 @contextmanager

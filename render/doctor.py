@@ -11,6 +11,9 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 
+from rich.markup import escape
+from rich.table import Table
+
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
@@ -44,6 +47,18 @@ class Diagnosis:
     blender: str | None
     devices: list[dict[str, str]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+
+    def table(self) -> Table:
+        """All but the problems, for a terminal."""
+        table = Table(show_header=False, box=None)
+        table.add_row("python", self.python)
+        table.add_row("system", self.system)
+        for name, version in self.versions.items():
+            table.add_row(name, version or "not installed")
+        table.add_row("Blender", self.blender or "does not start")
+        for device in self.devices:
+            table.add_row(f"device {device['kind']}", escape(device["name"]))
+        return table
 
 
 def diagnose() -> Diagnosis:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
+from rich.markup import escape
 from rich.table import Table
 
 from annotate.document import read_coco
@@ -69,7 +70,8 @@ class MaskReport:
         for column in ("image", "vehicle", "pixels", "box error (px)", "mask IoU"):
             table.add_column(column, justify="left" if column in ("image", "vehicle") else "right")
         for row in self.rows:
-            table.add_row(row.file_name, row.vehicle, f"{row.pixels:,}", f"{row.box_error:.2f}", f"{row.mask_iou:.4f}")
+            numbers = (f"{row.pixels:,}", f"{row.box_error:.2f}", f"{row.mask_iou:.4f}")
+            table.add_row(escape(row.file_name), escape(row.vehicle), *numbers)
         return table
 
 

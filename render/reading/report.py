@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
 
 FAMILY = 6  # numbered copies from so many on share a row
 
@@ -127,6 +131,27 @@ class FileReport:
     missing: tuple[Missing, ...] = ()
     doubts: tuple[str, ...] = ()
     written_by: str = ""
+
+    def table(self) -> Table:
+        """Every object and what it is used as, for a terminal."""
+        table = Table(title=escape(f"{self.path}: {self.kind}"), title_justify="left")
+        for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
+            table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
+        for row in self.rows:
+            size = " x ".join(f"{x:.2f}" for x in row.size)
+            table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
+        return table
+
+    def notes(self) -> list[str]:
+        """What the table does not say, a line each: size, parts that turn, doubts."""
+        size = " x ".join(f"{x:.2f}" for x in self.size)
+        lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]
+        for part in self.parts:
+            low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
+            pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
+            turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
+            lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
+        return [*lines, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
     def to_json(self) -> dict[str, Any]:
         """The report as what JSON can hold."""
