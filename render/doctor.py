@@ -6,14 +6,17 @@ import ctypes
 import importlib.metadata
 import importlib.util
 import json
+import os
 import platform
 import subprocess
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
+ROOT = Path(__file__).resolve().parents[1]
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
@@ -100,8 +103,12 @@ def _loads(library: str) -> bool:
 
 def _probe_blender() -> dict | str:
     """Blender's version and devices, or why it did not start."""
+    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    # -P: what the folder has in which the user happens to be must not be taken for ours.
+    command = [sys.executable, "-P", "-c", PROBE]
+    environment = {**os.environ, "PYTHONPATH": python_path}
     try:
-        child = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, timeout=300)
+        child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     except subprocess.TimeoutExpired:
         return "no answer within 300 s"
     for line in child.stdout.splitlines():

@@ -102,7 +102,10 @@ def run_json(*words, cwd):
 
 
 @pytest.mark.blender
-def test_doctor_speaks_json(tmp_path):
+def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
+    (tmp_path / "render").mkdir()
+    for mine in ("render/__init__.py", "bpy.py"):
+        (tmp_path / mine).write_text("raise RuntimeError('not what was meant')")
     ran = run("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)
     assert found["blender"].startswith("5.0")
