@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from geometry.meshes import Mesh
 
@@ -34,6 +34,8 @@ class Scenery:
         (k, 4, 4) affine pose of each instance; may mirror and scale unevenly.
     instance_names
         Object name of each instance.
+    instance_gives_way
+        (k,) whether it only hides, as grass does: vehicles drive over it and cameras look out of it.
     scenery_from_file
         (4, 4) affine: from the file's world coordinates to metres, z up, relative to `origin`.
     """
@@ -47,4 +49,5 @@ class Scenery:
     instance_mesh: Int[np.ndarray, " k"]
     world_from_instance: Float[np.ndarray, "k 4 4"]
     instance_names: tuple[str, ...]
+    instance_gives_way: Bool[np.ndarray, " k"]
     scenery_from_file: Float[np.ndarray, "4 4"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy.typing import ArrayLike
 
 from camera.target import Standing
@@ -36,11 +36,15 @@ class CameraSpots:
         The ground.
     obstacles
         All that is no ground and no vehicle.
+    solid
+        (k,) which instances count; by default all. A camera may look out of grass.
     """
 
-    def __init__(self, terrain: Terrain, obstacles: InstancedScene) -> None:
+    def __init__(
+        self, terrain: Terrain, obstacles: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None
+    ) -> None:
         self._terrain = terrain
-        self._touch = SceneTouch(obstacles, np.ones(len(obstacles.bounds), dtype=bool))
+        self._touch = SceneTouch(obstacles, solid)
 
     def judge(
         self,

@@ -90,14 +90,14 @@ class SceneTouch:
     ----------
     scene
         The instances.
-    regard
-        (k,) which instances count.
+    solid
+        (k,) which instances count; by default all.
     """
 
-    def __init__(self, scene: InstancedScene, regard: Bool[np.ndarray, " k"]) -> None:
+    def __init__(self, scene: InstancedScene, solid: Bool[np.ndarray, " k"] | None = None) -> None:
         self._scene = scene
-        self._regarded = np.flatnonzero(regard)
-        self._instances = BoxTree(scene.bounds[self._regarded])
+        self._solid = np.arange(len(scene.bounds)) if solid is None else np.flatnonzero(solid)
+        self._instances = BoxTree(scene.bounds[self._solid])
         self._trees: dict[int, BoxTree] = {}
 
     def touched(
@@ -111,7 +111,7 @@ class SceneTouch:
         centre = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
         box, found = self._instances.overlapping(centre - reach, centre + reach)
-        instance = self._regarded[found]
+        instance = self._solid[found]
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
         for traced in np.unique(self._scene.traced[instance]):
@@ -150,4 +150,4 @@ class SceneTouch:
         directions = axes @ np.swapaxes(world_from_box[:, :3, :3], 1, 2)
         origins = np.repeat(world_from_box[:, :3, 3], len(axes), axis=0)
         met = self._scene.cast(origins, directions.reshape(-1, 3)).instance.reshape(-1, len(axes))
-        return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._regarded)
+        return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._solid)

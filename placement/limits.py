@@ -63,13 +63,12 @@ class Obstacles:
     ----------
     scene
         All that is no ground and no vehicle.
-    ignore_below
-        Obstacles of less height than this, in metres, do not count: grass and gravel that a vehicle drives over.
+    solid
+        (k,) which instances count; by default all. Grass gives way.
     """
 
-    def __init__(self, scene: InstancedScene, *, ignore_below: float = 0.0) -> None:
-        height = scene.bounds[:, 1, 2] - scene.bounds[:, 0, 2]
-        self._touch = SceneTouch(scene, height >= ignore_below)
+    def __init__(self, scene: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None) -> None:
+        self._touch = SceneTouch(scene, solid)
 
     def clear(
         self, extent: Extent | VehicleShape | ArrayLike, world_from_vehicle: ArrayLike, clearance: float = 0.0
@@ -89,7 +88,7 @@ def clear_of_obstacles(
     world_from_vehicle: ArrayLike,
     clearance: float = 0.0,
     *,
-    ignore_below: float = 0.0,
+    solid: Bool[np.ndarray, " k"] | None = None,
 ) -> Bool[np.ndarray, " n"]:
     """Whether no obstacle comes near each pose. For many calls on one scene build `Obstacles` once.
 
@@ -103,10 +102,10 @@ def clear_of_obstacles(
         (n, 4, 4) rigid poses; rows with nan are not clear.
     clearance
         Metres to keep to each side and above. At corners up to the square root of 3 times as much is kept.
-    ignore_below
-        Obstacles of less height than this, in metres, do not count.
+    solid
+        (k,) which instances count; by default all.
     """
-    return Obstacles(scene, ignore_below=ignore_below).clear(extent, world_from_vehicle, clearance)
+    return Obstacles(scene, solid=solid).clear(extent, world_from_vehicle, clearance)
 
 
 def clear_of_vehicles(

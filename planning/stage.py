@@ -184,6 +184,7 @@ def make_stage(config: Config, assets: Assets) -> Stage:
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
     obstacles = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
+    solid = ~scenery.instance_gives_way
     # The fallback height is given in the file's coordinates, all else is relative to the origin.
     ground = scenery.ground
     plane_z = fallback_z - float(scenery.origin[2])
@@ -199,8 +200,8 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
         terrain=terrain,
         ground=occluder,
         obstacles=obstacles,
-        standing_room=Obstacles(obstacles),
-        camera_room=CameraSpots(terrain, obstacles),
+        standing_room=Obstacles(obstacles, solid=solid),
+        camera_room=CameraSpots(terrain, obstacles, solid=solid),
         bounds=bounds,
     )
 

@@ -123,4 +123,5 @@ def odd_ones():
     furry.particle_systems[0].settings.type = "HAIR"
     strands = link(bpy.data.objects.new("Strands", bpy.data.hair_curves.new("Strands")))
     strands.data.add_curves([4, 4])
+    strands.data.points.foreach_set("position", [float(i) for i in range(24)])
     return {"truth": False}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from messy_parts import box, case, collection, empty, layer, scatter, sheet
+from messy_parts import box, case, collection, empty, layer, link, scatter, sheet
 
 MAP = (500_000.0, 5_400_000.0, 200.0)
 
@@ -34,6 +34,38 @@ def scattered():
     fog.data.materials.append(volume_material())
     sky = box("Skydome", (400, 400, 400))
     return {"hide": [fog.name, sky.name], "kind": "scenery", "distance": 75.0}
+
+
+@case
+def hairy():
+    """Reeds of hair: copies of one, strewn by nodes, tapered, without a radius; and ground of hair, which is none."""
+    ground = sheet("Terrain", 30, 3)
+    reeds = hair("Reeds", thick=0.8)
+    reeds.location = (60, 60, -40)
+    for i in range(6):
+        copy = link(bpy.data.objects.new(f"Reeds.{i:03}", reeds.data))
+        copy.location, copy.rotation_euler, copy.scale = (
+            (-12 + 5 * i, 2 * i - 6, -0.5),
+            (0.1, 0, i),
+            (1, 1, 0.7 + 0.1 * i),
+        )
+    ground.modifiers.new("g", "NODES").node_group = scatter("reeds", reeds)
+    hair("Terrain_Fluff", thick=None).location = (0, 0, 4)
+    return {"kind": "scenery", "distance": 75.0}
+
+
+def hair(name, *, thick):
+    """Four leaning strands of hair, tapered to the top."""
+    curves = bpy.data.hair_curves.new(name)
+    curves.add_curves([3] * 4)
+    foot = np.array([[-2.5, -1, 0], [-1, 2, 0], [1.5, -2, 0], [3, 1, 0]])
+    lean = np.array([[-0.3, 0, 1], [0, 0.4, 1], [0.2, 0.1, 1], [0.4, -0.3, 1]])
+    points = foot[:, None] + lean[:, None] * np.array([0, 5, 9])[:, None]
+    curves.points.foreach_set("position", points.astype(np.float32).ravel())
+    if thick:
+        radius = np.tile(thick * np.array([1.0, 0.8, 0.3]), 4).astype(np.float32)
+        curves.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radius)
+    return link(bpy.data.objects.new(name, curves))
 
 
 def volume_material():

@@ -69,6 +69,7 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
         instance_mesh=rng.integers(0, 2, trees),
         world_from_instance=poses,
         instance_names=tuple(f"tree {k}" for k in range(trees)),
+        instance_gives_way=np.zeros(trees, dtype=bool),
         scenery_from_file=np.eye(4),
     )
 
@@ -85,6 +86,7 @@ def bare(name, origin_z=0.0):
         instance_mesh=np.zeros(0, dtype=np.int64),
         world_from_instance=np.zeros((0, 4, 4)),
         instance_names=(),
+        instance_gives_way=np.zeros(0, dtype=bool),
         scenery_from_file=np.eye(4),
     )
 

@@ -40,6 +40,7 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         instance_mesh=np.array([0, 0, 1] if obstacles else [], np.int64),
         world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),
         instance_names=("tree", "tree", "rock") if obstacles else (),
+        instance_gives_way=np.array([False, True, False] if obstacles else [], bool),
         scenery_from_file=np.eye(4),
     )
 

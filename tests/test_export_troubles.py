@@ -60,7 +60,7 @@ def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
     ):
         assert said in doubts
     rows = {row.name: row for row in messy.exported["odd_ones"].report.rows}
-    assert rows["Strands"].why == "hair curves have no faces"
+    assert rows["Strands"].why == "hair is no part of a vehicle"
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,7 @@ def scenery(*, ground: bool) -> Scenery:
         instance_mesh=np.array([0]),
         world_from_instance=np.eye(4)[None],
         instance_names=("Rock",),
+        instance_gives_way=np.array([False]),
         scenery_from_file=np.eye(4),
     )
 

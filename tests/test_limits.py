@@ -76,11 +76,12 @@ def test_a_canopy_overhead_does_not_shut_a_vehicle_in():
     assert clear_of_obstacles(canopy, SIZE, [pose(0, 0)]).all()
 
 
-def test_low_obstacles_can_be_ignored():
-    grass = post(height=0.3)
-    assert not clear_of_obstacles(grass, SIZE, [pose(0, 0)]).any()
-    assert not clear_of_obstacles(grass, SIZE, [pose(0, 0)], ignore_below=0.3).any()
-    assert clear_of_obstacles(grass, SIZE, [pose(0, 0)], ignore_below=0.31).all()
+def test_what_gives_way_stands_in_nobodys_way():
+    mesh = block([-0.1, -0.1, 0], [0.1, 0.1, 0.3])
+    field = InstancedScene([mesh], [0, 0], [pose(0, 0), pose(0, 20)])
+    places = [pose(0, 0), pose(0, 20)]
+    assert clear_of_obstacles(field, SIZE, places).tolist() == [False, False]
+    assert clear_of_obstacles(field, SIZE, places, solid=np.array([False, True])).tolist() == [True, False]
 
 
 def test_mirrored_stretched_and_squashed_copies_are_held_where_they_are():

@@ -88,6 +88,7 @@ def assets():
         instance_mesh=np.empty(0, dtype=np.int64),
         world_from_instance=np.empty((0, 4, 4)),
         instance_names=(),
+        instance_gives_way=np.empty(0, dtype=bool),
         scenery_from_file=np.eye(4),
     )
     return RenderAssets(

@@ -210,6 +210,7 @@ def build_scenery(
         instance_mesh=np.array([position[pieces[i].mesh] for i in obstacles], np.int64),
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in obstacles]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in obstacles),
+        instance_gives_way=np.array([pieces[i].hair for i in obstacles], bool),
         scenery_from_file=scenery_from_file,
     )
     return BuiltScenery(scenery, roles)

@@ -41,7 +41,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Piece:
-    """One mesh where it is drawn.
+    """One mesh where it is drawn, or the mesh that stands for hair.
 
     Parameters
     ----------
@@ -61,6 +61,8 @@ class Piece:
         Instanced by particles, geometry nodes, vertices or faces, and so no ground for its carrier's sake.
     anonymous
         Made by geometry nodes, so that its object name is its carrier's.
+    hair
+        Made of hair curves: grass that hides, and gives way to what drives over it.
     unseen
         Why the camera does not see it, although it is drawn; None if it does.
     """
@@ -73,6 +75,7 @@ class Piece:
     faces: int
     scattered: bool = False
     anonymous: bool = False
+    hair: bool = False
     unseen: str | None = None
 
     @property
@@ -121,6 +124,8 @@ def _kept(role: Role | None) -> bool:
 def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> Role | None:
     if piece.unseen:
         return Role("dropped", piece.unseen)
+    if piece.hair:
+        return Role("dropped", "hair is no part of a vehicle")
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
         for name in _names(piece):
             if pattern := says(name, patterns):
@@ -196,7 +201,10 @@ def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclu
     decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
     roles = []
     for piece in pieces:
-        asked = (piece.name, piece.data, piece.chain[0].collections, piece.scattered, piece.anonymous, piece.unseen)
+        asked = (
+            *(piece.name, piece.data, piece.chain[0].collections),
+            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen),
+        )
         if asked not in decided:
             decided[asked] = _scenery_role(piece, include, exclude)
         roles.append(decided[asked])
@@ -206,6 +214,8 @@ def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclu
 def _scenery_role(piece: Piece, include: Sequence[str], exclude: Sequence[str]) -> Role:
     if piece.unseen:
         return Role("dropped", piece.unseen)
+    if piece.hair:
+        return Role("obstacle", "hair: it hides, and gives way to vehicles and cameras")
     named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
     for level, name in named:
         if pattern := says(name, exclude):

@@ -16,16 +16,20 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply
 from render.reading.capture import OUR_CAMERA, visit_render
 from render.reading.cleanup import Link, Piece
+from render.reading.hair import hair_mesh
 from render.reading.poses import Poses
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
 UNREAD = {
-    "CURVES": "hair curves have no faces",
     "POINTCLOUD": "a point cloud has no faces",
     "VOLUME": "a volume has no faces",
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
+DRAWN = (*SURFACES, *UNREAD, "CURVES")
+# Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
+CATMULL_ROM, POLY = 0, 1
+BARE_RADIUS = 0.005  # of hair curves that have none of their own, as Cycles draws them in Blender 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,13 +127,13 @@ class _Reader:
                 self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
                 self._leave(instance, "its instances are drawn, but not it itself")
-            elif kind == "MESH":
+            elif kind in ("MESH", "CURVES"):
                 self._read_mesh(instance)
             elif kind in UNREAD:
                 self._leave(instance, UNREAD[kind])
             elif kind not in SURFACES:
                 self._leave(instance, "type " + kind.lower().replace("_", " "))
-            # Curves, texts and the like come once more as the meshes they make.
+            # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
 
     def _leave(self, instance: Any, why: str) -> None:
         if instance.object.name == OUR_CAMERA:
@@ -143,7 +147,7 @@ class _Reader:
         if key not in self.index:
             mesh = _mesh(drawn)
             if mesh is None:
-                self._leave(instance, "has no faces")
+                self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
             self.index[key] = len(self.result.meshes)
             self.result.meshes.append(mesh)
@@ -170,6 +174,7 @@ class _Reader:
                 faces=len(mesh.faces),
                 scattered=scattered,
                 anonymous=scattered and _carries_itself(instance),
+                hair=drawn.type == "CURVES",
                 unseen=self._why_unseen(drawn),
             )
         )
@@ -239,6 +244,13 @@ def _is_own_surface(instance: Any) -> bool:
 
 
 def _mesh(drawn: Any) -> Mesh | None:
+    try:
+        return _hair(drawn) if drawn.type == "CURVES" else _faces(drawn)
+    except ValueError as error:
+        raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
+
+
+def _faces(drawn: Any) -> Mesh | None:
     data = drawn.data
     data.calc_loop_triangles()
     if not len(data.loop_triangles):
@@ -247,10 +259,22 @@ def _mesh(drawn: Any) -> Mesh | None:
     data.vertices.foreach_get("co", vertices)
     faces = np.empty(3 * len(data.loop_triangles), np.int32)
     data.loop_triangles.foreach_get("vertices", faces)
-    try:
-        return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
-    except ValueError as error:
-        raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
+    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
+
+
+def _hair(drawn: Any) -> Mesh | None:
+    data = drawn.data
+    count = len(data.points)
+    points, radii = np.empty(3 * count, np.float32), np.full(count, BARE_RADIUS, np.float32)
+    first = np.empty(len(data.curves), np.int32)
+    data.points.foreach_get("position", points)
+    data.curves.foreach_get("first_point_index", first)
+    if "radius" in data.attributes:
+        data.points.foreach_get("radius", radii)
+    kind = np.full(len(first), CATMULL_ROM, np.int32)
+    if "curve_type" in data.attributes:
+        data.attributes["curve_type"].data.foreach_get("value", kind)
+    return hair_mesh(points.reshape(-1, 3).astype(float), radii.astype(float), first, kind == POLY, drawn.name)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
@@ -286,7 +310,7 @@ def _list_hidden(scene: Any, result: Evaluated) -> None:
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     off = dict(_switched_off(layer.layer_collection, False))
     for obj in scene.objects:
-        if obj.name not in drawn and obj.type in (*SURFACES, *UNREAD):
+        if obj.name not in drawn and obj.type in DRAWN:
             result.left[Left(obj.name, obj.type, _why_hidden(obj, off))] += 1
 
 

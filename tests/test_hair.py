@@ -1,0 +1,88 @@
+"""Hair as prisms: as wide as the strand from all sides, curve by curve, and nothing where there is nothing to see."""
+
+import numpy as np
+import pytest
+
+from render.reading.hair import BEND, hair_mesh
+
+
+def strand(*points, radius=0.1, straight=True):
+    radii = np.broadcast_to(np.asarray(radius, dtype=float), len(points)).copy()
+    return hair_mesh(np.array(points, dtype=float), radii, np.array([0]), np.array([straight]), "grass")
+
+
+def widths(mesh, along):
+    """Width of the shadow across `along`, from all sides."""
+    across = np.linalg.svd(np.asarray(along, dtype=float)[None])[2][1:]
+    turn = np.linspace(0, np.pi, 720, endpoint=False)
+    sides = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
+    return np.ptp(mesh.vertices @ sides.T, axis=0)
+
+
+@pytest.mark.parametrize("along", [(0, 0, 1), (0, 0, -2), (1, 0, 0), (1e-9, 0, 3), (1, -2, 0.5)])
+def test_a_strand_is_as_wide_as_it_is_drawn(along):
+    seen = widths(strand((5, 5, 5), np.add(5, along)), along)
+    assert seen.mean() == pytest.approx(0.2, rel=1e-5)
+    assert seen.min() > 0.155
+    assert seen.max() < 0.225
+
+
+def test_a_strand_ends_where_its_points_end():
+    mesh = strand((0, 0, 0), (0, 0, 1), (0, 0.5, 2))
+    assert mesh.faces.shape == (16, 3)
+    assert mesh.bounds[0, 2] == 0.0
+    assert mesh.bounds[1, 2] == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_strand_tapers():
+    mesh = strand((0, 0, 0), (0, 0, 1), radius=[0.1, 0.0])
+    assert np.ptp(mesh.vertices[mesh.vertices[:, 2] == 1.0], axis=0).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_faces_look_outward():
+    mesh = strand((0, 0, 0), (0, 0, 1))
+    a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
+    outward = (a + b + c) / 3 - [0, 0, 0.5]
+    assert ((np.cross(b - a, c - a) * outward).sum(axis=1) > 0).all()
+
+
+def test_curves_are_not_joined():
+    points = np.array([[0, 0, 0], [0, 0, 1], [9, 0, 0], [9, 0, 1], [9, 0, 2], [20, 0, 0]], dtype=float)
+    mesh = hair_mesh(points, np.full(6, 0.1), np.array([0, 2, 5]), np.array([True, False, True]), "grass")
+    assert len(mesh.faces) == 3 * 8
+    assert not ((mesh.vertices[:, 0] > 1) & (mesh.vertices[:, 0] < 8)).any()
+    assert mesh.bounds[1, 0] < 10
+
+
+def test_stretches_without_length_or_thickness_are_left_out():
+    assert len(strand((0, 0, 0), (0, 0, 0), (0, 0, 1)).faces) == 8
+    assert strand((1, 1, 1), (1, 1, 1)) is None
+    assert strand((0, 0, 0), (0, 0, 1), radius=0.0) is None
+    assert strand((0, 0, 0)) is None
+    none = np.empty(0)
+    assert hair_mesh(np.empty((0, 3)), none, none.astype(int), none.astype(bool), "grass") is None
+
+
+def test_coordinates_that_are_no_numbers_are_refused():
+    with pytest.raises(ValueError, match="vertex"):
+        strand((0, 0, 0), (0, np.nan, 1))
+
+
+def test_a_bent_strand_follows_the_spline_through_its_points():
+    """Of a circle: halfway between points 30 degrees apart, the spline is (9 cos 15 - cos 45) / 8 from the middle."""
+    turn = np.linspace(-np.pi / 2, np.pi, 10)
+    points = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    bent, chords = (strand(*points, radius=0.005, straight=straight) for straight in (False, True))
+    off = [np.abs(np.linalg.norm(axis_points(mesh), axis=1) - 1.0) for mesh in (bent, chords)]
+    inner = np.abs(np.arctan2(*axis_points(bent)[:, 1::-1].T) - np.pi / 4) < np.pi / 2
+    assert off[0][inner].max() < 0.0017 + BEND * 0.005
+    assert off[1].max() > 0.03
+
+
+def axis_points(mesh):
+    """The middles of all prisms."""
+    return mesh.vertices.reshape(-1, 8, 3).mean(axis=1)
+
+
+def test_straight_stretches_of_a_spline_are_not_cut():
+    assert len(strand((0, 0, 0), (0, 0, 1), (0, 0, 2), straight=False).faces) == 16
