@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -98,20 +99,32 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
         If it is neither, or its size is not that of the image.
     """
     if isinstance(segmentation, Mapping):
-        size = segmentation.get("size")
-        if list(size or ()) != [height, width]:
+        size, counts = segmentation.get("size"), segmentation.get("counts")
+        if size != [height, width]:
             raise ValueError(f"segmentation: expected size [{height}, {width}], got {size!r}")
-        if "counts" not in segmentation:
-            raise ValueError(f"segmentation: expected run lengths under 'counts', got {sorted(segmentation)}")
-        record: Any = dict(segmentation)
-        if isinstance(record["counts"], list):
-            record = rle_codec.frPyObjects(record, height, width)
+        if isinstance(counts, list) and all(isinstance(n, int) and n >= 0 for n in counts):
+            record = rle_codec.frPyObjects({"size": size, "counts": counts}, height, width)
+        elif isinstance(counts, str):
+            record = {"size": size, "counts": counts}
+        else:
+            raise ValueError(f"segmentation: expected run lengths under 'counts', got {counts!r:.60}")
+    elif not isinstance(segmentation, list) or not segmentation or not all(map(_is_ring, segmentation)):
+        raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
     else:
-        rings = list(segmentation) if isinstance(segmentation, Sequence) else []
-        if not rings or any(not isinstance(ring, Sequence) or len(ring) < 6 or len(ring) % 2 for ring in rings):
-            raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
-        record = rle_codec.merge(rle_codec.frPyObjects(rings, height, width))
-    return rle_codec.decode(record).astype(bool)
+        record = rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))
+    try:
+        return rle_codec.decode(record).astype(bool)
+    except ValueError as error:
+        raise ValueError(f"segmentation: expected run lengths of {width * height} pixels ({error})") from error
+
+
+def _is_ring(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) >= 6
+        and len(value) % 2 == 0
+        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+    )
 
 
 def area(mask: Bool[np.ndarray, "h w"]) -> int:

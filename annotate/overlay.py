@@ -147,7 +147,7 @@ def dataset_sheet(
         try:
             with Image.open(path) as picture:
                 pictures.append(draw(picture, mine[image["id"]], names, masks=masks))
-        except OSError as error:
+        except (OSError, SyntaxError, Image.DecompressionBombError) as error:
             raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error
         except ValueError as error:
             raise DatasetError(str(error), path=path, remedy="check the dataset with `hulldown verify`") from error

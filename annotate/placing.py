@@ -76,7 +76,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
             return
         final.parent.mkdir(parents=True, exist_ok=True)
         temporary.unlink(missing_ok=True)
-        link_or_copy(picture.resolve(), temporary)
+        link_or_copy(picture, temporary)
     except OSError as error:
         raise unwritten(folder, name, error) from error
     publish(temporary, folder, name)
@@ -85,13 +85,15 @@ def place(picture: Path, folder: Path, name: str) -> None:
 def link_or_copy(source: Path, target: Path) -> None:
     """A file under another name, that nothing has yet: as a hard link, or as a copy where there are none.
 
+    Of a symbolic link it is what that leads to: the link itself may lead nowhere from another folder.
+
     Raises
     ------
     OSError
         If there is no such file, something has the name, or it cannot be written.
     """
     try:
-        os.link(source, target)
+        os.link(source.resolve(), target)
     except (FileNotFoundError, FileExistsError):
         raise  # copied over, a target that is a link already would take what it links to with it
     except OSError:  # another disk, or one that has no links

@@ -185,11 +185,11 @@ def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[str]:
-    if not annotation.get("segmentation"):
+    if not annotation.get("segmentation") or any(_size_problems(image)):
         return
     try:
         mask = decode(annotation["segmentation"], image["width"], image["height"])
-    except (ValueError, TypeError, KeyError, OverflowError) as error:
+    except ValueError as error:
         yield str(error)
         return
     box = mask_box(mask)

@@ -165,7 +165,7 @@ def _check_file(folder: Path, image: Mapping[str, Any], decode_images: bool) -> 
             size = picture.size
             if decode_images:
                 picture.load()
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         return [Finding("error", name, f"cannot be decoded: {error}")], None
     findings = []
     if size != (image.get("width"), image.get("height")):

@@ -117,7 +117,16 @@ def test_polygon_of_a_square_has_its_four_corners():
     assert polygons(np.zeros((3, 3))) == []
 
 
-@pytest.mark.parametrize("segmentation", [5, "x", [1], {"size": [3, 4]}, [[1, 2, 3, 4]], []])
+LENGTHS = [None, 5, {}, "zzz", [-1], [99], ["a"], [[None]]]
+
+
+@pytest.mark.parametrize(
+    "segmentation",
+    [
+        *(5, "x", [1], {"size": [3, 4]}, [[1, 2, 3, 4]], [], {"size": 3, "counts": "0"}, [["a"] * 6], [[None] * 6]),
+        *({"size": [3, 4], "counts": counts} for counts in LENGTHS),
+    ],
+)
 def test_what_is_no_segmentation_is_refused(segmentation):
     with pytest.raises(ValueError, match="segmentation: expected"):
         decode(segmentation, 4, 3)

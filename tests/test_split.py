@@ -198,6 +198,19 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
         export(dataset, out)
 
 
+def test_a_picture_that_is_a_link_is_exported_as_what_it_leads_to(tmp_path):
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "d").mkdir()
+    Image.new("RGB", (32, 24)).save(tmp_path / "raw" / "x.png")
+    (tmp_path / "d" / "x.png").symlink_to("../raw/x.png")
+    images = [{"id": 1, "file_name": "x.png", "width": 32, "height": 24}]
+    (tmp_path / "d" / "annotations.json").write_text(json.dumps({"images": images, "categories": []}))
+    export(tmp_path / "d", tmp_path / "far" / "away" / "out", fractions=(1.0, 0.0, 0.0))
+    exported = tmp_path / "far" / "away" / "out" / "train" / "x.png"
+    assert exported.is_file()
+    assert not exported.is_symlink()
+
+
 def test_a_missing_image_is_named(tmp_path):
     with CocoDataset.open(tmp_path / "dataset") as dataset:
         dataset.append({"file_name": "images/7.png", "width": 4, "height": 4}, [])

@@ -104,6 +104,11 @@ def test_a_broken_picture_is_found(dataset):
     assert str(finding).startswith("error: images/1.png: cannot be decoded")
 
 
+def test_a_picture_too_large_to_be_decoded_is_found(dataset, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
+    assert [(f.where, f.severity) for f in verify(dataset)] == [(f"images/{i}.png", "error") for i in range(3)]
+
+
 def test_equal_pictures_are_found(dataset):
     (dataset / "images" / "2.png").write_bytes((dataset / "images" / "0.png").read_bytes())
     assert list(map(str, verify(dataset))) == ["warning: images/2.png: is the same picture as images/0.png"]
