@@ -67,7 +67,7 @@ class Document:
         try:
             for run in info.get("hulldown_runs", []) if isinstance(info, dict) else []:
                 self._add_run(run)
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
         _dumped([head, self.categories], "what is beside images and annotations", path)
         self.head = head
@@ -180,7 +180,7 @@ def read_document(folder: Path) -> Document:
                 key = line["image"]["file_name"] if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise _foreign_line(journal, number) from error
     if merged and not exists:
         warnings.warn(

@@ -23,6 +23,11 @@ class Run:
         What to put before the plan's file names; empty in a dataset that was empty when the run began.
     images, annotations
         How many ids are set aside.
+
+    Raises
+    ------
+    ValueError
+        If these are no names and counts, as in a file that somebody has edited.
     """
 
     key: str
@@ -31,6 +36,13 @@ class Run:
     prefix: str
     images: int
     annotations: int
+
+    def __post_init__(self) -> None:
+        counts = (self.image_offset, self.annotation_offset, self.images, self.annotations)
+        if not all(isinstance(n, int) and n >= 0 for n in counts):
+            raise ValueError(f"expected offsets and counts of at least 0, got {counts}")
+        if not all(isinstance(name, str) and "/" not in name for name in (self.key, self.prefix)):
+            raise ValueError(f"expected key and prefix to be parts of names, got {self.key!r} and {self.prefix!r}")
 
     def file_name(self, planned: str) -> str:
         """The name in the dataset of the image that the plan calls `planned`."""

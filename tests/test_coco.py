@@ -236,6 +236,11 @@ def test_a_second_process_is_refused(tmp_path):
     CocoDataset.open(tmp_path).close()
 
 
+def edited_run(**changes: object) -> bytes:
+    run = {"key": "k", "image_offset": 0, "annotation_offset": 0, "prefix": "", "images": 1, "annotations": 1}
+    return json.dumps({"info": {"hulldown_runs": [{**run, **changes}]}}).encode()
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -244,6 +249,11 @@ def test_a_second_process_is_refused(tmp_path):
         (b'{"images": {}}', "'images' is not a list of objects"),
         (b'{"images": [{"id": "a"}]}', "image id 'a' is not a whole number"),
         (b'{"annotations": [{"bbox": []}]}', "annotation id None is not a whole number"),
+        (
+            edited_run(prefix="../"),
+            "'info' has 'hulldown_runs' that are not as they were written .expected key and",
+        ),
+        (edited_run(images=-1), "'info' has 'hulldown_runs' that are not as they were written .expected offsets and"),
     ],
 )
 def test_an_unusable_file_is_refused_and_left_alone(tmp_path, content, message):
