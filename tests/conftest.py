@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,3 +18,12 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
     from tests.messy_export import build  # not before a test asks: it needs most of the code
 
     return build(tmp_path_factory.mktemp("messy"))
+
+
+@pytest.fixture(scope="session")
+def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A stand-in for an installed Blender; see fake_blender.py."""
+    script = tmp_path_factory.mktemp("blender") / "blender"
+    script.write_text(f"#!/bin/sh\nexec {sys.executable} -S -E {Path(__file__).with_name('fake_blender.py')}\n")
+    script.chmod(0o755)
+    return str(script)

@@ -1,23 +1,11 @@
 """Workers that crash, hang, grow or refuse, against a pool that must outlive them."""
 
 import os
-import sys
-from pathlib import Path
 
 import pytest
 
 from geometry.errors import HulldownError
 from render.pool import Limits, Pool, Stopped
-
-FAKE = Path(__file__).with_name("fake_blender.py")
-
-
-@pytest.fixture(scope="module")
-def blender(tmp_path_factory):
-    script = tmp_path_factory.mktemp("blender") / "blender"
-    script.write_text(f"#!/bin/sh\nexec {sys.executable} -S -E {FAKE}\n")
-    script.chmod(0o755)
-    return str(script)
 
 
 class Work:

@@ -1,0 +1,113 @@
+"""A plan of cubes in a void and its assets, for runs with a stand-in for Blender."""
+
+from pathlib import Path
+
+import numpy as np
+import orjson
+
+from annotate.document import read_coco
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.meshes import Mesh
+from render.jobs import RenderAssets, SceneryFile, VehicleFile
+
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)])
+CUBE_FACES = np.array(
+    [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+        (1, 5, 7),
+        (1, 7, 3),
+    ]
+)
+
+
+def _cube_assets() -> RenderAssets:
+    shape = VehicleShape(
+        name="cube",
+        mesh=Mesh(CUBE, CUBE_FACES, "cube"),
+        vertex_part=np.zeros(8, dtype=np.int64),
+        part_names=("hull",),
+        part_parent=np.array([-1]),
+        part_pivot=np.zeros((1, 3)),
+        part_axis=np.array([[0.0, 0.0, 1.0]]),
+        part_limits=np.zeros((1, 2)),
+        vehicle_from_file=np.eye(4),
+    )
+    scenery = Scenery(
+        name="void",
+        origin=np.zeros(3),
+        ground=None,
+        ground_names=(),
+        face_ground=np.empty(0, dtype=np.int64),
+        obstacle_meshes=(),
+        instance_mesh=np.empty(0, dtype=np.int64),
+        world_from_instance=np.empty((0, 4, 4)),
+        instance_names=(),
+        instance_gives_way=np.empty(0, dtype=bool),
+        scenery_from_file=np.eye(4),
+    )
+    return RenderAssets(
+        {"cube": VehicleFile(shape, Path("cube.blend"))},
+        {"void": SceneryFile(Path("void.blend"), np.eye(4), scenery)},
+        {"sky": Path("sky.exr")},
+    )
+
+
+def make_row(i, **changes):
+    """A cube whose near face is 10 m before a camera that looks along +x."""
+    target = {
+        "vehicle": "cube",
+        "category": "box",
+        "world_from_vehicle": np.eye(4).tolist(),
+        "articulation": {},
+        "bbox": [6.0, 6.0, 4.0, 4.0],
+        "bbox_amodal": [6.0, 6.0, 4.0, 4.0],
+        "visible_fraction": 1.0,
+        "truncated_fraction": 0.0,
+        "slope_deg": 0.0,
+        "gap": 0.0,
+        "penetration": 0.0,
+        "tries": 1,
+    }
+    camera = [[0.0, 0.0, 1.0, -11.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]]
+    row = {
+        **{"index": i, "image_id": i + 1, "file_name": f"images/{i + 1:08d}.png", "scenery": "void"},
+        **{"position": i, "shot": 0, "world_from_camera": camera, "fov_x_deg": 53.13010235415598},
+        **{"width": 16, "height": 16, "hdri": "sky", "hdri_yaw_deg": 0.0, "strength": 1.0, "weather": None},
+        **{"sample_seed": i, "companions": [], "rejected": {}},
+        **target,
+    }
+    return {**row, **changes}
+
+
+def write_plan(folder, rows):
+    folder.mkdir(parents=True, exist_ok=True)
+    header = {
+        **{"hulldown_plan": 1, "seed": 0, "root": ".", "images": len(rows), "versions": {}},
+        "config": {"render": {"samples": 1, "denoise": False, "adaptive_threshold": 0.0, "bounces": 1}},
+        "vehicles": {"cube": {"path": "cube.blend", "sha256": "", "category": "box"}},
+        "sceneries": {"void": {"path": "void.blend", "sha256": "", "origin": [0, 0, 0]}},
+        "hdris": {"sky": {"path": "sky.exr", "sha256": ""}},
+    }
+    path = folder / "plan.jsonl"
+    path.write_bytes(b"".join(orjson.dumps(r, option=orjson.OPT_APPEND_NEWLINE) for r in [header, *rows]))
+    return path
+
+
+def contents(folder):
+    """Everything that makes a dataset what it is."""
+    pictures = {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.png"))}
+    coco = read_coco(folder)
+    return coco["images"], coco["annotations"], coco["categories"], pictures
+
+
+ASSETS = _cube_assets()

@@ -1,0 +1,190 @@
+"""What `render` refuses, with a stand-in for Blender, and that it leaves the dataset as it was."""
+
+import json
+import os
+import signal
+import warnings
+from pathlib import Path
+
+import pytest
+
+from annotate.coco import CocoDataset
+from annotate.document import read_coco
+from geometry.errors import ConfigError, DatasetError, HulldownError
+from render.pool import Limits
+from render.supervisor import render_plan
+from tests.render_plans import ASSETS, make_row, write_plan
+
+NO_DENOISER = r"""
+printf '@hulldown {"ready": "5.0"}\n'; read line
+printf '@hulldown {"done": "start", "device": "CPU", "devices": 1}\n'; read line
+printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; read line
+"""
+
+
+@pytest.mark.parametrize("name", ["provenance.json", "failures.jsonl"])
+def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, name):
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / name).write_text("x\n")
+    with pytest.raises(DatasetError, match=name):
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, blender=blender)
+    assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
+
+
+@pytest.mark.parametrize("share", [(0, 2), (3, 2), (1, 0)])
+def test_a_share_that_is_none_is_refused(tmp_path, blender, share):
+    with pytest.raises(ValueError, match=r"share: expected \(k, n\)"):
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, blender=blender, share=share)
+    assert not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (None, "is no program that can be started; name Blender's executable"),
+        ("exit 1", "Blender has not started 3 times"),
+        ("echo no graphics card of that kind >&2; exit 3", "no graphics card"),
+        ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),
+        (NO_DENOISER, "Blender cannot be used: no denoiser; plan without"),
+    ],
+)
+@pytest.mark.parametrize("there", ["nothing", "a dataset", "an unclosed dataset"])
+def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, blender, script, message, there):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
+    other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(2)])
+    dataset = tmp_path / "new" / "d"
+    if there != "nothing":
+        render_plan(other, dataset, assets=ASSETS, blender=blender, limit=1)
+        (dataset / "failures.jsonl").write_text('{"file_name": "images/00000002.png"}\n')
+    if there == "an unclosed dataset":
+        (dataset / "annotations.json").unlink()
+    wrong = tmp_path / "wrong"
+    if script is not None:
+        wrong.write_text(f"#!/bin/sh\n{script}\n")
+        wrong.chmod(0o755)
+
+    def files():
+        return {p: p.is_file() and p.read_bytes() for p in (tmp_path / "new").rglob("*") if p.parent.name != "logs"}
+
+    before = files()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with pytest.raises(HulldownError, match=message) as told:
+            render_plan(plan, dataset, assets=ASSETS, blender=str(wrong))
+    assert files() == before
+    assert (tmp_path / "new").exists() == (there != "nothing")
+    assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
+
+
+def test_a_run_in_which_every_attempt_fails_leaves_its_logs_alone(tmp_path, blender):
+    plan = write_plan(tmp_path, [make_row(i, width=70_000_000_000) for i in range(4)])
+    with pytest.raises(HulldownError, match=r"logs: 4 attempts have failed one after the other"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, limits=Limits(give_up_after=4))
+    assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
+    mended = write_plan(tmp_path, [make_row(0)])
+    render_plan(mended, tmp_path / "d", assets=ASSETS, blender=blender)
+    (image,) = read_coco(tmp_path / "d")["images"]
+    assert (image["id"], image["file_name"]) == (1, "images/00000001.png")
+
+
+def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, blender):
+    def stop(progress):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    plan = write_plan(tmp_path, [make_row(0)])
+    assert render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, progress=stop).interrupted
+    assert not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "message"),
+    [
+        ("images", {"id": 4, "file_name": "real/x.jpg", "width": 8, "height": 6}, "image 4 .'real/x.jpg'. has the id"),
+        ("annotations", {"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 1, 2, 2]}, "annotation 4 has the id"),
+    ],
+)
+def test_an_id_of_the_plan_that_something_else_has_is_named(tmp_path, blender, kind, changes, message):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
+    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, limit=2)
+    path = tmp_path / "d" / "annotations.json"
+    coco = json.loads(path.read_text())
+    coco[kind].append(changes)
+    path.write_text(json.dumps(coco))
+    before = path.read_bytes()
+    with pytest.raises(DatasetError, match=rf"{message} that is set aside for images/00000004\.png; .* from 6 on"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    assert path.read_bytes() == before
+    path.write_text(path.read_text().replace('"id": 4', '"id": 6'))
+    assert render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender).rendered == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("../out.png", ConfigError),
+        ("images/../../out.png", ConfigError),
+        ("/tmp/hulldown-hostile.png", ConfigError),
+        ("C:\\out.png", ConfigError),
+        ("..\\out.png", ConfigError),
+        ("link/out.png", DatasetError),
+        ("link/new/out.png", DatasetError),
+        ("annotations.json", ConfigError),
+        ("images/", ConfigError),
+    ],
+)
+def test_a_hostile_file_name_writes_nothing_outside(tmp_path, blender, name, error):
+    plan = write_plan(tmp_path / "plan", [make_row(0, file_name=name)])
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    dataset = tmp_path / "d"
+    dataset.mkdir()
+    (dataset / "link").symlink_to(outside)
+    before = {p for p in tmp_path.rglob("*") if dataset not in p.parents}
+    with pytest.raises(error):
+        render_plan(plan, dataset, assets=ASSETS, blender=blender)
+    assert {p for p in tmp_path.rglob("*") if dataset not in p.parents} == before
+    assert not Path("/tmp/hulldown-hostile.png").exists()
+
+
+@pytest.mark.parametrize("name", ["logs", ".unfinished", "images"])
+def test_a_folder_of_ours_that_is_a_link_is_refused(tmp_path, blender, name):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / name).symlink_to(outside)
+    with pytest.raises(DatasetError, match="leads out of the dataset"):
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, blender=blender)
+    assert list(outside.iterdir()) == []
+
+
+def test_two_images_of_one_name_are_refused_before_rendering(tmp_path, blender):
+    plan = write_plan(tmp_path, [make_row(0), make_row(1, file_name="images/00000001.png")])
+    with pytest.raises(ConfigError, match=r"2 images are called 'images/00000001.png'"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_damaged_plan_leaves_the_dataset_as_it_was(tmp_path, blender):
+    """Down to the categories: the dataset may be somebody's real photographs."""
+    plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
+    plan.write_bytes(plan.read_bytes()[:-40])
+    dataset = tmp_path / "d"
+    dataset.mkdir()
+    (dataset / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
+    with pytest.raises(ConfigError, match="line 4 is no JSON"):
+        render_plan(plan, dataset, assets=ASSETS, blender=blender)
+    assert [path.name for path in dataset.iterdir()] == ["annotations.json"]
+    assert (dataset / "annotations.json").read_text() == '{"images": [], "annotations": [], "categories": []}'
+
+
+@pytest.mark.parametrize("change", [{"vehicle": "tank"}, {"hdri": "night"}, {"world_from_camera": None, "weather": 3}])
+def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, blender, change):
+    plan = write_plan(tmp_path, [make_row(0, **change)])
+    with pytest.raises(ConfigError, match=r"line 2|image 0"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+
+
+def test_a_dataset_in_use_is_refused(tmp_path, blender):
+    plan = write_plan(tmp_path, [make_row(0)])
+    with CocoDataset.open(tmp_path / "d"), pytest.raises(DatasetError, match="another process"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
