@@ -84,7 +84,7 @@ def compare(
     bbox: ArrayLike | None,
     alone: Bool[np.ndarray, "h w"],
     *,
-    segmentation: Mapping[str, Any] | Sequence[Any] | None = None,
+    segmentation: Any = None,
     visible: Bool[np.ndarray, "h w"] | None = None,
 ) -> MaskComparison:
     """Hold an annotation against rendered masks.
@@ -96,9 +96,14 @@ def compare(
     alone
         Where the render shows the vehicle with nothing in front of it: what the box must hold.
     segmentation
-        The annotated visible mask.
+        The annotated visible mask, as COCO has it; None if there is none.
     visible
         Where the render shows the vehicle behind whatever hides it.
+
+    Raises
+    ------
+    ValueError
+        If there is a segmentation that is none.
     """
     rendered = mask_box(alone)
     if bbox is None or rendered is None:

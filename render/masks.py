@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from annotate.document import read_coco
+from annotate.entries import is_box
 from annotate.masks import mask_box
 from annotate.planned import labelled, not_annotated
 from annotate.records import Finding
@@ -46,7 +47,7 @@ class MaskRow:
     outside
         How far that reaches out of the annotated box.
     mask_iou
-        Overlap of annotated and rendered visible mask.
+        Overlap of annotated and rendered visible mask; nan where the annotation has no mask.
     """
 
     file_name: str
@@ -128,9 +129,15 @@ def verify_masks(
             if label is None or label.get("image_id") != image_id:
                 findings.append(not_annotated(names[image_id], target))
                 continue
-            measured = _measured(names[image_id], target["vehicle"], label, found.alone[i], found.visible[i])
+            try:
+                measured = _measured(names[image_id], target["vehicle"], label, found.alone[i], found.visible[i])
+            except ValueError as error:
+                where = f"{names[image_id]}, {target['vehicle']}"
+                problem = f"annotation {label_id} cannot be held against a mask: {error}"
+                findings.append(Finding("error", where, problem))
+                continue
             rows.append(measured)
-            findings += [finding] if (finding := _judged(measured, float(label["area"]))) else []
+            findings += [finding] if (finding := _judged(measured, label.get("area"))) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
@@ -141,8 +148,11 @@ def _measured(
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
-    result = compare(label["bbox"], alone, segmentation=label["segmentation"], visible=visible)
-    outside = _outside(label["bbox"], alone)
+    bbox = label.get("bbox")
+    if not is_box(bbox):
+        raise ValueError(f"bbox {bbox!r} is not [x, y, width, height]")
+    result = compare(bbox, alone, segmentation=label.get("segmentation"), visible=visible)
+    outside = _outside(bbox, alone)
     return MaskRow(name, vehicle, int(visible.sum()), result.box_error, outside, result.mask_iou)
 
 
@@ -154,11 +164,12 @@ def _outside(bbox: Sequence[float], alone: Bool[np.ndarray, "h w"]) -> float:
     return float(max((low - rendered[:2]).max(), (rendered[:2] + rendered[2:] - low - size).max(), 0.0))
 
 
-def _judged(row: MaskRow, area: float) -> Finding | None:
+def _judged(row: MaskRow, area: Any) -> Finding | None:
     where = f"{row.file_name}, {row.vehicle}"
+    annotated = float(area) if isinstance(area, int | float) else 0.0
     if row.outside > ONE_PIXEL:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
-    different = (1 - row.mask_iou) * max(area, row.pixels)
+    different = (1 - row.mask_iou) * max(annotated, row.pixels)
     if row.mask_iou < SAME and different > FEW_PIXELS:
         return Finding("error", where, f"annotated and rendered mask overlap by {row.mask_iou:.3f} only")
     if row.box_error > ONE_PIXEL:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Int
-from PIL import Image, UnidentifiedImageError
+from PIL.PngImagePlugin import PngImageFile
 
 from annotate.coco import CocoDataset
 from annotate.failures import read_failures, write_failures
@@ -265,10 +265,11 @@ class Session:
 def _damage(picture: Path, width: int, height: int) -> str | None:
     """What is wrong with a picture that Blender says it has written."""
     try:
-        with Image.open(picture, formats=["PNG"]) as image:
+        # Not by `Image.open`, which refuses pictures above a size.
+        with PngImageFile(picture) as image:
             if image.size != (width, height):
                 return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
             image.verify()
-    except (OSError, SyntaxError, UnidentifiedImageError) as error:
+    except (OSError, SyntaxError, ValueError) as error:
         return f"Blender wrote a picture that cannot be read ({error})"
     return None

@@ -13,6 +13,52 @@ from render.supervisor import render_plan
 from tests.render_plans import ASSETS, make_row, write_plan
 
 
+def as_annotated(coco, monkeypatch, labels=2):
+    """In place of Cycles' masks those that a dataset has, so many labels an image."""
+    masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
+
+    def shown(plan, rows, *_args, **_options):
+        mine = [masks[labels * i : labels * (i + 1)] for i in rows]
+        return [RowMasks(i, alone=of_row, visible=of_row) for i, of_row in zip(rows, mine, strict=True)]
+
+    monkeypatch.setattr("render.masks.cycles_masks", shown)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"segmentation": wrong} for wrong in ([1], {"size": [16, 16], "counts": [400]}, 7)),
+        *({"bbox": wrong} for wrong in (None, [1, 2, 3], "x")),
+    ],
+)
+def test_a_label_that_is_damaged_is_a_finding_and_others_are_measured(tmp_path, blender, monkeypatch, change):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(2)])
+    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    path = tmp_path / "d" / "annotations.json"
+    coco = json.loads(path.read_text())
+    as_annotated(coco, monkeypatch, labels=1)
+    first, second = coco["annotations"]
+    path.write_text(json.dumps({**coco, "annotations": [{**first, **change}, second]}))
+    report = verify_masks(tmp_path / "d", plan, count=2, assets=ASSETS)
+    (finding,) = report.findings
+    assert (finding.severity, finding.where) == ("error", "images/00000001.png, cube")
+    assert "cannot be held against a mask" in finding.problem
+    assert [row.mask_iou for row in report.rows] == [1.0]
+
+
+def test_a_label_without_mask_and_area_has_its_box_measured(tmp_path, blender, monkeypatch):
+    plan = write_plan(tmp_path, [make_row(0)])
+    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    path = tmp_path / "d" / "annotations.json"
+    coco = json.loads(path.read_text())
+    as_annotated(coco, monkeypatch, labels=1)
+    (label,) = coco["annotations"]
+    bare = {key: value for key, value in label.items() if key not in ("segmentation", "area")}
+    path.write_text(json.dumps({**coco, "annotations": [bare]}))
+    report = verify_masks(tmp_path / "d", plan, count=1, assets=ASSETS)
+    assert (report.findings, [row.box_error for row in report.rows]) == ((), [0.0])
+
+
 @pytest.mark.parametrize("deleted", [3, 4])
 def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_path, blender, monkeypatch, deleted):
     pose = np.eye(4)
@@ -23,12 +69,7 @@ def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_p
     render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
     path = tmp_path / "d" / "annotations.json"
     coco = json.loads(path.read_text())
-
-    def as_annotated(plan, rows, *_args, **_options):
-        masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
-        return [RowMasks(i, alone=masks[2 * i : 2 * i + 2], visible=masks[2 * i : 2 * i + 2]) for i in rows]
-
-    monkeypatch.setattr("render.masks.cycles_masks", as_annotated)
+    as_annotated(coco, monkeypatch)
     left = [label for label in coco["annotations"] if label["id"] != deleted]
     by_hand = {**coco["annotations"][0], "id": 99, "image_id": 2}
     path.write_text(json.dumps({**coco, "annotations": [*left, by_hand]}))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from pycocotools.coco import COCO
 
 from annotate.coco import CocoDataset
@@ -51,6 +52,12 @@ def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
     assert annotation["bbox"] == [6.0, 6.0, 4.0, 4.0]
     assert annotation["world_from_vehicle"] == np.eye(4).tolist()
     assert coco.imgs[1]["fov_x_deg"] == pytest.approx(53.13, abs=0.01)
+
+
+def test_a_picture_of_any_size_that_blender_writes_is_taken(tmp_path, blender, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses from twice as many on; a row has 256
+    plan = write_plan(tmp_path, [make_row(0)])
+    assert render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender).complete
 
 
 def test_provenance_says_what_was_used(tmp_path, blender):
