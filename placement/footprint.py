@@ -1,12 +1,21 @@
-"""The part of a vehicle's underside that stands on the ground."""
+"""What of a vehicle stands on the ground, how high the rest of its underside is, and where to look at both."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.meshes import Mesh
+from placement.terrain import Terrain
+
+RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
+LEAN = 0.05  # metres higher that a spot may be for each metre that it is nearer; measured in docs/settling.md
+FOOT = 0.01  # of the footprint's longer side: what is no higher than this above the lowest spot is a foot
 
 
 def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float = 0.2) -> Float[np.ndarray, "2 2"]:
@@ -41,3 +50,130 @@ def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float =
         if band >= 1 or (box[1] - box[0] >= least * (high - low)[:2]).all():
             return box
         band = min(2 * band, 1.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Underside:
+    """How high a vehicle's underside is, seen from straight below.
+
+    Parameters
+    ----------
+    box
+        (2, 2) lowest and highest (x, y) of what touches the ground, vehicle frame: its contact footprint.
+    heights
+        (a, b) metres above the vehicle's z = 0 in equal cells of that box, along x and along y; inf where nothing is
+        above the ground.
+    """
+
+    box: Float[np.ndarray, "2 2"]
+    heights: Float[np.ndarray, "a b"]
+
+
+def underside(mesh: Mesh) -> Underside:
+    """The underside of a vehicle over its contact footprint.
+
+    The lowest of what a ray straight up through the middle of each cell meets and of the vertices and edges in it: a
+    sheet that stands on its edge meets no such ray.
+
+    Parameters
+    ----------
+    mesh
+        The vehicle at rest, in its own frame: z = 0 is what it stands on.
+    """
+    box = contact_footprint(mesh.vertices[np.unique(mesh.faces)])
+    if (box[0] >= box[1]).any():
+        raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
+    step = (box[1] - box[0]) / RASTER
+    x, y = (box[0, i] + (np.arange(RASTER) + 0.5) * step[i] for i in range(2))
+    below = Terrain(Mesh(mesh.vertices * [1.0, 1.0, -1.0], mesh.faces, mesh.name))
+    hits = below.top_hits(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2), method="refined")
+    heights = np.where(hits.hit, -hits.z, np.inf)
+    points = _outline(mesh, step)
+    points = points[((points[:, :2] >= box[0]) & (points[:, :2] <= box[1])).all(axis=1)]
+    cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER - 1)
+    np.minimum.at(heights, cell @ [RASTER, 1], points[:, 2])
+    return Underside(box, heights.reshape(RASTER, RASTER))
+
+
+def _outline(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
+    """Points along all edges, at most a step apart."""
+    ends = mesh.vertices[mesh.faces[:, (0, 1, 1, 2, 2, 0)]].reshape(-1, 2, 3)
+    along = ends[:, 1] - ends[:, 0]
+    pieces = np.maximum(1, np.ceil((np.abs(along[:, :2]) / step).max(axis=1)).astype(np.int64))
+    edge = np.repeat(np.arange(len(ends)), pieces)  # the last point of each is the first of the next one of its face
+    share = (np.arange(len(edge)) - (np.cumsum(pieces) - pieces)[edge]) / pieces[edge]
+    return ends[edge, 0] + share[:, None] * along[edge]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Spots:
+    """Points of a footprint at which the ground is compared with the underside.
+
+    Parameters
+    ----------
+    xy
+        (m, 2) where, vehicle frame.
+    height
+        (m,) of the underside there above z = 0; inf where there is none.
+    foot
+        (m,) whether the vehicle means to stand there: the underside is next to its lowest.
+    centre
+        (2,) the middle of the footprint.
+    """
+
+    xy: Float[np.ndarray, "m 2"]
+    height: Float[np.ndarray, " m"]
+    foot: Bool[np.ndarray, " m"]
+    centre: Float[np.ndarray, "2"]
+
+    def solid(self) -> Spots:
+        """Those that are under something."""
+        kept = np.isfinite(self.height)
+        return Spots(self.xy[kept], self.height[kept], self.foot[kept], self.centre)
+
+
+def plate_spots(box: Float[np.ndarray, "2 2"], n: int) -> Spots:
+    """N x n points over a rectangle, border included; one point is its middle. All are feet of height 0."""
+    share = _shares(n)
+    x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
+    xy = np.stack([x.ravel(), y.ravel()], axis=1)
+    centre = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
+    return Spots(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), centre)
+
+
+def _shares(n: int) -> Float[np.ndarray, " n"]:
+    return np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
+
+
+@lru_cache(maxsize=64)
+def spots(footprint: Underside, n: int) -> Spots:
+    """The lowest spot near each of n x n points that cover an underside: under wheels and tracks where there are any.
+
+    Near each point is what is nearer to it than to the others. A spot gives way to one nearer to the point that is
+    higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
+    underside has them at the points themselves.
+    """
+    regular = plate_spots(footprint.box, n)
+    step = (footprint.box[1] - footprint.box[0]) / RASTER
+    share = _shares(n)
+    reach = 0.5 / max(n - 1, 1) if n != 1 else 0.5
+    first = np.maximum(np.floor((share - reach) * RASTER), 0).astype(int)
+    last = np.minimum(np.ceil((share + reach) * RASTER), RASTER).astype(int)
+    xy, height = regular.xy.copy(), regular.height.copy()
+    for k, (i, j) in enumerate(np.ndindex(n, n)):
+        near = footprint.heights[first[i] : last[i], first[j] : last[j]]
+        # From the point to the nearest place of each cell, in metres.
+        away_x, away_y = (
+            (np.clip(s * RASTER, cells, cells + 1) - s * RASTER) * width
+            for s, cells, width in (
+                (share[i], np.arange(first[i], last[i]), step[0]),
+                (share[j], np.arange(first[j], last[j]), step[1]),
+            )
+        )
+        best = np.argmin(near + LEAN * np.hypot(away_x[:, None], away_y))
+        a, b = np.unravel_index(best, near.shape)
+        height[k] = near[a, b]
+        if np.isfinite(height[k]):
+            xy[k] += [away_x[a], away_y[b]]
+    foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
+    return Spots(xy, height, foot, regular.centre)

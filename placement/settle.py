@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.transforms import facing, rigid
+from placement.footprint import Spots, Underside, plate_spots, spots
 from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
 from placement.verdict import Verdict
@@ -44,9 +45,10 @@ class Settled:
         (k,) metres: how far inside the triangle of its three contacts the centre of gravity lies, seen from above; the
         nearer to 0, the less sure the pose. nan for the rules that know no contacts.
     gap
-        (k,) metres: the largest vertical distance from the tilted underside down to the ground.
+        (k,) metres: the largest vertical distance from the vehicle's tilted z = 0, which it stands on, down to the
+        ground beneath its feet. All points are feet unless `footprint` is an `Underside`; a belly then is none.
     penetration
-        (k,) metres: the largest vertical distance from the tilted underside up to the ground.
+        (k,) metres: the largest vertical distance from the tilted underside, at its own height, up to the ground.
     verdict
         (k,) codes of `Verdict`.
     """
@@ -79,7 +81,7 @@ def settle(
     max_gap: float = math.inf,
     max_penetration: float = math.inf,
     contact_n: int = 9,
-    footprint: ArrayLike | None = None,
+    footprint: ArrayLike | Underside | None = None,
     method: Method = "certified",
     threads: int = 1,
 ) -> Settled:
@@ -99,18 +101,20 @@ def settle(
         How the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
         "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on.
     n
-        The footprint is sampled by n x n vertical rays, border included.
+        The footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule
+        sends each to the lowest spot near its place, and lets the ground reach the underside there.
     max_slope
         Greatest inclination in radians, of the ground at (x, y) and of the rest plane.
     min_share
         Least share of the n x n rays that must meet ground.
     max_gap, max_penetration
-        Largest vertical distance in metres from the underside to the ground below it and above it.
+        Largest `Settled.gap` and `Settled.penetration`, in metres.
     contact_n
         Gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan.
     footprint
-        (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame; by default the whole underside of the
-        bounding box. See `placement.footprint.contact_footprint`.
+        (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame: a flat plate at z = 0; by default the
+        whole underside of the bounding box. See `placement.footprint.contact_footprint`. Or an `Underside`, which knows
+        how high the vehicle is above the ground between wheels and tracks: `placement.footprint.underside`.
     method
         How top hits are found; see `Terrain.top_hits`.
     threads
@@ -148,22 +152,25 @@ def settle(
     for name, limit in (("max_gap", max_gap), ("max_penetration", max_penetration)):
         if not limit >= 0.0:
             raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
-    box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
+    if isinstance(footprint, Underside):
+        box, contact = footprint.box, spots(footprint, contact_n).solid()
+        samples = spots(footprint, n) if rule == "support" else plate_spots(box, n)
+    else:
+        box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
+        samples, contact = plate_spots(box, n), plate_spots(box, contact_n)
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     if threads < 1:
         raise ValueError(f"threads: expected at least 1, got {threads}")
-    options = _Options(
-        rule, _grid(box, n), _grid(box, contact_n), max_slope, min_share, max_gap, max_penetration, method
-    )
+    options = _Options(rule, samples, contact, max_slope, min_share, max_gap, max_penetration, method)
     return _in_blocks(terrain, positions, headings, options, threads=threads)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Options:
     rule: str
-    samples: Float[np.ndarray, "m 2"]
-    contact_samples: Float[np.ndarray, "c 2"]
+    samples: Spots
+    contact: Spots
     max_slope: float
     min_share: float
     max_gap: float
@@ -176,7 +183,7 @@ def _in_blocks(
 ) -> Settled:
     """All candidates, by blocks of neighbours: their rays then meet the same triangles, and threads need not meet."""
     k = len(xy)
-    size = max(1, BLOCK_RAYS // max(len(options.samples), 1))
+    size = max(1, BLOCK_RAYS // max(len(options.samples.xy), 1))
     order = _by_neighbourhood(xy, size)
     blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
 
@@ -197,13 +204,6 @@ def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray
     by_x = np.argsort(xy[:, 0])
     strips = max(1, round(math.sqrt(len(xy) / size)))
     return np.concatenate([strip[np.argsort(xy[strip, 1])] for strip in np.array_split(by_x, strips)])
-
-
-def _grid(box: Float[np.ndarray, "2 2"], n: int) -> Float[np.ndarray, "m 2"]:
-    """N x n points over a rectangle, border included; one point is its centre."""
-    share = np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
-    x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
-    return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def _settle_block(
@@ -235,7 +235,7 @@ def _settle_block(
     out.verdict[rows[out.tilt[rows] > options.max_slope]] = Verdict.MEAN_TOO_STEEP
 
     rows = rows[out.verdict[rows] == Verdict.OK]
-    if len(options.contact_samples):
+    if len(options.contact.xy):
         out.gap[rows], out.penetration[rows] = _contact(terrain, out.world_from_vehicle[rows], options)
         out.verdict[rows[out.penetration[rows] > options.max_penetration]] = Verdict.PENETRATION
         out.verdict[rows[out.gap[rows] > options.max_gap]] = Verdict.GAP
@@ -251,7 +251,7 @@ def _rest(
 ) -> tuple[Rest, Float[np.ndarray, " k"]]:
     """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
     cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    x, y = options.samples.T
+    x, y = options.samples.xy.T
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
     hits = terrain.top_hits(points.reshape(-1, 2), method=options.method)
     valid = hits.hit.reshape(points.shape[:2])
@@ -260,9 +260,9 @@ def _rest(
     if options.rule == "averaged":
         nx, ny, nz = np.moveaxis(hits.normal.reshape(*valid.shape, 3), 2, 0)
         turned = np.stack([cos * nx + sin * ny, cos * ny - sin * nx, nz], axis=2)
-        rest = averaged(options.samples, heights, turned, valid)
+        rest = averaged(options.samples.xy, heights, turned, valid)
     elif options.rule == "least_squares":
-        rest = least_squares(options.samples, heights, valid)
+        rest = least_squares(options.samples.xy, heights, valid)
     else:
         rest = support(options.samples, heights, valid)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
@@ -272,13 +272,19 @@ def _contact(
     terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], options: _Options
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Gap and penetration of the tilted undersides; points over no ground count for neither."""
-    x, y = options.contact_samples.T
-    forward, left, origin = (world_from_vehicle[:, :3, i, None] for i in (0, 1, 3))
+    x, y = options.contact.xy.T
+    height, foot = options.contact.height, options.contact.foot
+    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
     points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
+    if raised := height.any():
+        points += np.stack([up[:, i] * height for i in range(3)], axis=2)
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=options.method)
-    above = points[..., 2] - hits.z.reshape(points.shape[:2])
+    above = below = points[..., 2] - hits.z.reshape(points.shape[:2])
+    if raised:
+        # Straight down from the underside, the plane that the vehicle stands on is that much lower.
+        below = np.compress(foot, above, axis=1) - height[foot] / up[:, 2]
     # fmax passes over the nan of a miss.
-    return np.fmax.reduce(above, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
 
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:

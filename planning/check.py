@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from camera.clearance import Spot
 from camera.visibility import visible_fraction
 from geometry.transforms import apply
+from placement.footprint import Underside, plate_spots, spots
 from planning.aiming import SIZED, baseline_distance, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
@@ -280,11 +281,15 @@ def _rigid(poses: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
 
 
 def _contact(
-    site: Site, placed: Placed, underside: Float[np.ndarray, "2 2"]
+    site: Site, placed: Placed, underside: Underside | Float[np.ndarray, "2 2"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gap and penetration over what touches the ground."""
-    x, y = np.meshgrid(*(np.linspace(low, high, CONTACT) for low, high in underside.T))
-    points = apply(placed.world_from_vehicle, np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1))
+    """Gap under what the vehicle stands on, and penetration of all of its underside."""
+    looked_at = (
+        spots(underside, CONTACT).solid() if isinstance(underside, Underside) else plate_spots(underside, CONTACT)
+    )
+    poses, height = placed.world_from_vehicle, looked_at.height
+    points = apply(poses, np.column_stack([looked_at.xy, height]))
     ground = site.terrain.top_hits(points[..., :2].reshape(-1, 2)).z.reshape(points.shape[:2])
     above = points[..., 2] - ground
-    return np.fmax.reduce(above, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+    below = (above - height / poses[:, 2, 2, None])[:, looked_at.foot]
+    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)

@@ -18,7 +18,7 @@ from geometry.errors import ConfigError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from geometry.transforms import apply, rigid
-from placement.footprint import contact_footprint
+from placement.footprint import Underside, underside
 from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
 from planning.inputs import Assets
@@ -75,7 +75,7 @@ class Model:
     centre
         (3,) centre of its bounding box, vehicle frame.
     undersides
-        (2, 2) lowest and highest (x, y) of what touches the ground, by the choices of `placement.contact`.
+        What meets the ground, by the choices of `placement.contact`: the underside, or a plate as large as the box.
     corners
         (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
     extents
@@ -89,7 +89,7 @@ class Model:
     boxes: VehicleBoxes
     target: VehicleTarget
     centre: Float[np.ndarray, "3"]
-    undersides: dict[str, Float[np.ndarray, "2 2"]]
+    undersides: dict[str, Underside | Float[np.ndarray, "2 2"]]
     corners: Float[np.ndarray, "b 8 3"]
     extents: tuple[Extent, ...]
     corner_part: Int[np.ndarray, " b"]
@@ -216,7 +216,7 @@ def _model(shape: VehicleShape, category: str) -> Model:
         target=target,
         centre=shape.mesh.bounds.mean(axis=0),
         undersides={
-            "footprint": contact_footprint(shape.mesh.vertices[np.unique(shape.mesh.faces)]),
+            "footprint": underside(shape.mesh),
             "box": np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2,
         },
         corners=np.array([list(product(*corners.T)) for corners in bounds]),

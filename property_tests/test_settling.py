@@ -8,12 +8,14 @@ from hypothesis import strategies as st
 from geometry.meshes import Mesh
 from geometry.transforms import apply, facing, rigid, rotation_z
 from placement.candidates import candidates
+from placement.footprint import Underside, spots
 from placement.settle import settle
 from placement.terrain import Terrain
 from placement.verdict import Verdict
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
+FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "verdict")
 # Rounding of heights of some tens of metres, through a division by the footprint's size.
 CLOSE = 1e-12
 
@@ -37,6 +39,19 @@ def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
 def plane_mesh(gradient, z, half=30.0):
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
     return Mesh(np.column_stack([corners, z + corners @ gradient]), np.array([[0, 1, 2], [0, 2, 3]]), "plane")
+
+
+PLATE = np.stack([-SIZE[:2], SIZE[:2]]) / 2
+
+
+def random_underside(seed, scale=1.0):
+    """Feet at the corners, and steps and holes all over; some of it is low."""
+    rng = np.random.default_rng(seed)
+    blocks = rng.choice([0.0, 0.1, 0.4, 0.8, np.inf], (16, 16), p=[0.2, 0.2, 0.3, 0.2, 0.1])
+    heights = np.kron(blocks, np.ones((8, 8))) + 0.02 * rng.random((128, 128))
+    for corner in np.ndindex(2, 2):
+        heights[tuple(slice(-20, None) if c else slice(20) for c in corner)] = 0.0
+    return Underside(scale * PLATE, scale * heights)
 
 
 def candidates_on(mesh, seed, n=12):
@@ -132,16 +147,17 @@ def test_on_a_plane_nothing_gapes_and_nothing_sinks(gradient, z, rule, n, seed):
 
 @given(
     seed=st.integers(0, 2**32), rule=RULES, turn=finite(-4, 4), scale=finite(0.01, 100),
-    shift=vectors(-1e4, 1e4, 3),
+    shift=vectors(-1e4, 1e4, 3), raised=st.booleans(),
 )  # fmt: skip
-def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule, turn, scale, shift):
+def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule, turn, scale, shift, raised):
     mesh = rough_mesh(seed, half=12.0)
     xy, yaw = candidates_on(mesh, seed, n=6)
-    here = settle(Terrain(mesh), SIZE, xy, yaw, rule=rule)
+    small, large = (random_underside(seed, s) if raised else None for s in (1.0, scale))
+    here = settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, footprint=small)
     there_from_here = rigid(scale * rotation_z(turn), shift)
     moved = Mesh(apply(there_from_here, mesh.vertices), mesh.faces, "moved")
     moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, rule=rule)
+    there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, rule=rule, footprint=large)
     # Samples that fall on an edge of the ground may fall to its other side; the seeds met none that mattered.
     np.testing.assert_array_equal(there.verdict, here.verdict)
     expected = there_from_here @ here.world_from_vehicle
@@ -167,15 +183,16 @@ def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps)
             assert settled.verdict[0] != Verdict.TOO_STEEP
 
 
-@given(seed=st.integers(0, 2**32), rule=RULES)
-def test_a_candidate_does_not_depend_on_its_company(seed, rule):
+@given(seed=st.integers(0, 2**32), rule=RULES, raised=st.booleans())
+def test_a_candidate_does_not_depend_on_its_company(seed, rule, raised):
     mesh = rough_mesh(seed, relief=1.5)
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 30, rng=np.random.default_rng(seed), margin=1.0)
-    together = settle(terrain, SIZE, xy, yaw, rule=rule)
+    footprint = random_underside(seed) if raised else None
+    together = settle(terrain, SIZE, xy, yaw, rule=rule, footprint=footprint)
     for i in (0, 13, 29):
-        alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], rule=rule)
-        for name in ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "verdict"):
+        alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], rule=rule, footprint=footprint)
+        for name in FIELDS:
             np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)
 
 
@@ -194,6 +211,52 @@ def test_the_support_plane_lies_on_the_ground_and_nowhere_below_it(seed, n):
         assert above.min() > -1e-10
         # Three contacts; fewer where one or two right below the centre carry all of it.
         assert (above < 1e-10).sum() >= (1 if n % 2 else 2)
+
+
+@given(seed=st.integers(0, 2**32), n=st.integers(2, 7))
+def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
+    mesh = rough_mesh(seed)
+    terrain, shape = Terrain(mesh), random_underside(seed)
+    xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
+    settled = settle(terrain, SIZE, xy, yaw, rule="support", n=n, max_slope=1.4, contact_n=0, footprint=shape)
+    at = spots(shape, n).solid()
+    assert settled.ok.sum() >= 5
+    for i in np.flatnonzero(settled.ok):
+        points = xy[i] + at.xy @ rotation_z(yaw[i])[:2, :2].T
+        up, origin = settled.world_from_vehicle[i, :3, 2], settled.world_from_vehicle[i, :3, 3]
+        plane = origin[2] - (points - origin[:2]) @ up[:2] / up[2]
+        above = plane + at.height - terrain.top_hits(points).z
+        assert above.min() > -1e-10
+        # Three contacts; fewer where one or two right below the centre carry all of it.
+        assert (above < 1e-10).sum() >= 1
+
+
+@given(seed=st.integers(0, 2**32), rule=RULES, n=st.integers(2, 9))
+def test_an_underside_without_relief_is_a_plate_to_the_bit(seed, rule, n):
+    mesh = rough_mesh(seed)
+    xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=1.0)
+    flat = Underside(PLATE, np.zeros((128, 128)))
+    plate, level = (settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, n=n, footprint=f) for f in (PLATE, flat))
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(plate, name), getattr(level, name), err_msg=name)
+
+
+@given(seed=st.integers(0, 2**32), rule=RULES)
+def test_gap_and_penetration_are_those_of_the_posed_underside(seed, rule):
+    mesh = rough_mesh(seed)
+    terrain, shape = Terrain(mesh), random_underside(seed)
+    xy, yaw = candidates(mesh.bounds, 6, rng=np.random.default_rng(seed), margin=0.6)
+    settled = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.4, footprint=shape)
+    at = spots(shape, 9).solid()
+    for i in np.flatnonzero(settled.ok):
+        points = apply(settled.world_from_vehicle[i], np.column_stack([at.xy, at.height]))
+        ground = terrain.top_hits(points[:, :2]).z
+        assert settled.penetration[i] == pytest.approx(max(0.0, (ground - points[:, 2]).max()), abs=1e-10)
+        # Straight below each foot, the plane z = 0 of the vehicle: n . (p - origin) = 0.
+        up, origin = settled.world_from_vehicle[i, :3, 2], settled.world_from_vehicle[i, :3, 3]
+        feet = points[at.foot]
+        plane = origin[2] - (feet[:, :2] - origin[:2]) @ up[:2] / up[2]
+        assert settled.gap[i] == pytest.approx(max(0.0, (plane - ground[at.foot]).max()), abs=1e-10)
 
 
 @pytest.mark.parametrize("threads", [2, 3])

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from placement.footprint import contact_footprint
+from geometry.meshes import Mesh, merge
+from placement.footprint import LEAN, Underside, contact_footprint, plate_spots, spots, underside
+from tests.planning_assets import box
 
 
 def box_points(low, high, n=5):
@@ -31,6 +33,85 @@ def test_one_low_point_is_no_footprint():
 def test_a_flat_sheet_and_a_single_point_stand_on_all_they_have():
     np.testing.assert_array_equal(contact_footprint([[0, 0, 1], [2, 3, 1]]), [[0, 0], [2, 3]])
     np.testing.assert_array_equal(contact_footprint([[4, 5, 6]]), [[4, 5], [4, 5]])
+
+
+def tank(belly=0.45):
+    """Two rails 0.6 m wide, and a hull between and above them."""
+    rails = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
+    return merge([*rails, box((-3.4, -1.2, belly), (3.4, 1.2, 1.5))])[0]
+
+
+def test_the_underside_is_low_at_the_tracks_and_high_between_them():
+    seen = underside(tank())
+    np.testing.assert_array_equal(seen.box, [[-3.0, -1.6], [3.0, 1.6]])
+    y = seen.box[0, 1] + (np.arange(seen.heights.shape[1]) + 0.5) * 3.2 / seen.heights.shape[1]
+    np.testing.assert_array_equal(seen.heights[:, np.abs(y) > 1.03], 0.0)
+    np.testing.assert_array_equal(seen.heights[:, np.abs(y) < 0.97], 0.45)
+
+
+def test_nothing_above_the_ground_is_infinitely_high():
+    frame = [box((-2.0, y, 0.0), (2.0, y + 0.2, 0.3)) for y in (-1.0, 0.8)]
+    seen = underside(merge(frame)[0])
+    assert np.isinf(seen.heights[:, 64]).all()
+    at = spots(seen, 5)
+    assert np.isinf(at.height.reshape(5, 5)[:, 2]).all()
+    assert len(at.solid().xy) == 10
+    assert not at.solid().height.any()
+
+
+def test_a_sheet_on_its_edge_stands():
+    # Two vertical sheets as runners: no ray from below meets them.
+    sheets = [
+        Mesh(np.array([[-2.0, y, 0.0], [2.0, y, 0.0], [2.0, y, 0.5], [-2.0, y, 0.5]]), np.array([[0, 1, 2], [0, 2, 3]]))
+        for y in (-0.9, 0.9)
+    ]
+    seen = underside(merge([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
+    assert not seen.heights[:, [0, -1]].any()
+    assert (seen.heights[:, 1:-1] == 0.5).all()
+
+
+def test_both_edges_of_a_track_have_their_spots():
+    at = spots(underside(tank()), 5)
+    y = at.xy[:, 1].reshape(5, 5)
+    np.testing.assert_allclose(y[2], [-1.6, -1.0, 0.0, 1.0, 1.6], atol=0.03)
+    np.testing.assert_array_equal(at.height.reshape(5, 5)[2], [0.0, 0.0, 0.45, 0.0, 0.0])
+    np.testing.assert_array_equal(at.foot.reshape(5, 5)[2], [True, True, False, True, True])
+    np.testing.assert_array_equal(at.centre, 0.0)
+
+
+@pytest.mark.parametrize("x", [-1.9, 0.3, 0.75, 1.1])
+def test_a_wheel_between_the_points_has_a_spot(x):
+    wheels = [box((a - 0.1, y - 0.1, 0.0), (a + 0.1, y + 0.1, 0.4)) for a in (-2.9, x, 2.9) for y in (-1.2, 1.2)]
+    at = spots(underside(merge([*wheels, box((-3.0, -1.3, 0.4), (3.0, 1.3, 1.0))])[0]), 5)
+    for side in (-1.2, 1.2):
+        assert ((np.abs(at.xy - [x, side]) <= 0.15).all(axis=1) & (at.height == 0)).any()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5, 7, 9, 40])
+def test_a_flat_underside_is_looked_at_where_a_plate_is(n):
+    corners = np.array([[-1.3, -0.7], [2.9, 1.1]])
+    flat, plate = spots(Underside(corners, np.zeros((128, 128))), n), plate_spots(corners, n)
+    for name in ("xy", "height", "foot", "centre"):
+        np.testing.assert_array_equal(getattr(flat, name), getattr(plate, name), err_msg=name)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 7, 9])
+def test_a_spot_is_as_low_as_anything_near_its_point(n):
+    rng = np.random.default_rng(n)
+    seen = Underside(
+        np.array([[-3.5, -1.75], [3.5, 1.75]]),
+        rng.choice([0.0, 0.4, 0.9, np.inf], (128, 128), p=[0.01, 0.1, 0.79, 0.1]),
+    )
+    at, share = spots(seen, n), (np.arange(128) + 0.5) / 128
+    nearest = np.rint(share * (n - 1)).astype(int)
+    spread = np.hypot(7.0, 3.5) / max(n - 1, 1)
+    height = at.height.reshape(n, n)[nearest[:, None], nearest]
+    assert (height <= seen.heights + LEAN * spread).all()
+
+
+def test_a_sheet_without_width_is_refused():
+    with pytest.raises(ValueError, match="mesh: expected a length and a width"):
+        underside(Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]]), "sheet"))
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
 
+from placement.footprint import Spots
 from placement.rest import averaged, least_squares, support
 
 SAMPLES = np.stack(np.meshgrid(np.linspace(-3, 4, 5), np.linspace(-1.5, 2, 4), indexing="ij"), -1).reshape(-1, 2)
+
+PLATE = Spots(SAMPLES, np.zeros(20), np.ones(20, dtype=bool), np.array([0.5, 0.25]))
 
 
 def rows(seed, k=30):
@@ -46,7 +49,7 @@ def test_a_plane_is_found_from_any_hits_that_carry_one(rule):
     rest = {
         "averaged": lambda: averaged(SAMPLES, heights, normals, valid),
         "least_squares": lambda: least_squares(SAMPLES, heights, valid),
-        "support": lambda: support(SAMPLES, heights, valid),
+        "support": lambda: support(PLATE, heights, valid),
     }[rule]()
     assert rest.found.mean() > 0.9
     np.testing.assert_allclose(rest.gradient[rest.found], gradient[rest.found], atol=1e-11)
@@ -57,5 +60,5 @@ def test_hits_on_one_line_or_none_carry_no_plane():
     heights, normals = np.zeros((3, 20)), np.tile([0.0, 0.0, 1.0], (3, 20, 1))
     valid = np.array([np.zeros(20, bool), np.arange(20) < 4, np.arange(20) == 7])
     assert least_squares(SAMPLES, heights, valid).found.tolist() == [False] * 3
-    assert support(SAMPLES, heights, valid).found.tolist() == [False] * 3
+    assert support(PLATE, heights, valid).found.tolist() == [False] * 3
     assert averaged(SAMPLES, heights, normals, valid).found.tolist() == [False, True, True]

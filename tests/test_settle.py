@@ -3,10 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh
+from geometry.meshes import Mesh, merge
+from geometry.transforms import apply
+from placement.footprint import spots, underside
 from placement.settle import settle
 from placement.terrain import Terrain
 from placement.verdict import Verdict
+from tests.planning_assets import box
 
 TANK = np.array([7.0, 3.5, 2.5])
 RULES = ["averaged", "least_squares", "support"]
@@ -20,6 +23,18 @@ def height_field(height, half=20.0, cell=0.5):
     i = np.arange(len(x) ** 2).reshape(len(x), len(x))
     a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
     return Mesh(vertices.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), "field")
+
+
+def tank(belly):
+    """Two rails 0.6 m wide, and a hull between and above them."""
+    rails = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
+    return merge([*rails, box((-3.4, -1.2, belly), (3.4, 1.2, 1.5))])[0]
+
+
+def wheels(*axles):
+    """A hull 0.6 m above the ground on narrow wheels."""
+    on = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in axles for y in (-1.2, 1.2)]
+    return merge([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
 
 
 def slope(angle, half=20.0):
@@ -131,6 +146,84 @@ def test_the_footprint_may_lie_off_the_origin():
     assert whole.verdict.tolist() == [Verdict.MEAN_TOO_STEEP]
     assert rear.ok.all()
     np.testing.assert_allclose(rear.world_from_vehicle[0, :3, 3], 0, atol=1e-12)
+
+
+RAILS = underside(tank(belly=0.45))
+
+
+STEEP = 1.2  # the sides of a ridge are no slope to be refused
+
+
+def along(height, half_width=0.5):
+    """A ridge along x whose crest is that high."""
+    return Terrain(height_field(lambda x, y: np.maximum(0, height * (1 - np.abs(y) / half_width)), half=8, cell=0.1))
+
+
+def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
+    yaw = [0.0, math.pi]
+    plate, rails = (
+        settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, max_slope=STEEP) for f in (RAILS.box, RAILS)
+    )
+    flat = settle(Terrain.flat(0.0), TANK, [[0.5, 0.0]] * 2, yaw, footprint=RAILS)
+    np.testing.assert_allclose(plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
+    np.testing.assert_array_equal(rails.world_from_vehicle, flat.world_from_vehicle)
+    for settled in (rails, flat):
+        np.testing.assert_array_equal([settled.gap, settled.penetration], np.zeros((2, 2)))
+
+
+def test_a_ridge_higher_than_the_belly_carries_it():
+    settled = settle(along(0.6), TANK, [[0.0, 0.0]], [0.0], footprint=RAILS, max_slope=STEEP)
+    np.testing.assert_allclose(settled.world_from_vehicle[0, :3, 2], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(settled.world_from_vehicle[0, 2, 3], 0.15, atol=1e-12)
+    np.testing.assert_allclose([settled.gap[0], settled.penetration[0]], [0.15, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("rule", ["averaged", "least_squares"])
+def test_the_two_other_rules_take_the_underside_for_a_plate(rule):
+    plate, rails = (
+        settle(along(0.6), TANK, [[0.3, 0.1]], [0.0], rule=rule, footprint=f, max_slope=STEEP)
+        for f in (RAILS.box, RAILS)
+    )
+    for name in ("world_from_vehicle", "tilt", "share"):
+        np.testing.assert_array_equal(getattr(plate, name), getattr(rails, name))
+    # What is measured is the same whatever the rule: the ridge is in the belly's room.
+    assert rails.penetration[0] < plate.penetration[0] - 0.2
+
+
+def test_a_belly_in_the_ground_is_measured_where_it_is():
+    # Level on rails that touch nothing else, over a ridge that reaches 0.2 m into the hull.
+    rails = settle(along(0.65), TANK, [[0.0, 0.0]], [0.0], rule="averaged", n=2, footprint=RAILS, max_slope=STEEP)
+    np.testing.assert_allclose(rails.world_from_vehicle[0, 2, 3], 0.0, atol=1e-12)
+    np.testing.assert_allclose([rails.gap[0], rails.penetration[0]], [0.0, 0.2], atol=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [0, 12, 25])
+def test_on_a_slope_rails_lie_flat_and_the_belly_is_no_gap(degrees):
+    angle = math.radians(degrees)
+    yaw = np.linspace(-3, 3, 7)
+    settled = settle(slope(angle), TANK, np.tile([1.0, 2.0], (7, 1)), yaw, footprint=RAILS)
+    np.testing.assert_allclose(settled.tilt, angle, atol=1e-12)
+    assert settled.gap.max() < 1e-12
+    assert settled.penetration.max() < 1e-12
+
+
+def test_the_feet_of_a_tilted_vehicle_are_where_they_are_said_to_be():
+    # Under every spot of the posed vehicle: its own height above the slope, at right angles.
+    settled = settle(slope(0.4), TANK, [[1.0, 2.0]], [0.7], footprint=RAILS)
+    at = spots(RAILS, 9)
+    points = apply(settled.world_from_vehicle[0], np.column_stack([at.xy, at.height]))
+    normal = np.array([-math.sin(0.4), 0.0, math.cos(0.4)])
+    np.testing.assert_allclose(points @ normal, at.height, atol=1e-12)
+
+
+def test_an_axle_between_the_samples_is_stood_on():
+    # A bump under both middle wheels; samples of 5 x 5 are 0.75 m away from it.
+    six = underside(wheels(-2.9, 0.75, 2.9))
+    bump = Terrain(height_field(lambda x, y: np.where(np.abs(x - 0.75) < 0.25, 0.2, 0.0), half=8, cell=0.05))
+    plate, seen = (settle(bump, TANK, [[0.0, 0.0]], [0.0], footprint=f) for f in (six.box, six))
+    assert plate.penetration[0] > 0.1
+    assert seen.penetration[0] < 0.01
+    assert seen.world_from_vehicle[0, 2, 3] > 0.14
 
 
 @pytest.mark.parametrize(
