@@ -37,8 +37,11 @@ class _Terminal(Console):
 STDERR = _Terminal(stderr=True, highlight=False)
 STDOUT = _Terminal(highlight=False)
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130
-# What a disk or its owner refuses is nobody's bug.
-REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+# What a disk or its owner refuses is nobody's bug, nor is a file where a folder must be, or the other way round.
+REFUSALS = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM),
+    *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -137,6 +140,7 @@ def _plan(arguments: argparse.Namespace) -> int:
             "a plan is text, and its picture gets this name", path=arguments.output, remedy="name it .jsonl"
         )
     config = load_config(arguments.config)
+    _make_room(arguments.output)
     with _reading() as progress:
         assets = load_assets(config, strict=arguments.strict, progress=progress, warn=_warn)
     with _progress("planning") as advance:

@@ -41,6 +41,8 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
         (["join", "none", "-o", "dataset"], "none"),
         (["export", "none", "-o", "out"], "none"),
         (["inspect", "none.blend"], "none.blend"),
+        (["verify", "n" * 300], "File name too long"),
+        (["inspect", "none.blend", "-o", f"{'n' * 300}.png"], "File name too long"),
     ],
 )
 def test_a_mistake_is_one_line_with_exit_code_2(words, named, tmp_path):
@@ -121,6 +123,22 @@ def test_no_picture_is_written_over_a_config(verb, tmp_path):
     assert ran.returncode == 2
     assert "expected the name of a .png file, got 'hulldown.toml'" in ran.stderr
     assert config.read_text() == "seed = 0\n"
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [("folder", "is a folder"), (".", "is a folder"), ("file/x", "cannot be written")],
+)
+def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output, message, tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    vehicles, sceneries = '[{ path = "none.blend", category = "tank" }]', '[{ path = "none.blend" }]'
+    config = f"budget.images_per_class = 1\nassets.vehicles = {vehicles}\nassets.sceneries = {sceneries}\n"
+    (tmp_path / "hulldown.toml").write_text(config)
+    ran = run("plan", "hulldown.toml", "-o", output, cwd=tmp_path)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert message in ran.stderr
+    assert len(ran.stderr.splitlines()) == 1
 
 
 def test_a_plan_is_not_named_as_its_picture(tmp_path):
