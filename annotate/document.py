@@ -83,7 +83,13 @@ class Document:
         return max(self.highest_annotation_id, self._reserved[1], 0) + 1
 
     def apply(self, line: Mapping[str, Any]) -> None:
-        """Take up what one journal line says."""
+        """Take up what one journal line says.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is no line of this document's journal.
+        """
         for category in line.get("categories", ()):
             self._add_category(category)
         if "run" in line:
@@ -91,6 +97,8 @@ class Document:
         image = line.get("image")
         if image is None or image["file_name"] in self.file_names:
             return
+        if not all(isinstance(record["id"], int) for record in (image, *line["annotations"])):
+            raise TypeError(f"ids of {image['file_name']!r}")
         self.pending += 1
         self.file_names.add(image["file_name"])
         self.images.append((image["id"], _kept(image)))
@@ -141,8 +149,10 @@ class Document:
 
     def _add_category(self, category: dict[str, Any]) -> None:
         known = self.category_ids.setdefault(category["name"], category["id"])
-        if known != category["id"] or any(
-            c["id"] == category["id"] and c.get("name") != category["name"] for c in self.categories
+        if (
+            not isinstance(known, int)
+            or known != category["id"]
+            or any(c["id"] == category["id"] and c.get("name") != category["name"] for c in self.categories)
         ):
             raise ValueError(f"category {category['name']!r} with id {category['id']}")
         if all(c.get("name") != category["name"] for c in self.categories):

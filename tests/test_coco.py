@@ -266,6 +266,32 @@ def test_an_unusable_file_is_refused_and_left_alone(tmp_path, content, message):
     CocoDataset.open(tmp_path).close()
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        {"image": {"id": 1}, "annotations": []},
+        {"image": {"id": "1", "file_name": "1.png"}, "annotations": []},
+        {"image": {"id": 1, "file_name": "1.png"}},
+        {"image": {"id": 1, "file_name": "1.png"}, "annotations": [{"id": 1.5}]},
+        {"categories": [{"id": 2, "name": "tank"}]},
+        {"categories": [{"id": [], "name": "truck"}]},
+        {"run": {"key": "k"}},
+        {"run": json.loads(edited_run(images=-1))["info"]["hulldown_runs"][0]},
+    ],
+)
+def test_a_journal_line_that_does_not_fit_is_named(tmp_path, line):
+    with CocoDataset.open(tmp_path, categories=["tank"]):
+        pass
+    journal = tmp_path / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes() + json.dumps(line).encode() + b"\n")
+    before = journal.read_bytes()
+    with pytest.raises(DatasetError, match="journal.jsonl: line 3 does not fit this journal"):
+        CocoDataset.open(tmp_path)
+    with pytest.raises(DatasetError, match="journal.jsonl: line 3 does not fit this journal"):
+        read_coco(tmp_path)
+    assert journal.read_bytes() == before
+
+
 def test_a_file_in_place_of_the_folder_is_explained(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DatasetError, match="cannot be written to"):
