@@ -285,9 +285,9 @@ def test_a_journal_line_that_does_not_fit_is_named(tmp_path, line):
     journal = tmp_path / "journal.jsonl"
     journal.write_bytes(journal.read_bytes() + json.dumps(line).encode() + b"\n")
     before = journal.read_bytes()
-    with pytest.raises(DatasetError, match="journal.jsonl: line 3 does not fit this journal"):
+    with pytest.raises(DatasetError, match=r"journal\.jsonl: line 3 does not fit this journal"):
         CocoDataset.open(tmp_path)
-    with pytest.raises(DatasetError, match="journal.jsonl: line 3 does not fit this journal"):
+    with pytest.raises(DatasetError, match=r"journal\.jsonl: line 3 does not fit this journal"):
         read_coco(tmp_path)
     assert journal.read_bytes() == before
 
