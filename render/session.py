@@ -62,6 +62,7 @@ class Outline:
     """
 
     def __init__(self, plan: Plan) -> None:
+        self.stamp = _stamp(plan.path)
         self.rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
         _check_names([row[3] for row in self.rows], plan)
         self.key = plan_key(plan.path)
@@ -94,6 +95,7 @@ class Todo:
 
     def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int, *, share: tuple[int, int] = (1, 1)) -> None:
         rows = outline.rows
+        self.stamp = outline.stamp
         self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(outline.labels.sum()))
         self.first_annotation = outline.first_annotations(self.run)
         mine = share_of(sorted(rows[:wanted]), share)
@@ -219,8 +221,18 @@ class Session:
     def _output(self, index: int) -> Path:
         return self._unfinished / f"{index}{SUFFIX}"
 
+    def _row(self, index: int) -> dict[str, Any]:
+        """A row of the plan, which is read as it is wanted; of another plan under its name nothing is taken."""
+        if _stamp(self._plan.path) != self._todo.stamp:
+            raise ConfigError(
+                "is not what it was when this run began",
+                path=self._plan.path,
+                remedy="run again; a new plan is better planned to a new file and rendered into a new folder",
+            )
+        return self._plan[index]
+
     def _message(self, index: int) -> dict[str, Any]:
-        row = self._plan[index]
+        row = self._row(index)
         try:
             return job(row, self._assets, self._settings, self._output(index))
         except (KeyError, TypeError, ValueError) as error:
@@ -231,7 +243,7 @@ class Session:
             ) from error
 
     def _done(self, index: int, pool: Pool) -> str | None:
-        row = self._plan[index]
+        row = self._row(index)
         picture = self._output(index)
         if wrong := _damage(picture, row["width"], row["height"]):
             return wrong
@@ -255,11 +267,20 @@ class Session:
 
     def _give_up(self, index: int, reasons: list[str]) -> None:
         self._begin()
-        name = self._todo.run.file_name(self._plan[index]["file_name"])
+        name = self._todo.run.file_name(self._row(index)["file_name"])
         self._failures.append({"index": index, "file_name": name, "reasons": reasons})
         write_failures(self._folder, self._failures)
         self.failed.append(name)
         self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """Which file has a name, and whether it was written to; None if there is none."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 def _damage(picture: Path, width: int, height: int) -> str | None:

@@ -184,6 +184,22 @@ def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, blender
         render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
 
 
+@pytest.mark.parametrize("change", ["another plan", "nothing"])
+def test_a_plan_that_is_replaced_under_way_ends_the_run(tmp_path, blender, change):
+    plan = write_plan(tmp_path, [make_row(i) for i in range(40)])
+    other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(40)])
+
+    def replace(progress):
+        if progress.finished == 5 and change == "nothing":
+            plan.unlink(missing_ok=True)
+        elif progress.finished == 5 and other.exists():
+            other.replace(plan)
+
+    with pytest.raises(ConfigError, match=r"plan\.jsonl: is not what it was when this run began; run again"):
+        render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, progress=replace)
+    assert {image["strength"] for image in read_coco(tmp_path / "d")["images"]} == {1.0}
+
+
 def test_a_dataset_in_use_is_refused(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0)])
     with CocoDataset.open(tmp_path / "d"), pytest.raises(DatasetError, match="another process"):
