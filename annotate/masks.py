@@ -25,7 +25,6 @@ def vehicle_mask(
     xywh: ArrayLike | None = None,
     occluders: Sequence[Occluder] = (),
     others: Sequence[Standing] = (),
-    threads: int = 1,
 ) -> Bool[np.ndarray, "h w"]:
     """The pixels whose centre shows the vehicle.
 
@@ -42,8 +41,6 @@ def vehicle_mask(
         occluders and no others the mask is the whole silhouette in the image.
     others
         Other vehicles that may hide it, each in one pose.
-    threads
-        How many threads share the work.
 
     Returns
     -------
@@ -61,16 +58,16 @@ def vehicle_mask(
     pose = camera.world_from_camera[None]
     distance = np.full(len(along), np.inf)
     for part, camera_from_part in vehicle.seen_from(pose):
-        met = part.caster.cast(*_rays(invert_rigid(camera_from_part)[0], along), threads=threads)
+        met = part.caster.cast(*_rays(invert_rigid(camera_from_part)[0], along))
         distance = np.minimum(distance, met.distance)
     left = np.flatnonzero(np.isfinite(distance))
     for occluder in occluders:
         rays = _rays(camera.world_from_camera, along[left])
-        left = left[~occluder.occluded(*rays, max_distance=distance[left] - TOUCHING, threads=threads)]
+        left = left[~occluder.occluded(*rays, max_distance=distance[left] - TOUCHING)]
     for other in others:
         for part, camera_from_part in other.seen_from(pose):
             rays = _rays(invert_rigid(camera_from_part)[0], along[left])
-            left = left[~part.caster.occluded(*rays, max_distance=distance[left] - TOUCHING, threads=threads)]
+            left = left[~part.caster.occluded(*rays, max_distance=distance[left] - TOUCHING)]
     mask[rows[left], columns[left]] = True
     return mask
 

@@ -32,7 +32,6 @@ def draw(
     names: Mapping[int, str],
     *,
     masks: bool = True,
-    amodal: bool = False,
 ) -> Image.Image:
     """A copy of a picture with its annotations on it.
 
@@ -43,13 +42,11 @@ def draw(
     image
         The picture the annotations belong to.
     annotations
-        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation`` and ``bbox_amodal``.
+        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation``.
     names
         Category id -> name.
     masks
         Whether masks are tinted.
-    amodal
-        Whether boxes of what lies outside the image are drawn too, as thin lines.
     """
     picture = image.convert("RGB")
     if masks:
@@ -62,8 +59,6 @@ def draw(
     font = ImageFont.load_default(max(10, picture.height // 36))
     for annotation in annotations:
         colour = colour_of(annotation["category_id"])
-        if amodal and annotation.get("bbox_amodal"):
-            pen.rectangle(_corners(annotation["bbox_amodal"], 1), outline=colour, width=1)
         left, top, right, bottom = _corners(annotation["bbox"], line)
         left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
         corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))

@@ -27,7 +27,7 @@ IMAGE_KEYS = (
     "weather",
     "sample_seed",
 )
-TARGET_KEYS = (
+LABEL_KEYS = (
     "bbox",
     "vehicle",
     "world_from_vehicle",
@@ -103,7 +103,7 @@ def _rows(plan: Path, run: Run) -> Iterator[tuple[str, dict[str, Any], list[dict
             file.readline()
             for row in map(orjson.loads, file):
                 name = run.file_name(row["file_name"])
-                labels = [{key: target[key] for key in ("category", *TARGET_KEYS)} for target in labelled(row)]
+                labels = [{key: target[key] for key in ("category", *LABEL_KEYS)} for target in labelled(row)]
                 yield name, {"file_name": name, **{key: row[key] for key in IMAGE_KEYS}}, labels
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise _no_plan(plan, error) from error

@@ -31,7 +31,6 @@ def verify(
     dataset: Path | str,
     *,
     plan: Path | str | None = None,
-    decode_images: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Finding]:
     """Everything that is wrong with a dataset, as it is found.
@@ -42,8 +41,6 @@ def verify(
         Its folder.
     plan
         A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
-    decode_images
-        Whether every image is opened in full.
     progress
         Told (done, all) after each image.
 
@@ -60,7 +57,7 @@ def verify(
     if plan is not None:
         yield from check_planned(coco, Path(plan))
     yield from _check_loading(folder / ANNOTATIONS_NAME)
-    yield from _check_files(folder, coco["images"], decode_images, progress)
+    yield from _check_files(folder, coco["images"], progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +131,6 @@ def _check_loading(path: Path) -> Iterator[Finding]:
 def _check_files(
     folder: Path,
     images: Sequence[Mapping[str, Any]],
-    decode_images: bool,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Finding]:
     contents: dict[bytes, str] = {}
@@ -142,7 +138,7 @@ def _check_files(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check_file(folder, image, decode_images), chunk)
+            results = pool.map(lambda image: _check_file(folder, image), chunk)
             for done, (image, (findings, digest)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
                 yield from findings
                 name = str(image.get("file_name"))
@@ -158,7 +154,7 @@ def _check_files(
             yield Finding("warning", strays[0], f"belongs to no record{more}")
 
 
-def _check_file(folder: Path, image: Mapping[str, Any], decode_images: bool) -> tuple[list[Finding], bytes | None]:
+def _check_file(folder: Path, image: Mapping[str, Any]) -> tuple[list[Finding], bytes | None]:
     name = image.get("file_name")
     if not stays_inside(name):
         return [Finding("error", f"image {image['id']}", f"file_name {name!r} is no path inside the dataset")], None
@@ -168,12 +164,11 @@ def _check_file(folder: Path, image: Mapping[str, Any], decode_images: bool) -> 
     try:
         with Image.open(path) as picture:
             size = picture.size
-            if decode_images:
-                picture.load()
+            picture.load()
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         return [Finding("error", name, f"cannot be decoded: {error}")], None
     findings = []
     if size != (image.get("width"), image.get("height")):
         stated = f"{image.get('width')} x {image.get('height')}"
         findings.append(Finding("error", name, f"is {size[0]} x {size[1]}, its record says {stated}"))
-    return findings, hashlib.sha256(path.read_bytes()).digest() if decode_images else None
+    return findings, hashlib.sha256(path.read_bytes()).digest()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from annotate.masks import area, encode, vehicle_mask
-from annotate.planned import IMAGE_KEYS, TARGET_KEYS, labelled
+from annotate.planned import IMAGE_KEYS, LABEL_KEYS, labelled
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
@@ -35,7 +35,7 @@ def annotation_records(row: Mapping[str, Any], segmentations: Sequence[Mapping[s
     return [
         {
             "category": target["category"],
-            **{key: target[key] for key in TARGET_KEYS},
+            **{key: target[key] for key in LABEL_KEYS},
             **segmentation,
         }
         for target, segmentation in zip(labelled(row), segmentations, strict=True)

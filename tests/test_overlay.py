@@ -56,13 +56,6 @@ def test_masks_are_tinted_where_they_are_and_nowhere_else():
     assert (np.asarray(draw(grey(), [annotation], NAMES, masks=False))[mask] == 90).all()
 
 
-def test_amodal_boxes_are_drawn_on_request():
-    annotation = {"bbox": [0, 60, 60, 50], "bbox_amodal": [-20, 50, 80, 70], "category_id": 1}
-    plain, amodal = (draw(grey(), [annotation], NAMES, amodal=wanted) for wanted in (False, True))
-    assert not np.array_equal(np.asarray(plain), np.asarray(amodal))
-    assert pixels_of(amodal, colour_of(1))[120, 5:50].all()
-
-
 def test_an_annotation_of_no_known_category_is_drawn_all_the_same():
     draw(grey(), [{"bbox": [10, 90, 20, 20], "category_id": 77}], {})
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from annotate.coco import CocoDataset
 from annotate.masks import encode
-from annotate.planned import IMAGE_KEYS, TARGET_KEYS
+from annotate.planned import IMAGE_KEYS, LABEL_KEYS
 from annotate.verify import Finding, compare, verify
 from geometry.errors import DatasetError
 
@@ -153,7 +153,7 @@ def planned(tmp_path):
             boxes = []
             for target in [row, row["companions"][2]] if i == 1 else [row]:
                 n += 1
-                boxes.append({"id": n, **{key: target[key] for key in ("category", *TARGET_KEYS)}})
+                boxes.append({"id": n, **{key: target[key] for key in ("category", *LABEL_KEYS)}})
             image = {"id": run.image_offset + i + 1, "file_name": name, **{key: row[key] for key in IMAGE_KEYS}}
             dataset.append(image, boxes)
     return folder, plan
