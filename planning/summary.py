@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from rich.markup import escape
 from rich.table import Table
 
 from planning.refusal import AIMING, BY_KEY, PLACING, Refusal
@@ -183,7 +184,7 @@ class Summary:
         for category, models in _nested(self.vehicles).items():
             shares = ", ".join(f"{name} {n:,}" for name, n in models.items())
             sizes = [f"{self.sizes[category, size]:,}" for size in SIZES]
-            table.add_row(category, shares, f"{sum(models.values()):,}", *sizes)
+            table.add_row(escape(category), escape(shares), f"{sum(models.values()):,}", *sizes)
         return table
 
     def _histogram_table(self) -> Table:

@@ -62,6 +62,15 @@ def test_tables_say_what_to_act_on():
         assert words in text
 
 
+def test_names_with_brackets_are_shown_as_they_are():
+    console = Console(width=140, record=True, file=io.StringIO())
+    for table in summarise([row(0, category="tank [/old]", vehicle="t72[b]")]).tables():
+        console.print(table)
+    text = console.export_text()
+    assert "tank [/old]" in text
+    assert "t72[b] 1" in text
+
+
 def test_the_picture(tmp_path):
     summarise(ROWS).draw(tmp_path / "plan.png")
     with Image.open(tmp_path / "plan.png") as picture:
