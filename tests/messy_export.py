@@ -116,7 +116,7 @@ def build(folder: Path) -> Messy:
             "hide": cases[name]["hide"],
             "cameras": [into_asset(made.asset(name), c).tolist() for c in made.cameras(name)],
         }
-        for name in [*VEHICLES, *SCENERIES, "hairy", "map_in_mesh", "map_in_object"]
+        for name in [*VEHICLES, *SCENERIES, "hairy", "furry", "map_in_mesh", "map_in_object"]
     }
     (folder / "tidy.json").write_text(json.dumps(twins))
     _python(builder, str(folder), "tidy")

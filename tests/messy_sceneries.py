@@ -54,6 +54,21 @@ def hairy():
     return {"kind": "scenery", "distance": 75.0}
 
 
+@case
+def furry():
+    """Particle strands, with children and without, on something that is not drawn itself."""
+    sheet("Terrain", 12, 1)
+    carrier = sheet("Terrain_Furry", 20, 1, (2, 3, 3))
+    carrier.scale, carrier.rotation_euler, carrier.show_instancer_for_render = (0.5, 1, 1.2), (0, 0, 0.5), False
+    for name, children in (("alone", "NONE"), ("with children", "SIMPLE")):
+        carrier.modifiers.new(name, "PARTICLE_SYSTEM")
+        strands = carrier.particle_systems[-1].settings
+        strands.type, strands.count, strands.hair_length = "HAIR", 8, 9
+        strands.child_type, strands.rendered_child_count, strands.child_radius = children, 3, 4
+        strands.root_radius, strands.tip_radius, strands.radius_scale, strands.shape = 2, 0.6, 0.7, 0.4
+    return {"kind": "scenery", "distance": 75.0}
+
+
 def hair(name, *, thick):
     """Four leaning strands of hair, tapered to the top."""
     curves = bpy.data.hair_curves.new(name)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from render.reading import hair
 from render.reading.hair import BEND, hair_mesh
 
 
@@ -25,6 +26,16 @@ def test_a_strand_is_as_wide_as_it_is_drawn(along):
     assert seen.mean() == pytest.approx(0.2, rel=1e-5)
     assert seen.min() > 0.155
     assert seen.max() < 0.225
+
+
+def test_a_lawn_is_as_dense_from_all_sides():
+    n = 200
+    points = np.stack([[k, 0, z] for k in range(n) for z in (0, 1)]).astype(float)
+    lawn = hair_mesh(points, np.full(2 * n, 0.1), 2 * np.arange(n), np.ones(n, dtype=bool), "lawn")
+    blades = lawn.vertices.reshape(n, -1, 3)
+    for turn in np.linspace(0, np.pi, 12):
+        widths = np.ptp(blades @ [np.cos(turn), np.sin(turn), 0], axis=1)
+        assert widths.mean() == pytest.approx(0.2, rel=0.01)
 
 
 def test_a_strand_ends_where_its_points_end():
@@ -66,6 +77,23 @@ def test_stretches_without_length_or_thickness_are_left_out():
 def test_coordinates_that_are_no_numbers_are_refused():
     with pytest.raises(ValueError, match="vertex"):
         strand((0, 0, 0), (0, np.nan, 1))
+
+
+def test_of_much_fur_some_is_taken_and_hides_as_much(monkeypatch):
+    rng = np.random.default_rng(1)
+    points = np.cumsum(rng.uniform(0, 1, (1000, 6, 3)), axis=1).reshape(-1, 3)
+    fur = points, rng.uniform(0.01, 0.02, 6000), np.arange(0, 6000, 6), np.ones(1000, dtype=bool), "fur"
+    every = hair_mesh(*fur)
+    monkeypatch.setattr(hair, "LARGEST", 900)
+    some = hair_mesh(*fur)
+    assert len(every.faces) == 8 * 5000
+    assert len(some.faces) == 8 * 833
+    assert surface(some) == pytest.approx(surface(every), rel=0.03)
+
+
+def surface(mesh):
+    a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
 
 
 def test_a_bent_strand_follows_the_spline_through_its_points():

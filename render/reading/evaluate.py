@@ -16,8 +16,8 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply
 from render.reading.capture import OUR_CAMERA, visit_render
 from render.reading.cleanup import Link, Piece
-from render.reading.hair import hair_mesh
 from render.reading.poses import Poses
+from render.reading.strands import curves_mesh, strand_curves, strand_systems
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
@@ -27,9 +27,7 @@ UNREAD = {
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
 DRAWN = (*SURFACES, *UNREAD, "CURVES")
-# Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
-CATMULL_ROM, POLY = 0, 1
-BARE_RADIUS = 0.005  # of hair curves that have none of their own, as Cycles draws them in Blender 5.0
+STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ def evaluate(
     scene: Any,
     *,
     metres_from_file: Float[np.ndarray, "4 4"],
-    keep_mesh: Callable[[Any, Any], None] | None = None,
+    keep_mesh: Callable[[Any, list[Any]], None] | None = None,
     keep_look: Callable[[Any], None] | None = None,
 ) -> Evaluated:
     """Everything that `scene` draws.
@@ -85,7 +83,7 @@ def evaluate(
     metres_from_file
         The file's scale and up axis, for the bounds of the pieces.
     keep_mesh
-        Called with the depsgraph and the drawn object for each of the unique meshes, in their order.
+        Called with data and materials (evaluated, None for none) of each of the unique meshes, in their order.
     keep_look
         Called with the drawn object for each of the pieces, in their order.
 
@@ -106,7 +104,7 @@ class _Reader:
         depsgraph: Any,
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
-        keep_mesh: Callable[[Any, Any], None] | None,
+        keep_mesh: Callable[[Any, list[Any]], None] | None,
         keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
@@ -122,6 +120,8 @@ class _Reader:
         """Go through everything that the depsgraph draws."""
         for instance in self.depsgraph.object_instances:
             kind = instance.object.type
+            if instance.show_particles:
+                self._read_strands(instance)
             if kind == "EMPTY":
                 pose = self.poses.instance_pose(instance)
                 self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
@@ -149,15 +149,33 @@ class _Reader:
             if mesh is None:
                 self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
-            self.index[key] = len(self.result.meshes)
-            self.result.meshes.append(mesh)
-            self.used.append(mesh.vertices[np.unique(mesh.faces)])
-            self.box.append(np.array(list(product(*mesh.bounds.T))))
             self._doubt(drawn)
-            self.result.dressed |= any(materials)
-            if self.keep_mesh:
-                self.keep_mesh(self.depsgraph, drawn)
-        number = self.index[key]
+            self._add_mesh(key, mesh, drawn.data, [slot.material for slot in drawn.material_slots])
+        self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
+
+    def _read_strands(self, instance: Any) -> None:
+        drawn = instance.object
+        for system in strand_systems(drawn):
+            key = (drawn.data.as_pointer(), (STRANDS, system.name))
+            if key not in self.index:
+                curves = strand_curves(drawn, system)
+                mesh = curves_mesh(curves, system.name)
+                if mesh is None:
+                    continue
+                self._add_mesh(key, mesh, curves, list(curves.materials))
+            self._add_piece(instance, key, system.name, hair=True)
+
+    def _add_mesh(self, key: tuple[int, tuple[str, ...]], mesh: Mesh, data: Any, materials: list[Any]) -> None:
+        self.index[key] = len(self.result.meshes)
+        self.result.meshes.append(mesh)
+        self.used.append(mesh.vertices[np.unique(mesh.faces)])
+        self.box.append(np.array(list(product(*mesh.bounds.T))))
+        self.result.dressed |= any(materials)
+        if self.keep_mesh:
+            self.keep_mesh(data, materials)
+
+    def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
+        drawn, number = instance.object, self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
         if self.keep_look:
@@ -166,7 +184,7 @@ class _Reader:
         seen = apply(self.metres @ pose, self.box[number] if scattered else self.used[number])
         self.result.pieces.append(
             Piece(
-                data=drawn.data.name,
+                data=data,
                 chain=self._chain(instance, pose, scattered=scattered),
                 mesh=number,
                 pose=pose,
@@ -174,7 +192,7 @@ class _Reader:
                 faces=len(mesh.faces),
                 scattered=scattered,
                 anonymous=scattered and _carries_itself(instance),
-                hair=drawn.type == "CURVES",
+                hair=hair,
                 unseen=self._why_unseen(drawn),
             )
         )
@@ -193,11 +211,6 @@ class _Reader:
             if slot.material and slot.material.displacement_method != "BUMP" and _is_displaced(slot.material):
                 self.result.doubts.append(
                     f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh"
-                )
-        for system in drawn.particle_systems:
-            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-                self.result.doubts.append(
-                    f"the hair {system.name!r} of {name!r} is left out; convert it to hair curves"
                 )
 
     def _why_unseen(self, drawn: Any) -> str | None:
@@ -245,7 +258,7 @@ def _is_own_surface(instance: Any) -> bool:
 
 def _mesh(drawn: Any) -> Mesh | None:
     try:
-        return _hair(drawn) if drawn.type == "CURVES" else _faces(drawn)
+        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn)
     except ValueError as error:
         raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
 
@@ -260,21 +273,6 @@ def _faces(drawn: Any) -> Mesh | None:
     faces = np.empty(3 * len(data.loop_triangles), np.int32)
     data.loop_triangles.foreach_get("vertices", faces)
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
-
-
-def _hair(drawn: Any) -> Mesh | None:
-    data = drawn.data
-    count = len(data.points)
-    points, radii = np.empty(3 * count, np.float32), np.full(count, BARE_RADIUS, np.float32)
-    first = np.empty(len(data.curves), np.int32)
-    data.points.foreach_get("position", points)
-    data.curves.foreach_get("first_point_index", first)
-    if "radius" in data.attributes:
-        data.points.foreach_get("radius", radii)
-    kind = np.full(len(first), CATMULL_ROM, np.int32)
-    if "curve_type" in data.attributes:
-        data.attributes["curve_type"].data.foreach_get("value", kind)
-    return hair_mesh(points.reshape(-1, 3).astype(float), radii.astype(float), first, kind == POLY, drawn.name)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:

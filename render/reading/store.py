@@ -22,7 +22,7 @@ from render.reading.export import Exported, export
 from render.reading.formats import format_of
 from render.reading.report import FileReport
 
-EXPORTER = 4  # raised whenever the same file would be read as something else
+EXPORTER = 5  # raised whenever the same file would be read as something else
 CHUNK = 1 << 20
 
 

@@ -36,11 +36,11 @@ class Keeper:
         self.meshes: list[Any] = []
         self.looks: list[dict[str, Any]] = []
 
-    def keep_mesh(self, _depsgraph: Any, drawn: Any) -> None:
-        """Called for every unique mesh in order."""
-        mesh = drawn.data.copy()
+    def keep_mesh(self, data: Any, materials: Sequence[Any]) -> None:
+        """Called for every unique mesh, or hair curves, in order."""
+        mesh = data.copy()
         mesh.animation_data_clear()
-        for slot, material in enumerate(s.material for s in drawn.material_slots):
+        for slot, material in enumerate(materials):
             if slot < len(mesh.materials):
                 mesh.materials[slot] = material.original if material else None
         self.meshes.append(mesh)
