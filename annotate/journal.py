@@ -15,6 +15,7 @@ import orjson
 from geometry.errors import DatasetError
 
 CLOSED = -1
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
@@ -33,11 +34,21 @@ class Journal:
     ----------
     length
         Its bytes, all of whole lines.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written to, or is a link, which may lead anywhere.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
+        except OSError as error:
+            raise DatasetError(
+                f"cannot be written to ({error.strerror})", path=path, remedy="put the file itself there, writable"
+            ) from error
         self.length = _whole_lines(path)
         if self.length < path.stat().st_size:
             warnings.warn(

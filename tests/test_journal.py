@@ -49,6 +49,17 @@ def test_a_cut_off_last_line_is_dropped_with_a_warning(tmp_path, cut):
     assert [line["i"] for line in read_journal(path)] == [0, 1, 2]
 
 
+@pytest.mark.parametrize("content", [b"precious", b'{"i":0}\n'])
+def test_a_link_in_place_of_the_journal_is_not_followed(tmp_path, content):
+    """A dataset from elsewhere must not make us write, or cut off a line, outside of it."""
+    outside, path = tmp_path / "outside", tmp_path / "journal.jsonl"
+    outside.write_bytes(content)
+    path.symlink_to(outside)
+    with pytest.raises(DatasetError, match=r"journal\.jsonl: cannot be written to"):
+        Journal(path)
+    assert outside.read_bytes() == content
+
+
 @pytest.mark.parametrize("line", [b'{"i":\n', b"[1]\n", b"\n", b"\xff\n"])
 def test_a_damaged_inner_line_is_an_error_that_names_it(tmp_path, line):
     path = tmp_path / "journal.jsonl"
