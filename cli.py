@@ -315,7 +315,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         steps.insert(0, ["init", folder, "--small"])
     for step in steps:
         words = [str(word) for word in step]
-        STDERR.rule(f"hulldown {' '.join(words)}", align="left")
+        STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
     from annotate.overlay import dataset_sheet
