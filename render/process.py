@@ -53,6 +53,8 @@ class WorkerProcess:
     ) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
+        if log.is_symlink():  # writing would follow it, out of the dataset perhaps
+            log.unlink()
         with log.open("ab") as file:
             self._log_start = file.tell()
             # A session of its own: Ctrl-C in the terminal reaches the supervisor alone, which then stops its workers.

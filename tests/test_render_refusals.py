@@ -157,6 +157,19 @@ def test_a_folder_of_ours_that_is_a_link_is_refused(tmp_path, blender, name):
     assert list(outside.iterdir()) == []
 
 
+def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender):
+    outside, dataset = tmp_path / "outside", tmp_path / "d"
+    outside.write_text("precious")
+    (dataset / "logs").mkdir(parents=True)
+    (dataset / "logs" / "worker-0.log").symlink_to(outside)
+    loud = tmp_path / "loud"
+    loud.write_text(f"#!/bin/sh\necho hello >&2\nexec {blender}\n")
+    loud.chmod(0o755)
+    render_plan(write_plan(tmp_path, [make_row(0)]), dataset, assets=ASSETS, blender=str(loud))
+    assert outside.read_text() == "precious"
+    assert "hello" in (dataset / "logs" / "worker-0.log").read_text()
+
+
 def test_two_images_of_one_name_are_refused_before_rendering(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0), make_row(1, file_name="images/00000001.png")])
     with pytest.raises(ConfigError, match=r"2 images are called 'images/00000001.png'"):
