@@ -169,7 +169,7 @@ class Session:
         self._plan, self._dataset, self._todo, self._assets = plan, dataset, todo, assets
         self._progress = progress
         self._folder = dataset.folder
-        self._unfinished = confined(self._folder, UNFINISHED_NAME).resolve()
+        self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in todo.names]
         read_provenance(self._folder)
@@ -187,6 +187,8 @@ class Session:
 
     def render(self, pool: Pool) -> None:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
+        if self._unfinished.is_symlink() or self._unfinished.is_file():
+            self._unfinished.unlink()  # and not what a link leads to
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
         self.say("")

@@ -157,6 +157,18 @@ def test_a_folder_of_ours_that_is_a_link_is_refused(tmp_path, blender, name):
     assert list(outside.iterdir()) == []
 
 
+@pytest.mark.parametrize("link", [True, False])
+def test_what_has_the_name_of_unfinished_pictures_makes_room_and_nothing_else_is_lost(tmp_path, blender, link):
+    plan, dataset = write_plan(tmp_path, [make_row(i) for i in range(3)]), tmp_path / "d"
+    render_plan(plan, dataset, assets=ASSETS, blender=blender, limit=2)
+    if link:
+        (dataset / ".unfinished").symlink_to("images")
+    else:
+        (dataset / ".unfinished").touch()
+    assert render_plan(plan, dataset, assets=ASSETS, blender=blender).complete
+    assert len(list((dataset / "images").iterdir())) == 3
+
+
 def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender):
     outside, dataset = tmp_path / "outside", tmp_path / "d"
     outside.write_text("precious")
