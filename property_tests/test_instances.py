@@ -33,6 +33,18 @@ def scene_and_flat(seed, k, squashed):
     return rng, InstancedScene(meshes, which, poses), moved
 
 
+def off(triangles, points):
+    """How far points are from triangles, at least: from their planes, and beyond their sides."""
+    side = np.roll(triangles, -1, axis=1) - triangles
+    normal = np.cross(side[:, 0], side[:, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    outward = np.cross(side, normal[:, None])
+    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+    from_corner = points[:, None] - triangles
+    beyond = (from_corner * outward).sum(axis=2).max(axis=1)
+    return np.maximum(np.abs((from_corner[:, 0] * normal).sum(axis=1)), beyond)
+
+
 @given(seed=st.integers(0, 2**32), k=st.integers(1, 60), squashed=st.booleans())
 def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed):
     rng, scene, moved = scene_and_flat(seed, k, squashed)
@@ -46,7 +58,11 @@ def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed):
     assert (~same).sum() <= 2
     both = same & ours.hit
     np.testing.assert_allclose(ours.distance[both], theirs.distance[both], atol=CLOSE)
-    assert (ours.face[both] + first[ours.instance[both]] != theirs.face[both]).sum() <= 1
+    # Faces of a squashed copy lie in one plane: of those that a ray meets together, either may be named.
+    named = flat.vertices[flat.faces[ours.face[both] + first[ours.instance[both]]]]
+    along = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    met = origins[both] + ours.distance[both, None] * along[both]
+    assert not (off(named, met) > CLOSE).any()
     np.testing.assert_array_equal(np.isinf(ours.distance), ours.instance < 0)
     assert (scene.occluded(origins, directions) != theirs.hit).sum() <= 2
 
