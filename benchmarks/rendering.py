@@ -26,7 +26,7 @@ from render.demo.project import create_project
 from render.jobs import RenderAssets, job, render_assets
 from render.process import WorkerProcess, worker_command
 from render.reading.cache import load_assets
-from render.session import sort_key
+from render.todo import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")
 FEW = 4  # samples of the pictures whose sampling is not what is measured

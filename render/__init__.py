@@ -5,7 +5,7 @@
 
 and beside them, planned poses to pictures, in the order in which it happens:
 
-    supervisor -> session, jobs -> pool -> process       in the caller: what is left to do, who does it
+    supervisor -> todo, session, jobs -> pool -> process in the caller: what is left to do, who does it
         worker -> renderer -> scene, light, cycles       in processes of their own; blender_frames converts,
                                                          tidy_properties say what is what in a tidy twin
     annotations, png                                     what is written into the dataset

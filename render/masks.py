@@ -25,7 +25,7 @@ from planning.plan_file import Plan, read_plan
 from render.annotations import targets
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.pool import Pool
-from render.session import Outline
+from render.todo import Outline
 
 ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
 SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges

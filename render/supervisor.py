@@ -17,7 +17,8 @@ from geometry.errors import HulldownError
 from planning.plan_file import Plan, read_plan
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
-from render.session import LOGS_NAME, Outline, Progress, Session, Todo
+from render.session import LOGS_NAME, Progress, Session
+from render.todo import Outline, Todo
 
 
 @dataclass(frozen=True, slots=True)

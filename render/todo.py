@@ -1,0 +1,120 @@
+"""Which images of a plan are left to be rendered into a dataset, in what order, and what they are called there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Int
+
+from annotate.coco import CocoDataset
+from annotate.planned import labelled
+from annotate.runs import Run, plan_key
+from geometry.errors import ConfigError
+from planning.plan_file import Plan
+
+SUFFIX = ".png"
+
+
+class Outline:
+    """What a plan will add to a dataset: names, order and numbers of labels; read whole before anything is written.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+
+    Raises
+    ------
+    ConfigError
+        If a line is damaged, two rows have one file name, or a file name cannot be that of a picture.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.stamp = stamp_of(plan.path)
+        self.rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
+        _check_names([row[3] for row in self.rows], plan)
+        self.key = plan_key(plan.path)
+        self.labels = np.array([row[2] for row in self.rows], dtype=np.int64)
+
+    def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
+        """The id of each image's first label; ids depend on the plan alone, never on what is finished when."""
+        return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
+
+
+class Todo:
+    """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
+
+    Parameters
+    ----------
+    outline
+        Of the plan.
+    dataset
+        Open.
+    wanted
+        Only the first so many rows.
+    share
+        Of these the k-th of n equal parts, in the order in which they are rendered: (k, n).
+
+    Raises
+    ------
+    DatasetError
+        If something else in the dataset has an id that is set aside for one of them.
+    """
+
+    def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int, *, share: tuple[int, int] = (1, 1)) -> None:
+        rows = outline.rows
+        self.stamp = outline.stamp
+        self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(outline.labels.sum()))
+        self.first_annotation = outline.first_annotations(self.run)
+        mine = share_of(sorted(rows[:wanted]), share)
+        left = [(row, name) for row in mine if not dataset.finished(name := self.run.file_name(row[3]))]
+        for (_, index, labels, _), name in left:
+            first = int(self.first_annotation[index])
+            dataset.check_free(name, self.run.image_offset + index + 1, range(first, first + labels))
+        self.order, self.names = [row[1] for row, _ in left], {name for _, name in left}
+        self.wanted, self.already = len(mine), len(mine) - len(self.order)
+
+
+Item = TypeVar("Item")
+
+
+def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
+    """The k-th of n parts of equal size, but for one: neighbours stay together, and each is in exactly one part.
+
+    Parameters
+    ----------
+    items
+        What is shared out.
+    share
+        (k, n), k from 1 to n.
+    """
+    k, n = share
+    return items[(k - 1) * len(items) // n : k * len(items) // n]
+
+
+def sort_key(row: Mapping[str, Any]) -> tuple[str, str, bool, str]:
+    """By what is dear to change, the dearest first: a scenery, what stands in it, whether there is fog, the sky."""
+    return row["scenery"], row["vehicle"], row["weather"] is not None, row["hdri"]
+
+
+def _check_names(names: list[str], plan: Plan) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ConfigError(f"{count} images are called {name!r}", path=plan.path, remedy="plan again")
+        if not name.endswith(SUFFIX):
+            raise ConfigError(
+                f"an image is called {name!r}; expected a {SUFFIX} file", path=plan.path, remedy="plan again"
+            )
+
+
+def stamp_of(path: Path) -> tuple[int, int, int] | None:
+    """Which file has a name, and whether it was written to; None if there is none."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
