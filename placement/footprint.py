@@ -153,27 +153,25 @@ def spots(footprint: Underside, n: int) -> Spots:
     higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
     underside has them at the points themselves.
     """
-    regular = plate_spots(footprint.box, n)
-    step = (footprint.box[1] - footprint.box[0]) / RASTER
-    share = _shares(n)
-    reach = 0.5 / max(n - 1, 1) if n != 1 else 0.5
-    first = np.maximum(np.floor((share - reach) * RASTER), 0).astype(int)
-    last = np.minimum(np.ceil((share + reach) * RASTER), RASTER).astype(int)
+    regular, share = plate_spots(footprint.box, n), _shares(n)
+    reach = 0.5 / max(n - 1, 1)
+    cells = np.array(footprint.heights.shape)
+    step = (footprint.box[1] - footprint.box[0]) / cells
+    first = np.maximum(np.floor((share[:, None] - reach) * cells), 0).astype(int)
+    last = np.minimum(np.ceil((share[:, None] + reach) * cells), cells).astype(int)
     xy, height = regular.xy.copy(), regular.height.copy()
-    for k, (i, j) in enumerate(np.ndindex(n, n)):
-        near = footprint.heights[first[i] : last[i], first[j] : last[j]]
-        # From the point to the nearest place of each cell, in metres.
-        away_x, away_y = (
-            (np.clip(s * RASTER, cells, cells + 1) - s * RASTER) * width
-            for s, cells, width in (
-                (share[i], np.arange(first[i], last[i]), step[0]),
-                (share[j], np.arange(first[j], last[j]), step[1]),
-            )
-        )
-        best = np.argmin(near + LEAN * np.hypot(away_x[:, None], away_y))
-        a, b = np.unravel_index(best, near.shape)
-        height[k] = near[a, b]
+    for k, point in enumerate(np.ndindex(n, n)):
+        near, away = [], []
+        for axis, i in enumerate(point):
+            cell = np.arange(first[i, axis], last[i, axis])
+            at = share[i] * cells[axis]
+            # In metres, from the point to the nearest place of each cell.
+            away.append((np.clip(at, cell, cell + 1) - at) * step[axis])
+            near.append(cell)
+        heights = footprint.heights[np.ix_(*near)]
+        a, b = np.unravel_index(np.argmin(heights + LEAN * np.hypot(away[0][:, None], away[1])), heights.shape)
+        height[k] = heights[a, b]
         if np.isfinite(height[k]):
-            xy[k] += [away_x[a], away_y[b]]
+            xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
     return Spots(xy, height, foot, regular.centre)

@@ -47,8 +47,8 @@ PLATE = np.stack([-SIZE[:2], SIZE[:2]]) / 2
 def random_underside(seed, scale=1.0):
     """Feet at the corners, and steps and holes all over; some of it is low."""
     rng = np.random.default_rng(seed)
-    blocks = rng.choice([0.0, 0.1, 0.4, 0.8, np.inf], (16, 16), p=[0.2, 0.2, 0.3, 0.2, 0.1])
-    heights = np.kron(blocks, np.ones((8, 8))) + 0.02 * rng.random((128, 128))
+    blocks = rng.choice([0.0, 0.1, 0.4, 0.8, np.inf], (4, 4), p=[0.2, 0.2, 0.2, 0.1, 0.3])
+    heights = np.kron(blocks, np.ones((32, 32))) + 0.02 * rng.random((128, 128))
     for corner in np.ndindex(2, 2):
         heights[tuple(slice(-20, None) if c else slice(20) for c in corner)] = 0.0
     return Underside(scale * PLATE, scale * heights)

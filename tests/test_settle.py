@@ -178,6 +178,15 @@ def test_a_ridge_higher_than_the_belly_carries_it():
     np.testing.assert_allclose([settled.gap[0], settled.penetration[0]], [0.15, 0.0], atol=1e-12)
 
 
+def test_what_is_under_nothing_carries_nothing():
+    sides = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
+    frame = underside(merge([*sides, box((2.8, -1.3, 0.2), (3.0, 1.3, 0.6))])[0])
+    peak = Terrain(height_field(lambda x, y: 2 * np.maximum(0, 1 - np.hypot(x + 1, y) / 0.9), half=8, cell=0.1))
+    settled = settle(peak, TANK, [[0.0, 0.0]], [0.0], footprint=frame, max_slope=STEEP)
+    np.testing.assert_array_equal(settled.world_from_vehicle[0], np.eye(4))
+    np.testing.assert_array_equal([settled.share[0], settled.gap[0], settled.penetration[0]], [1.0, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("rule", ["averaged", "least_squares"])
 def test_the_two_other_rules_take_the_underside_for_a_plate(rule):
     plate, rails = (

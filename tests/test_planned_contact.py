@@ -1,0 +1,53 @@
+"""Plans know how high a vehicle's belly is, and so does their check."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry.meshes import Mesh, merge
+from planning.check import check_plan
+from planning.inputs import Assets
+from planning.stage import make_stage
+from planning.write import write_plan
+from tests.planning_assets import box, hills, small_assets, small_config, vehicle
+
+BELLY = 0.45
+UP = np.array([0.0, 0.0, BELLY])
+
+
+def on_rails():
+    """The tank of the other tests, its hull on two rails with turned-up toes."""
+    level = vehicle("t72")
+    rails = [box((-4.2, y - 0.3, -BELLY), (2.0, y + 0.3, 0.2)) for y in (-1.4, 1.4)]
+    toes = [box((2.0, y - 0.3, 0.05 - BELLY), (2.6, y + 0.3, 0.2)) for y in (-1.4, 1.4)]
+    mesh, _ = merge([level.mesh, *rails, *toes])
+    return replace(
+        level,
+        mesh=Mesh(mesh.vertices + UP, mesh.faces, "t72"),
+        vertex_part=np.concatenate([level.vertex_part, np.zeros(32, dtype=np.int64)]),
+        part_pivot=level.part_pivot + UP * (np.arange(3) > 0)[:, None],
+    )
+
+
+def test_a_plan_and_its_check_measure_the_same_underside(tmp_path):
+    config = small_config(
+        assets={"vehicles": [{"path": "t72.blend", "category": "tank"}], "sceneries": [{"path": "hills.blend"}]},
+        budget={"images_per_class": 24, "images_per_position": 1},
+    )
+    scenery = hills("hills", height=2.0, size=120.0, cells=60, trees=0)
+    assets = Assets({"t72": on_rails()}, {"t72": "tank"}, {"hills": scenery}, ("noon",))
+    made = write_plan(config, assets, tmp_path / "plan.jsonl")
+    assert check_plan(made, assets) == []
+    # Rigid rails on this ground: something is in the air, and not the belly.
+    gap = [row["gap"] for row in made]
+    assert 0.02 < np.median(gap) < BELLY
+
+
+def test_the_belly_is_in_the_model_and_the_box_is_a_plate():
+    config = small_config(assets={"sceneries": [{"path": "hills.blend"}]})
+    assets = small_assets()
+    stage = make_stage(config, replace(assets, vehicles={**assets.vehicles, "t72": on_rails()}))
+    model = stage.models["t72"]
+    assert np.median(model.undersides["footprint"].heights[:, 64]) == pytest.approx(BELLY)
+    np.testing.assert_array_equal(model.undersides["box"], [[-4.2, -1.7], [4.2, 1.7]])
