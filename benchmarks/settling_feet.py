@@ -28,7 +28,7 @@ from render.reading.cache import load_assets
 PLACES = 40  # a vehicle and ground
 HIGH = 1.0  # metres: no ground reaches an underside above this
 FOOT_HEIGHT, FOOT_LENGTH = 0.05, 0.8
-ROUNDS = 4  # of the reference, from pose to pose; it moves by less than 0.01 degrees after the third
+ROUNDS = 4  # of the reference, from pose to pose: by then nearly all stand still
 
 
 def main() -> None:
