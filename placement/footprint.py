@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.meshes import Mesh
-from placement.terrain import Terrain
+from geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
 LEAN = 0.05  # metres higher that a spot may be for each metre that it is nearer; measured in docs/settling.md
@@ -80,29 +80,53 @@ def underside(mesh: Mesh) -> Underside:
     mesh
         The vehicle at rest, in its own frame: z = 0 is what it stands on.
     """
-    box = contact_footprint(mesh.vertices[np.unique(mesh.faces)])
+    used = mesh.vertices[np.unique(mesh.faces)]
+    box = contact_footprint(used)
     if (box[0] >= box[1]).any():
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
     step = (box[1] - box[0]) / RASTER
     x, y = (box[0, i] + (np.arange(RASTER) + 0.5) * step[i] for i in range(2))
-    below = Terrain(Mesh(mesh.vertices * [1.0, 1.0, -1.0], mesh.faces, mesh.name))
-    hits = below.top_hits(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2), method="refined")
-    heights = np.where(hits.hit, -hits.z, np.inf)
-    points = _outline(mesh, step)
+    heights = _lowest_faces(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
+    points = np.concatenate([used, _along_edges(mesh, step)])
     points = points[((points[:, :2] >= box[0]) & (points[:, :2] <= box[1])).all(axis=1)]
     cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER - 1)
     np.minimum.at(heights, cell @ [RASTER, 1], points[:, 2])
     return Underside(box, heights.reshape(RASTER, RASTER))
 
 
-def _outline(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
-    """Points along all edges, at most a step apart."""
-    ends = mesh.vertices[mesh.faces[:, (0, 1, 1, 2, 2, 0)]].reshape(-1, 2, 3)
-    along = ends[:, 1] - ends[:, 0]
-    pieces = np.maximum(1, np.ceil((np.abs(along[:, :2]) / step).max(axis=1)).astype(np.int64))
-    edge = np.repeat(np.arange(len(ends)), pieces)  # the last point of each is the first of the next one of its face
-    share = (np.arange(len(edge)) - (np.cumsum(pieces) - pieces)[edge]) / pieces[edge]
-    return ends[edge, 0] + share[:, None] * along[edge]
+def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    """Heights of the first face straight up from below; inf where there is none."""
+    start = 2.0 * mesh.bounds[0, 2] - mesh.bounds[1, 2] - 1.0
+    face = (
+        RayCaster(mesh)
+        .cast(np.column_stack([xy, np.full(len(xy), start)]), np.tile([0.0, 0.0, 1.0], (len(xy), 1)))
+        .face
+    )
+    heights = np.full(len(xy), np.inf)
+    met = face >= 0
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[met]]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    # Which face is Embree's to say, in float32; how high it is, is not, so that poses keep all their digits.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = a[:, 2] - ((xy[met] - a[:, :2]) * normal[:, :2]).sum(axis=1) / normal[:, 2]
+    corners = np.stack([a[:, 2], b[:, 2], c[:, 2]])
+    heights[met] = np.fmin(np.fmax(z, corners.min(axis=0)), corners.max(axis=0))
+    return heights
+
+
+def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
+    """Points along all edges that are longer than a step, at most a step apart."""
+    found = [np.zeros((0, 3))]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, end = mesh.faces[:, i], mesh.faces[:, j]
+        steps = (np.abs(mesh.vertices[end, :2] - mesh.vertices[start, :2]) / step).max(axis=1)
+        far = np.flatnonzero(steps > 1)
+        pieces = np.ceil(steps[far]).astype(np.int64)
+        edge = np.repeat(np.arange(len(far)), pieces)
+        share = (np.arange(len(edge)) - (np.cumsum(pieces) - pieces)[edge]) / pieces[edge]
+        first, last = mesh.vertices[start[far[edge]]], mesh.vertices[end[far[edge]]]
+        found.append(first + share[:, None] * (last - first))
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

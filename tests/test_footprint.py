@@ -70,6 +70,35 @@ def test_a_sheet_on_its_edge_stands():
     assert (seen.heights[:, 1:-1] == 0.5).all()
 
 
+def test_a_sheet_of_small_pieces_on_its_edge_stands():
+    x = np.linspace(-2.0, 2.0, 301)  # shorter than a cell
+    i = np.arange(300)
+    faces = np.concatenate([np.stack([i, i + 1, i + 302], 1), np.stack([i, i + 302, i + 301], 1)])
+    sheets = [
+        Mesh(np.concatenate([np.column_stack([x, np.full(301, y), np.full(301, z)]) for z in (0.0, 0.5)]), faces)
+        for y in (-0.9, 0.9)
+    ]
+    seen = underside(merge([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
+    assert not seen.heights[:, [0, -1]].any()
+    assert (seen.heights[:, 1:-1] == 0.5).all()
+
+
+def test_a_slanting_belly_is_as_high_as_its_plane():
+    corners = np.array([[-3.0, -1.6], [3.0, -1.6], [3.0, 1.6], [-3.0, 1.6]])
+    slant = np.array([0.1, -0.05])
+    belly = Mesh(np.column_stack([corners, 0.5 + corners @ slant]), np.array([[0, 1, 2], [0, 2, 3]]))
+    rails = [box((-3.0, y - 0.1, 0.0), (3.0, y + 0.1, 3.0)) for y in (-1.5, 1.5)]
+    seen = underside(merge([belly, *rails])[0])
+    cell = np.ptp(seen.box, axis=0) / 128
+    middle = seen.box[0] + (np.indices((128, 128)).transpose(1, 2, 0) + 0.5) * cell
+    between = np.abs(middle[0, :, 1]) < 1.35
+    off = (seen.heights - (0.5 + middle @ slant))[:, between]
+    # The edge between the two triangles passes some cells where they are lower than in their middles.
+    assert off.max() < 1e-12
+    assert off.min() > -np.abs(slant) @ cell
+    assert (np.abs(off) < 1e-12).mean() > 0.95
+
+
 def test_both_edges_of_a_track_have_their_spots():
     at = spots(underside(tank()), 5)
     y = at.xy[:, 1].reshape(5, 5)
