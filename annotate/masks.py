@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
@@ -16,6 +15,9 @@ from camera.target import Standing
 from camera.visibility import TOUCHING, Occluder
 from geometry.arrays import checked
 from geometry.transforms import invert_rigid
+
+LONGEST_NUMBER = 7  # characters of a run length: 35 bits
+FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
 def vehicle_mask(
@@ -96,23 +98,41 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
         If it is neither, or its size is not that of the image.
     """
     if isinstance(segmentation, Mapping):
-        size, counts = segmentation.get("size"), segmentation.get("counts")
+        size, given = segmentation.get("size"), segmentation.get("counts")
         if size != [height, width]:
             raise ValueError(f"segmentation: expected size [{height}, {width}], got {size!r}")
-        if isinstance(counts, list) and all(isinstance(n, int) and n >= 0 for n in counts):
-            record = rle_codec.frPyObjects({"size": size, "counts": counts}, height, width)
-        elif isinstance(counts, str):
-            record = {"size": size, "counts": counts}
+        if isinstance(given, list) and all(isinstance(n, int) and 0 <= n <= width * height for n in given):
+            counts = np.array(given, dtype=np.int64)
+        elif isinstance(given, str):
+            counts = _counts(given)
         else:
-            raise ValueError(f"segmentation: expected run lengths under 'counts', got {counts!r:.60}")
-    elif not isinstance(segmentation, list) or not segmentation or not all(map(_is_ring, segmentation)):
+            raise ValueError(f"segmentation: expected run lengths under 'counts', got {given!r:.60}")
+        if (counts < 0).any() or counts.sum() != width * height:
+            raise ValueError(f"segmentation: expected run lengths of {width * height} pixels, got {counts.sum()}")
+        return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
+    if not isinstance(segmentation, list) or not segmentation or not all(map(_is_ring, segmentation)):
         raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
-    else:
-        record = rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))
-    try:
-        return rle_codec.decode(record).astype(bool)
-    except ValueError as error:
-        raise ValueError(f"segmentation: expected run lengths of {width * height} pixels ({error})") from error
+    return rle_codec.decode(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))).astype(bool)
+
+
+def _counts(text: str) -> Int[np.ndarray, " n"]:
+    """The run lengths in COCO's compressed text, read here: pycocotools writes past its memory if they are damaged.
+
+    A number is written five bits a character, the lowest first, 32 on all but its last; from the fourth number on it is
+    what the run is longer than the one before last.
+    """
+    codes = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8).astype(np.int64) - 48
+    last = np.flatnonzero(codes & 32 == 0)
+    first = np.append(0, last[:-1] + 1)
+    whole = text.isascii() and len(last) > 0 and last[-1] == len(codes) - 1
+    length = last - first + 1 if whole else np.array([0])
+    if not whole or codes.min() < 0 or codes.max() > 63 or length.max() > LONGEST_NUMBER:
+        raise ValueError("segmentation: expected compressed run lengths under 'counts', got damaged ones")
+    place = np.arange(len(codes)) - np.repeat(first, length)
+    numbers = np.add.reduceat((codes & 31) << (5 * place), first)
+    numbers -= (codes[last] >> 4 & 1) << (5 * length)  # the highest bit is the sign
+    numbers[1::2], numbers[2::2] = np.cumsum(numbers[1::2]), np.cumsum(numbers[2::2])
+    return numbers
 
 
 def _is_ring(value: Any) -> bool:
@@ -120,7 +140,7 @@ def _is_ring(value: Any) -> bool:
         isinstance(value, list)
         and len(value) >= 6
         and len(value) % 2 == 0
-        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+        and all(isinstance(n, int | float) and abs(n) <= FARTHEST for n in value)
     )
 
 

@@ -106,6 +106,28 @@ def test_wrong_segmentations_are_refused(segmentation, message):
         decode(segmentation, 3, 2)
 
 
+def test_damaged_run_lengths_harm_nothing():
+    """Given to pycocotools, some of these write past its memory, and end the process then or later."""
+    rng = np.random.default_rng(0)
+    refused = 0
+    for text in rng.integers(40, 120, (2000, 24), dtype=np.uint8):
+        record = {"size": [13, 17], "counts": bytes(text[: rng.integers(1, 25)]).decode("ascii")}
+        try:
+            assert decode(record, 17, 13).shape == (13, 17)
+        except ValueError:
+            refused += 1
+    assert refused > 1900
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_compressed_run_lengths_of_any_mask_are_read(seed):
+    rng = np.random.default_rng(seed)
+    height, width = rng.integers(1, 300, 2)
+    mask = np.repeat(rng.random((height, 1 + width // 7)) < rng.random(), 7, axis=1)[:, :width]
+    mask ^= rng.random(mask.shape) < rng.choice([0.0, 0.01, 0.5])
+    assert np.array_equal(decode(encode(mask), int(width), int(height)), mask)
+
+
 def test_overlap():
     assert iou(square(0, 0, 4, 4), square(2, 0, 4, 4)) == pytest.approx(1 / 3)
     assert iou(square(0, 0, 0, 0), square(0, 0, 0, 0)) == 1.0
@@ -117,13 +139,24 @@ def test_polygon_of_a_square_has_its_four_corners():
     assert polygons(np.zeros((3, 3))) == []
 
 
-LENGTHS = [None, 5, {}, "zzz", [-1], [99], ["a"], [[None]]]
+LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1], [99], [3], ["a"], [[None]], [10**30]]
 
 
 @pytest.mark.parametrize(
     "segmentation",
     [
-        *(5, "x", [1], {"size": [3, 4]}, [[1, 2, 3, 4]], [], {"size": 3, "counts": "0"}, [["a"] * 6], [[None] * 6]),
+        *(
+            5,
+            "x",
+            [1],
+            {"size": [3, 4]},
+            [[1, 2, 3, 4]],
+            [],
+            {"size": 3, "counts": "0"},
+            [["a"] * 6],
+            [[None] * 6],
+            [[1e9] * 6],
+        ),
         *({"size": [3, 4], "counts": counts} for counts in LENGTHS),
     ],
 )
