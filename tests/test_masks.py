@@ -145,18 +145,8 @@ LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1],
 @pytest.mark.parametrize(
     "segmentation",
     [
-        *(
-            5,
-            "x",
-            [1],
-            {"size": [3, 4]},
-            [[1, 2, 3, 4]],
-            [],
-            {"size": 3, "counts": "0"},
-            [["a"] * 6],
-            [[None] * 6],
-            [[1e9] * 6],
-        ),
+        *(5, "x", [1], {"size": [3, 4]}, [[1, 2, 3, 4]], [], {"size": 3, "counts": "0"}),
+        *([[wrong] * 6] for wrong in ("a", None, 1e9)),
         *({"size": [3, 4], "counts": counts} for counts in LENGTHS),
     ],
 )
