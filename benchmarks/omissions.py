@@ -74,11 +74,11 @@ def _suspension(rows: list[dict[str, Any]]) -> str:
     ]  # fmt: skip
     return (
         "### Suspension: rigid tracks against sprung wheels\n\n"
-        "The planned rest pose of a tank (support rule: its underside is one plate, belly included) against that of "
-        "the same tank on 2 x 7 sprung wheels of so much travel up and down, in balance; median / p95. Gap: the widest "
-        "under a wheel. Hanging: wheels more than 2 cm above the ground when rigid; then: beyond their droop when "
-        "sprung. Height, tilt: what the hull's pose changes by. Box: the largest change of a side, 1920 x 1080, 50 "
-        "degrees; pictures are rendered in the planned pose, so box and picture agree either way.\n\n"
+        "The planned rest pose of a tank (support rule; tracks of 0.6 m, a belly 0.45 m above their soles) against "
+        "that of the same tank on 2 x 7 sprung wheels of so much travel up and down, in balance; median / p95. Gap: "
+        "the widest under a wheel. Hanging: wheels more than 2 cm above the ground when rigid; then: beyond their "
+        "droop when sprung. Height, tilt: what the hull's pose changes by. Box: the largest change of a side, 1920 x "
+        "1080, 50 degrees; pictures are rendered in the planned pose, so box and picture agree either way.\n\n"
     ) + _table(
         [
             "terrain", "travel (m)", "gap, rigid (m)", "gap, sprung (m)", "hanging", "then", "height (m)", "tilt (deg)",

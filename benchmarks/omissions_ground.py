@@ -27,11 +27,14 @@ from benchmarks.settling import angle_deg, terrains, waves
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from geometry.transforms import apply, facing, rigid
 from placement.candidates import candidates
+from placement.footprint import Underside
 from placement.settle import settle
 from placement.terrain import Terrain
 
 DISTANCES = (30.0, 60.0, 120.0)  # metres
 TRAVEL = (0.15, 0.25)  # metres of bump and of droop
+TRACK, BELLY = 0.6, 0.45  # metres: width of a track, height of what is between the two
+CELLS = 128  # a side of the underside
 STOP = 20.0  # how much stiffer a bump stop is than the spring
 LIMITS = {"max_gap": 1.0, "max_penetration": 0.3}  # the config's own
 
@@ -52,13 +55,13 @@ LOADS = {
 def suspension(quick: bool) -> list[dict[str, Any]]:
     """A row for each terrain and travel."""
     shape = vehicles()["tank"]
-    footprint, wheels = _running_gear(shape)
+    underside, wheels = _running_gear(shape)
     rows = []
     gentle = {"gentle, 20 m waves of 0.2 m": waves(60.0, 0.25, 20.0, 0.2)}
     for name, (mesh, _) in (gentle | terrains(quick)).items():
         terrain = Terrain(mesh)
         xy, yaw = candidates(mesh.bounds, 300 if quick else 1000, rng=np.random.default_rng(1))
-        settled = settle(terrain, shape.size_xyz, xy, yaw, footprint=footprint, **LIMITS)
+        settled = settle(terrain, shape.size_xyz, xy, yaw, footprint=underside, **LIMITS)
         stands = settled.ok
         rigid_pose, yaw = settled.world_from_vehicle[stands], yaw[stands]
         gap = -_clearance(terrain, rigid_pose, wheels)
@@ -77,13 +80,15 @@ def suspension(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def _running_gear(shape: VehicleShape) -> tuple[np.ndarray, np.ndarray]:
-    """The rectangle of the tracks, and the lowest points of 2 x 7 wheels, in the vehicle frame."""
+def _running_gear(shape: VehicleShape) -> tuple[Underside, np.ndarray]:
+    """The underside between and with the tracks, and the lowest points of 2 x 7 wheels, in the vehicle frame."""
     hull = shape.mesh.vertices[shape.vertex_part == 0]
     overhang = np.array([0.5, 0.0])
     low, high = hull.min(axis=0)[:2] + overhang, hull.max(axis=0)[:2] - overhang
-    x, y = np.meshgrid(np.linspace(low[0], high[0], 7), [low[1] + 0.3, high[1] - 0.3])
-    return np.stack([low, high]), np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    x, y = np.meshgrid(np.linspace(low[0], high[0], 7), [low[1] + TRACK / 2, high[1] - TRACK / 2])
+    from_side = (high[1] - low[1]) / 2 * (1 - np.abs(np.linspace(-1, 1, CELLS)))
+    heights = np.tile(np.where(from_side <= TRACK, 0.0, BELLY), (CELLS, 1))
+    return Underside(np.stack([low, high]), heights), np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
 def _clearance(terrain: Terrain, pose: np.ndarray, wheels: np.ndarray) -> np.ndarray:
