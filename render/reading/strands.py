@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from geometry.meshes import Mesh
-from geometry.transforms import apply
 from render.reading.hair import hair_mesh
 
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
@@ -55,7 +54,9 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     points = np.array(where, dtype=np.float64).reshape(len(strands), steps, 3)
     length = np.cumsum(np.linalg.norm(np.diff(points, axis=1, prepend=points[:, :1]), axis=2), axis=1)
     along = length / np.maximum(length[:, -1:], np.finfo(float).tiny)
-    inside = apply(np.linalg.inv(np.array(drawn.matrix_world, dtype=np.float64)), points.reshape(-1, 3))
+    # Blender gives the strands where the object is; one that is squashed flat has no inverse.
+    world_from_drawn = np.array(drawn.matrix_world, dtype=np.float64)
+    inside = (points.reshape(-1, 3) - world_from_drawn[:3, 3]) @ np.linalg.pinv(world_from_drawn[:3, :3]).T
     curves.add_curves([steps] * len(strands))
     curves.points.foreach_set("position", inside.astype(np.float32).ravel())
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
