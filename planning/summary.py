@@ -221,7 +221,9 @@ class Summary:
         FigureCanvasAgg(figure)
         axes = figure.subplots(3, 3).ravel()
         for axis, (title, counts) in zip(axes, self._bar_charts().items(), strict=False):
-            axis.barh(list(counts)[::-1], list(counts.values())[::-1], color="#4878a8")
+            # Between two dollars matplotlib reads formulae; names have none.
+            names = [name.replace("$", r"\$") for name in counts]
+            axis.barh(names[::-1], list(counts.values())[::-1], color="#4878a8")
             axis.set_title(title)
         for axis, histogram in zip(axes[3:], self.histograms.values(), strict=True):
             used = np.flatnonzero(histogram.counts)

@@ -71,6 +71,11 @@ def test_names_with_brackets_are_shown_as_they_are():
     assert "t72[b] 1" in text
 
 
+def test_a_class_is_no_formula(tmp_path):
+    summarise([row(0, category="$^$")]).draw(tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").is_file()
+
+
 def test_the_picture(tmp_path):
     summarise(ROWS).draw(tmp_path / "plan.png")
     with Image.open(tmp_path / "plan.png") as picture:
