@@ -181,7 +181,7 @@ class _Reader:
         if self.keep_look:
             self.keep_look(drawn)
         scattered = _is_scattered(instance)
-        seen = apply(self.metres @ pose, self.box[number] if scattered else self.used[number])
+        seen = apply(self.metres @ pose, self.box[number] if scattered or hair else self.used[number])
         self.result.pieces.append(
             Piece(
                 data=data,
