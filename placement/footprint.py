@@ -199,3 +199,8 @@ def spots(footprint: Underside, n: int) -> Spots:
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
     return Spots(xy, height, foot, regular.centre)
+
+
+def contact_spots(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Spots:
+    """Where gap and penetration are measured: at n x n spots, but at none that is under nothing."""
+    return spots(footprint, n).solid() if isinstance(footprint, Underside) else plate_spots(footprint, n)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.transforms import facing, rigid
-from placement.footprint import Spots, Underside, plate_spots, spots
+from placement.footprint import Spots, Underside, contact_spots, plate_spots, spots
 from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
 from placement.verdict import Verdict
@@ -153,11 +153,11 @@ def settle(
         if not limit >= 0.0:
             raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
     if isinstance(footprint, Underside):
-        box, contact = footprint.box, spots(footprint, contact_n).solid()
+        box, contact = footprint.box, contact_spots(footprint, contact_n)
         samples = spots(footprint, n) if rule == "support" else plate_spots(box, n)
     else:
         box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
-        samples, contact = plate_spots(box, n), plate_spots(box, contact_n)
+        samples, contact = plate_spots(box, n), contact_spots(box, contact_n)
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     if threads < 1:

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from camera.clearance import Spot
 from camera.visibility import visible_fraction
 from geometry.transforms import apply
-from placement.footprint import Underside, plate_spots, spots
+from placement.footprint import Underside, contact_spots
 from planning.aiming import SIZED, baseline_distance, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
@@ -284,9 +284,7 @@ def _contact(
     site: Site, placed: Placed, underside: Underside | Float[np.ndarray, "2 2"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Gap under what the vehicle stands on, and penetration of all of its underside."""
-    looked_at = (
-        spots(underside, CONTACT).solid() if isinstance(underside, Underside) else plate_spots(underside, CONTACT)
-    )
+    looked_at = contact_spots(underside, CONTACT)
     poses, height = placed.world_from_vehicle, looked_at.height
     points = apply(poses, np.column_stack([looked_at.xy, height]))
     ground = site.terrain.top_hits(points[..., :2].reshape(-1, 2)).z.reshape(points.shape[:2])
