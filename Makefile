@@ -2,7 +2,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-DEMO ?= demo
+DEMO ?= hulldown-demo
 STAMP := $(VENV)/.installed
 export PYTHONDONTWRITEBYTECODE = 1
 
@@ -20,7 +20,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable '.[blender,dev]'
 	@touch $@
 
-demo: setup ## build demo assets, plan, render, annotate: ends in demo/contact_sheet.png (DEMO=folder: elsewhere)
+demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
 
 test: setup ## all tests and property tests

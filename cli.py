@@ -90,7 +90,7 @@ def _silence_stdout() -> None:
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from render.demo.project import create_project
+    from demo.project import create_project
 
     _make_room(arguments.folder / "hulldown.toml")
     with _progress("building demo assets") as advance:
@@ -100,20 +100,20 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from render.reading.inspect import Inspected, inspect, write_pictures
+    from planning.config import load_config
+    from planning.loading import inspect_config
+    from reading.inspect import Inspected, inspect, write_pictures
 
     if arguments.output:
         _make_room(arguments.output)
     inspected: list[Inspected] = []
     for path in arguments.files:
         with _reading() as progress:
-            found = inspect(
-                path,
-                kind=arguments.kind,
-                strict=arguments.strict,
-                pictures=bool(arguments.output),
-                progress=progress,
-            )
+            shared = {"strict": arguments.strict, "pictures": bool(arguments.output), "progress": progress}
+            if path.suffix.lower() == ".toml":
+                found = inspect_config(load_config(path), **shared)
+            else:
+                found = [inspect(path, kind=arguments.kind, **shared)]
         if not arguments.json:
             for one in found:
                 STDOUT.print(one.report.table())
@@ -128,8 +128,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 def _plan(arguments: argparse.Namespace) -> int:
     from planning.config import load_config
+    from planning.loading import load_assets
     from planning.write import write_plan
-    from render.reading.cache import load_assets
 
     if arguments.check:
         return _check_plan(arguments)
@@ -165,8 +165,8 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
 
 def _check_plan(arguments: argparse.Namespace) -> int:
     from planning.check import check_plan
+    from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
-    from render.reading.cache import load_planned_assets
 
     plan = read_plan(arguments.config)
     with _reading() as progress:
@@ -182,9 +182,9 @@ def _check_plan(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> int:
+    from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
     from planning.preview import preview_sheet
-    from render.reading.cache import load_planned_assets
 
     plan = read_plan(arguments.plan)
     _make_room(arguments.output)
@@ -231,7 +231,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _join(arguments: argparse.Namespace) -> int:
-    from annotate.join import join
+    from dataset.join import join
 
     with _progress("joining") as advance:
         joined = join(arguments.parts, arguments.output, progress=advance)
@@ -247,7 +247,7 @@ def _join(arguments: argparse.Namespace) -> int:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from annotate.verify import verify
+    from dataset.verify import verify
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
@@ -274,7 +274,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from annotate.split import export
+    from dataset.split import export
 
     with _progress("linking images") as advance:
         counts = export(
@@ -318,7 +318,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
-    from annotate.overlay import dataset_sheet
+    from dataset.overlay import dataset_sheet
 
     dataset_sheet(dataset, count=12, columns=3, masks=False).save(folder / "contact_sheet.png")
     _say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
@@ -516,7 +516,9 @@ def _parser() -> argparse.ArgumentParser:
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 
     sub = verb("demo", _demo, "everything, small", "Writes a project, a plan, a dataset of 12 images, a contact sheet.")
-    sub.add_argument("-o", "--output", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
+    sub.add_argument(
+        "-o", "--output", type=Path, default=Path("hulldown-demo"), metavar="DIR", help="default: hulldown-demo"
+    )
     return parser
 
 

@@ -1,12 +1,15 @@
 """Checks array shapes at every call under test, and registers the Hypothesis profiles."""
 
 import os
+import tomllib
+from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-PACKAGES = ["geometry", "assets", "placement", "camera", "annotate", "planning", "render", "cli"]
-install_import_hook(PACKAGES, "beartype.beartype")
+PYPROJECT = tomllib.loads((Path(__file__).with_name("pyproject.toml")).read_text())
+PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+install_import_hook([package.removesuffix(".py") for package in PACKAGES], "beartype.beartype")
 
 settings.register_profile("dev", max_examples=25, deadline=None)
 settings.register_profile("ci", max_examples=50, deadline=None, derandomize=True)

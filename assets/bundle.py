@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import numpy as np
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
+from geometry.files import replacing
 from geometry.meshes import Mesh
 
 FORMAT = 1
@@ -108,15 +108,8 @@ def _names(names: Sequence[str]) -> np.ndarray:
 
 def _save(path: Path, kind: str, **arrays: np.ndarray | np.generic) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path) as file:
+        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays)
 
 
 def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:

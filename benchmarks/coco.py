@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from annotate.coco import MERGE_SHARE, CocoDataset
-from annotate.document import ANNOTATIONS_NAME, JOURNAL_NAME
-from annotate.layout import write_coco
+from dataset.coco import MERGE_SHARE, CocoDataset
+from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME
+from dataset.layout import write_coco
 
 APPENDS = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory
@@ -146,7 +146,7 @@ def _opened(folder: Path) -> tuple[float, float]:
     """Seconds it takes to open a dataset, and how many MB that adds to a process that does nothing else."""
     code = r"""if True:
         import re, sys, time
-        from annotate.coco import CocoDataset
+        from dataset.coco import CocoDataset
         # Not ru_maxrss, which begins at what the parent held.
         def peak(): return int(re.search(r"VmHWM:\s+(\d+)", open("/proc/self/status").read())[1]) / 1024
         before, started = peak(), time.perf_counter()

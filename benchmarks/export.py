@@ -12,8 +12,8 @@ from pathlib import Path
 
 import matplotlib
 
-from render.reading.build import Options
-from render.reading.store import cached
+from reading.build import Options
+from reading.cache import cached
 
 matplotlib.use("Agg")
 

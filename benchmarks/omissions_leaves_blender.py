@@ -1,9 +1,9 @@
 """What Cycles shows of a vehicle behind leaf cards whose texture is cut out, and behind the same leaves as geometry.
 
 Started as a child, `python -P omissions_leaves_blender.py IN.npz OUT.npz`: reads meshes, cameras and sceneries, writes
-a mask a camera. Unlike `render.object_index`, which hides as much as the triangles do, leaves here are as
-transparent as in a picture: one ray through each pixel's centre, through up to `render.cycles.TRANSPARENT_BOUNCES`
-holes.
+a mask a camera. Unlike `render.blender.object_index`, which hides as much as the triangles do, leaves here are as
+transparent as in a picture: one ray through each pixel's centre, through up to
+`render.blender.cycles.TRANSPARENT_BOUNCES` holes.
 """
 
 import os
@@ -16,9 +16,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from render import cycles
-from render.blender_frames import world_from_blender_camera
-from render.object_index import ONE_RAY, PIXEL_CENTRE
+from reading.blender.frames import world_from_blender_camera
+from render.blender import cycles
+from render.blender.object_index import ONE_RAY, PIXEL_CENTRE
 
 
 def main() -> None:

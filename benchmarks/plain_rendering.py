@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from render import cycles
-from render.scene import Stage
+from render.blender import cycles
+from render.blender.scene import Stage
 
 
 def main() -> None:

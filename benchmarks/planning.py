@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import psutil
 
+from assets.library import Assets
 from benchmarks.camera import vehicles
 from geometry.meshes import Mesh
 from geometry.transforms import apply
 from planning.config import parse_config
-from planning.inputs import Assets
 from planning.write import write_plan
 from tests.planning_assets import hills
 

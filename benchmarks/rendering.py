@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 
 from benchmarks import rendering_error
 from benchmarks.rendering_error import FAST, PAPER
+from demo.project import create_project
 from planning.config import load_config, parse_config
+from planning.loading import load_assets
 from planning.plan_file import Plan
 from planning.write import write_plan
-from render.demo.project import create_project
 from render.jobs import RenderAssets, job, render_assets
 from render.process import WorkerProcess, worker_command
-from render.reading.cache import load_assets
 from render.todo import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")

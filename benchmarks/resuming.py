@@ -22,11 +22,11 @@ import numpy as np
 import psutil
 from matplotlib.figure import Figure
 
-from annotate.coco import LOCK_NAME
-from annotate.document import JOURNAL_NAME
-from annotate.journal import MERGED
 from benchmarks.rendering import planned
-from render.demo.project import create_project
+from dataset.coco import LOCK_NAME
+from dataset.document import JOURNAL_NAME
+from dataset.journal import MERGED
+from demo.project import create_project
 from render.session import LOGS_NAME
 
 ROOT = Path(__file__).parents[1]

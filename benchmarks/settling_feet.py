@@ -23,7 +23,7 @@ from placement.settle import settle
 from placement.support import support_plane
 from placement.terrain import Terrain
 from planning.config import load_config
-from render.reading.cache import load_assets
+from planning.loading import load_assets
 
 PLACES = 40  # a vehicle and ground
 HIGH = 1.0  # metres: no ground reaches an underside above this

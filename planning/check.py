@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from assets.library import Assets
 from camera.clearance import Spot
 from camera.visibility import visible_fraction
 from geometry.transforms import apply
@@ -17,7 +18,6 @@ from placement.footprint import Underside, contact_spots
 from planning.aiming import SIZED, baseline_distance, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
-from planning.inputs import Assets
 from planning.placing import clear_of_obstacles, clear_of_vehicle
 from planning.plan_file import Plan
 from planning.schema import Config

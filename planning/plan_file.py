@@ -17,8 +17,8 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
-from annotate.document import stays_inside
 from geometry.errors import ConfigError
+from geometry.files import stays_inside
 from planning.row_types import misfit
 
 FORMAT = 1

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from assets.library import Assets
 from planning.budget import make_budget
 from planning.draws import Draws, Purpose, choose
 from planning.group import Group, plan_group
-from planning.inputs import Assets
 from planning.light import draw_lights, hdri_weights
 from planning.plan_file import encode
 from planning.rows import rows_of

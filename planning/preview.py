@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from annotate.overlay import contact_sheet, draw
+from annotate.drawing import contact_sheet, draw
+from assets.library import Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
@@ -20,7 +21,6 @@ from camera.visibility import Plane
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
 from planning.config import parse_config
-from planning.inputs import Assets
 from planning.plan_file import Plan
 from planning.shading import Ground, Obstacles, Surface, VehiclePart, look, paint_of, sun_of
 from planning.stage import Site, make_stage

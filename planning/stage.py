@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from annotate.boxes import VehicleBoxes
+from assets.library import Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.clearance import CameraSpots
@@ -21,7 +22,6 @@ from geometry.transforms import apply, rigid
 from placement.footprint import Underside, underside
 from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
-from planning.inputs import Assets
 from planning.schema import Config
 
 _BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles

@@ -16,8 +16,8 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
+from assets.library import Assets
 from geometry.errors import ConfigError
-from planning.inputs import Assets
 from planning.plan_file import FORMAT, Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
 from planning.schema import Config

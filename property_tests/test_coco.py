@@ -16,12 +16,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import annotate.coco
-import annotate.document
-from annotate.coco import CocoDataset
-from annotate.document import read_coco, read_document
-from annotate.join import join
-from annotate.layout import OtherLayoutError, read_by_line
+import dataset.coco
+import dataset.document
+from dataset.coco import CocoDataset
+from dataset.document import read_coco, read_document
+from dataset.join import join
+from dataset.layout import OtherLayoutError, read_by_line
 from geometry.errors import DatasetError
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
@@ -198,7 +198,7 @@ def test_a_join_that_is_killed_loses_and_doubles_nothing() -> None:
             child = os.fork()
             if child == 0:
                 try:
-                    annotate.coco.MERGE_EVERY_S, annotate.coco.MERGE_SHARE = 0.0, 0.5
+                    dataset.coco.MERGE_EVERY_S, dataset.coco.MERGE_SHARE = 0.0, 0.5
                     join(parts, folder / "joined", progress=lambda done, of, tell=tell: os.write(tell, b"x"))
                 finally:
                     os._exit(0)
@@ -253,7 +253,7 @@ def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[i
     if child == 0:
         try:
             # Merging all the time, so that kills fall into it too.
-            annotate.coco.MERGE_EVERY_S, annotate.coco.MERGE_SHARE = 0.0, 0.5
+            dataset.coco.MERGE_EVERY_S, dataset.coco.MERGE_SHARE = 0.0, 0.5
             append_planned(folder, total, tell)
         finally:
             os._exit(0)
@@ -308,7 +308,7 @@ def test_by_line_reads_what_a_parser_of_the_whole_reads(batch: list, changes: li
                 head, images, boxed = read_by_line(file)
                 assert {**head, "images": list(images), "annotations": list(boxed)} == json.loads(content)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(annotate.document, "read_by_line", Mock(side_effect=OtherLayoutError))
+            patch.setattr(dataset.document, "read_by_line", Mock(side_effect=OtherLayoutError))
             assert found == state(folder)
 
 

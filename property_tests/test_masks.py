@@ -7,10 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as pycocotools_mask
-from scipy import ndimage
 
 from annotate.masks import area, decode, encode, iou, mask_box
-from annotate.outlines import polygons
 
 sizes = st.tuples(st.integers(1, 24), st.integers(1, 24))
 noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))
@@ -43,19 +41,6 @@ def test_run_lengths_round_trip(mask: np.ndarray) -> None:
     assert int(pycocotools_mask.area(record)) == area(mask)
     box = mask_box(mask)
     assert pycocotools_mask.toBbox(record).tolist() == ([0.0] * 4 if box is None else box.tolist())
-
-
-@given(masks)
-def test_polygons_round_trip_but_for_holes(mask: np.ndarray) -> None:
-    h, w = mask.shape
-    rings = polygons(mask)
-    # Background that reaches the outside through a corner is no hole.
-    filled = ndimage.binary_fill_holes(mask, structure=np.ones((3, 3)))
-    assert np.array_equal(decode(rings, w, h), filled) if rings else not mask.any()
-    _, count = ndimage.label(mask)
-    outer = sum(1 for ring in rings if ring)
-    assert outer >= (1 if mask.any() else 0)
-    assert outer <= count + ndimage.label(~mask, structure=np.ones((3, 3)))[1]
 
 
 @given(masks, st.data())

@@ -1,15 +1,9 @@
-"""Everything that needs Blender; the only folder that imports bpy.
+"""Planned rows through Cycles (paper, section 2.1.4): what happens, in the order in which it happens.
 
-    reading/    asset files to plain arrays, cached: before planning
-    demo/       the demo assets, built by code
-
-and beside them, planned poses to pictures, in the order in which it happens:
-
-    supervisor -> todo, session, jobs -> pool -> process in the caller: what is left to do, who does it
-        worker -> renderer -> scene, light, cycles       in processes of their own; blender_frames converts,
-                                                         tidy_properties say what is what in a tidy twin
-    annotations, png                                     what is written into the dataset
-    masks, object_index                                  the annotations held against Cycles' own masks
+    supervisor -> todo, session, jobs -> pool -> process     in the caller: what is left to do, and who does it
+        blender/worker -> renderer -> scene, light, cycles   in processes of their own
+    annotations, png                                         what is written into the dataset
+    masks                                                    the annotations held against Cycles' own masks
 
 `doctor` looks at the machine.
 """

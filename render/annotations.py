@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from annotate.masks import area, encode, vehicle_mask
-from annotate.planned import IMAGE_KEYS, LABEL_KEYS, labelled
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.target import Standing, VehicleTarget
 from camera.visibility import Occluder
+from dataset.planned import IMAGE_KEYS, LABEL_KEYS, labelled
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 

@@ -34,7 +34,7 @@ DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pyc
 # Runs in a child: bpy may crash while it loads, and belongs in the main thread of its own process.
 PROBE = """
 import json, bpy
-from render.cycles import available_devices
+from render.blender.cycles import available_devices
 print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available_devices()}))
 """
 

@@ -16,9 +16,9 @@ from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
 from planning.config import hdri_paths
+from planning.loading import Library, load_planned_library
 from planning.plan_file import Plan
 from render.annotations import targets
-from render.reading.cache import Library, load_planned_library
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
@@ -26,7 +26,7 @@ FAR = 5000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's shape, and the .blend that `render.reading.tidy` made of its file."""
+    """A vehicle's shape, and the .blend that `reading.blender.tidy` made of its file."""
 
     shape: VehicleShape
     tidy: Path
@@ -106,7 +106,7 @@ def job(
     assets
         The plan's files.
     settings
-        See `render.cycles.configure`.
+        See `render.blender.cycles.configure`.
     output
         Where the worker shall write.
 
@@ -132,7 +132,7 @@ def job(
 
 
 def mask_job(row: Mapping[str, Any], assets: RenderAssets, output: Path) -> dict[str, Any]:
-    """What to tell a worker that shall render a row's masks; see `render.object_index`."""
+    """What to tell a worker that shall render a row's masks; see `render.blender.object_index`."""
     return {**_posed(row, assets), "do": "mask", "output": str(output)}
 
 

@@ -13,13 +13,13 @@ from jaxtyping import Bool
 from rich.markup import escape
 from rich.table import Table
 
-from annotate.document import read_coco
-from annotate.entries import is_box
 from annotate.masks import mask_box
-from annotate.planned import labelled, not_annotated
-from annotate.records import Finding
-from annotate.runs import find_run
-from annotate.verify import compare
+from dataset.document import read_coco
+from dataset.entries import is_box
+from dataset.planned import labelled, not_annotated
+from dataset.records import Finding
+from dataset.runs import find_run
+from dataset.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
 from render.annotations import targets

@@ -81,7 +81,7 @@ class Pool:
     blender
         An installed Blender, or None for the bpy module of this Python.
     device
-        What `render.cycles.choose_device` takes.
+        What `render.blender.cycles.choose_device` takes.
     workers
         How many; None for one a GPU.
     limits

@@ -14,9 +14,9 @@ from typing import Any
 
 import psutil
 
-from render.worker import ANSWER
+from render.blender.worker import ANSWER
 
-WORKER = Path(__file__).with_name("worker.py")
+WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # what a worker gets to end by itself
 LOG_TAIL = 2000  # bytes of the log in which last words are looked for
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left

@@ -15,10 +15,10 @@ from typing import Any
 
 from PIL.PngImagePlugin import PngImageFile
 
-from annotate.coco import CocoDataset
-from annotate.failures import read_failures, write_failures
-from annotate.placing import confined, publish, unwritten
-from annotate.provenance import add_provenance, read_provenance
+from dataset.coco import CocoDataset
+from dataset.failures import read_failures, write_failures
+from dataset.pictures import confined, publish, unwritten
+from dataset.provenance import add_provenance, read_provenance
 from geometry.errors import ConfigError
 from planning.plan_file import Plan
 from render.annotations import Segmenter, annotation_records, image_record

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from annotate.coco import CocoDataset
-from annotate.placing import confined
+from dataset.coco import CocoDataset
+from dataset.pictures import confined
 from geometry.errors import HulldownError
 from planning.plan_file import Plan, read_plan
 from render.jobs import RenderAssets, render_assets
@@ -87,7 +87,7 @@ def render_plan(
     limit
         Only the first so many images of the plan.
     share
-        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `annotate.join`.
+        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `dataset.join`.
     blender
         An installed Blender to use in place of the bpy module.
     limits

@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Int
 
-from annotate.coco import CocoDataset
-from annotate.planned import labelled
-from annotate.runs import Run, plan_key
+from dataset.coco import CocoDataset
+from dataset.planned import labelled
+from dataset.runs import Run, plan_key
 from geometry.errors import ConfigError
 from planning.plan_file import Plan
 

@@ -18,8 +18,8 @@ from geometry.errors import AssetError
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
-from render.reading.build import Options
-from render.reading.export import Exported, exported_by, job_for
+from reading.build import Options
+from reading.export import Exported, exported_by, job_for
 
 HERE = Path(__file__).resolve().parent
 SIZE, FOV = 160, math.radians(40)  # of messy_blends.py
@@ -101,7 +101,7 @@ def build(folder: Path) -> Messy:
         (folder / f"{name}.blend").write_bytes(content)
         add(name, f"{name}.blend", kind="vehicle")
     # One process for all of them, which is not how it is done in earnest but starts Blender once.
-    _python("-m", "render.reading.reader", *(str(folder / f"{name}.job") for name in jobs))
+    _python("-m", "reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
     exported, errors = {}, {}
     for name, job in jobs.items():
         try:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from annotate.document import read_coco
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
+from dataset.document import read_coco
 from geometry.meshes import Mesh
 from render.jobs import RenderAssets, SceneryFile, VehicleFile
 

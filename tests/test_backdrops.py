@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from assets.bundle import load_scenery
+from reading.build import Options
+from reading.export import export
 from render.jobs import SceneryFile
-from render.reading.build import Options
-from render.reading.export import export
 
 MADE = """
 import bpy, sys
@@ -37,8 +37,8 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 SHOWN = """
 import json, sys
 import bpy, numpy as np
-from render.reading.capture import visit_render
-from render.scene import Stage
+from reading.blender.capture import visit_render
+from render.blender.scene import Stage
 stage = Stage(sys.argv[1], np.eye(4), json.loads(sys.argv[2]))
 shown = set()
 def look(depsgraph):

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import render.reading.store
+import reading.cache
 from assets.bundle import save_scenery, save_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from geometry.meshes import Mesh
 from planning.config import Config, parse_config
+from planning.loading import load_assets, load_library, load_planned_assets
 from planning.plan_file import Plan
-from render.reading.build import Options
-from render.reading.cache import load_assets, load_library, load_planned_assets
-from render.reading.export import Exported
-from render.reading.report import FileReport, Missing
-from render.reading.store import cached
+from reading.build import Options
+from reading.cache import cached
+from reading.export import Exported
+from reading.report import FileReport, Missing
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -65,7 +65,7 @@ class Exporter:
 @pytest.fixture
 def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
     stand_in = Exporter()
-    monkeypatch.setattr(render.reading.store, "export", stand_in)
+    monkeypatch.setattr(reading.cache, "export", stand_in)
     return stand_in
 
 
@@ -148,11 +148,11 @@ def test_a_failed_export_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise AssetError("broken")
 
-    monkeypatch.setattr(render.reading.store, "export", fail)
+    monkeypatch.setattr(reading.cache, "export", fail)
     with pytest.raises(AssetError, match="broken"):
         read()
     assert [p.suffix for p in (tmp_path / "cache").iterdir()] == [".lock"]
-    monkeypatch.setattr(render.reading.store, "export", exporter)
+    monkeypatch.setattr(reading.cache, "export", exporter)
     assert read()
 
 

@@ -5,11 +5,11 @@ import pytest
 
 from assets.naming import GROUND, GUN, HELPERS, says, words
 from geometry.errors import AssetError
-from render.reading.build import Options, build_scenery
-from render.reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
-from render.reading.doubts import vehicle_doubts
-from render.reading.kinds import likely_kind, refuse_wrong_kind
-from render.reading.parts import find_parts
+from reading.build import Options, build_scenery
+from reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
+from reading.doubts import vehicle_doubts
+from reading.kinds import likely_kind, refuse_wrong_kind
+from reading.parts import find_parts
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import cli
-from annotate.coco import CocoDataset
+from dataset.coco import CocoDataset
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "preview", "render", "join", "verify", "export", "doctor", "demo"]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
-import annotate.document
-from annotate.coco import CocoDataset
-from annotate.document import read_coco
-from annotate.failures import write_failures
-from annotate.provenance import add_provenance
+import dataset.document as documents
+from dataset.coco import CocoDataset
+from dataset.document import read_coco
+from dataset.failures import write_failures
+from dataset.provenance import add_provenance
 from geometry.errors import DatasetError
 
 FOREIGN = {
@@ -181,7 +181,7 @@ def test_read_coco_sees_what_is_not_merged_yet_and_changes_nothing(tmp_path):
 
 
 def test_a_reader_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeypatch):
-    read = annotate.document._read_annotations
+    read = documents._read_annotations
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])
         dataset.merge()
@@ -194,7 +194,7 @@ def test_a_reader_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeyp
             return document
 
         with monkeypatch.context() as patch:
-            patch.setattr(annotate.document, "_read_annotations", and_merge)
+            patch.setattr(documents, "_read_annotations", and_merge)
             assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1, 2, 3]
         assert len(read_coco(tmp_path)["annotations"]) == 3
 
@@ -228,7 +228,7 @@ def test_abandoning_takes_nothing_from_the_process_that_comes_next(tmp_path, mon
 
 def test_a_second_process_is_refused(tmp_path):
     with CocoDataset.open(tmp_path):
-        code = f"from annotate.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
+        code = f"from dataset.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
         other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "another process is writing to this dataset; wait until it has ended" in other.stderr
         with pytest.raises(DatasetError, match="another process is writing"):
@@ -338,8 +338,8 @@ def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, messa
 
 def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
     clock = [0.0]
-    monkeypatch.setattr("annotate.coco.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("annotate.journal.os.fsync", lambda descriptor: None)
+    monkeypatch.setattr("dataset.coco.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("dataset.journal.os.fsync", lambda descriptor: None)
     writes = []
 
     def ten_seconds(path: object) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from demo import build, project
+from demo.catalogue import CATEGORY, HDRI_FILES, LAUNCHER, SCENERIES, SCENERY_FILES, SKIES, TRUCK, VEHICLE_FILES
+from demo.relief import Course, Noise, ribbon, sheet, smoothstep
+from demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism, stack, track, tube
 from geometry.errors import AssetError, ConfigError
-from render.demo import build, project
-from render.demo.catalogue import CATEGORY, HDRI_FILES, LAUNCHER, SCENERIES, SCENERY_FILES, SKIES, TRUCK, VEHICLE_FILES
-from render.demo.relief import Course, Noise, ribbon, sheet, smoothstep
-from render.demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism, stack, track, tube
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -49,7 +49,7 @@ def _child(*arguments: object) -> str:
 
 
 def _build(folder: Path, *names: str, seed: int = 0) -> Path:
-    _child("-m", "render.demo", folder, "--seed", seed, "--only", *names)
+    _child("-m", "demo", folder, "--seed", seed, "--only", *names)
     return folder
 
 
@@ -248,7 +248,7 @@ def test_sceneries_hold_copies_instances_and_the_litter_of_real_files(sceneries)
 @pytest.mark.parametrize("name", CATEGORY)
 def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
     from assets.bundle import load_vehicle
-    from render.reading.export import export
+    from reading.export import export
 
     exported = export(vehicles / "vehicles" / f"{name}.blend", tmp_path)
     shape = load_vehicle(exported.bundle)
@@ -278,7 +278,7 @@ def test_computed_skies_are_as_bright_as_they_say(tmp_path):
 import sys, json
 import bpy, numpy as np
 from pathlib import Path
-from render.demo import skies
+from demo import skies
 skies.WIDTH = 512
 for name in sys.argv[2:]:
     path = skies.write_sky(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geometry.errors import AssetError
-from render.reading.export import export_vehicle
+from reading.export import export_vehicle
 from tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from render.reading import hair
-from render.reading.hair import BEND, hair_mesh
+from reading import hair
+from reading.hair import BEND, hair_mesh
 
 
 def strand(*points, radius=0.1, straight=True):

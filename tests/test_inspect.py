@@ -13,11 +13,11 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
-from render.reading.build import Options
-from render.reading.doubts import scenery_doubts, vehicle_doubts
-from render.reading.formats import format_of
-from render.reading.inspect import COLOURS, draw, inspect, write_pictures
-from render.reading.report import FileReport, Missing, PartRow, Row, gathered
+from reading.build import Options
+from reading.doubts import scenery_doubts, vehicle_doubts
+from reading.formats import format_of
+from reading.inspect import COLOURS, draw, inspect, write_pictures
+from reading.report import FileReport, Missing, PartRow, Row, gathered
 
 FILE = """
 import bpy, sys

@@ -11,7 +11,7 @@ from PIL import Image
 
 import cli
 from geometry.errors import ConfigError
-from render.reading.inspect import inspect
+from reading.inspect import inspect
 
 FILES = """
 import bpy

@@ -7,10 +7,10 @@ import warnings
 import pytest
 from PIL import Image
 
-from annotate.coco import CocoDataset
-from annotate.document import read_coco
-from annotate.join import join
-from annotate.verify import verify
+from dataset.coco import CocoDataset
+from dataset.document import read_coco
+from dataset.join import join
+from dataset.verify import verify
 from geometry.errors import DatasetError
 
 PLAN = "a" * 64

@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from annotate.journal import Journal, read_journal
+from dataset.journal import Journal, read_journal
 from geometry.errors import DatasetError
 
 

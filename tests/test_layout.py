@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-import annotate.document
-from annotate.coco import CocoDataset
-from annotate.document import read_document
-from annotate.layout import OtherLayoutError, read_by_line
+import dataset.document
+from dataset.coco import CocoDataset
+from dataset.document import read_document
+from dataset.layout import OtherLayoutError, read_by_line
 from geometry.errors import DatasetError
 
 HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'
@@ -23,7 +23,7 @@ def whole(folder, monkeypatch):
         raise OtherLayoutError
 
     with monkeypatch.context() as patch:
-        patch.setattr(annotate.document, "read_by_line", never)
+        patch.setattr(dataset.document, "read_by_line", never)
         return outcome(folder)
 
 

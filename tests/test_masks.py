@@ -6,7 +6,6 @@ from pycocotools import mask as pycocotools_mask
 
 from annotate.boxes import VehicleBoxes
 from annotate.masks import area, decode, encode, iou, mask_box, vehicle_mask
-from annotate.outlines import polygons
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
@@ -131,12 +130,6 @@ def test_compressed_run_lengths_of_any_mask_are_read(seed):
 def test_overlap():
     assert iou(square(0, 0, 4, 4), square(2, 0, 4, 4)) == pytest.approx(1 / 3)
     assert iou(square(0, 0, 0, 0), square(0, 0, 0, 0)) == 1.0
-
-
-def test_polygon_of_a_square_has_its_four_corners():
-    (ring,) = polygons(square(20, 10, 5, 7))
-    assert sorted(zip(ring[::2], ring[1::2], strict=True)) == [(20, 10), (20, 17), (25, 10), (25, 17)]
-    assert polygons(np.zeros((3, 3))) == []
 
 
 LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1], [99], [3], ["a"], [[None]], [10**30]]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from annotate.planned import labelled
+from dataset.planned import labelled
 from planning.check import check_plan
 from planning.preview import Artist
 from planning.summary import summarise

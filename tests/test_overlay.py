@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.coco import CocoDataset
+from annotate.drawing import PALETTE, colour_of, contact_sheet, draw
 from annotate.masks import encode
-from annotate.overlay import PALETTE, colour_of, contact_sheet, dataset_sheet, draw
+from dataset.coco import CocoDataset
+from dataset.overlay import dataset_sheet
 from geometry.errors import DatasetError
 
 NAMES = {1: "tank", 2: "truck"}

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = ["geometry", "assets", "placement", "camera", "annotate", "planning", "render"]
+*PACKAGES, CLI = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +60,12 @@ def test_dependencies_have_lower_and_upper_bounds():
 def test_constraints_are_names_and_versions_only():
     lines = [x for x in (ROOT / "constraints.txt").read_text().splitlines() if x and not x.startswith("#")]
     assert [x for x in lines if x.count("==") != 1 or "/" in x or "@" in x or " " in x] == []
+
+
+def test_import_rules_cover_every_package_in_the_order_of_the_pipeline():
+    rules = PYPROJECT["tool"]["importlinter"]
+    assert rules["root_packages"] == PACKAGES
+    assert rules["contracts"][0]["layers"] == PACKAGES[::-1]
 
 
 def test_it_cannot_be_uploaded_by_accident():

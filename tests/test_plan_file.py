@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from annotate.document import stays_inside
 from geometry.errors import ConfigError
+from geometry.files import stays_inside
 from planning.plan_file import ROW_KEYS, PlanWriter, encode, read_plan
 
 HEADER = {

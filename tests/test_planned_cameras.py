@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
+from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from geometry.transforms import apply
-from planning.inputs import Assets
 from planning.planner import plan
 from tests.planning_assets import bare, small_config, vehicle
 

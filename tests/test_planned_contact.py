@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from assets.library import Assets
 from geometry.meshes import Mesh, merge
 from planning.check import check_plan
-from planning.inputs import Assets
 from planning.stage import make_stage
 from planning.write import write_plan
 from tests.planning_assets import box, hills, small_assets, small_config, vehicle

@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from assets.library import Assets
 from geometry.transforms import apply
-from planning.inputs import Assets
 from planning.planner import plan
 from tests.planning_assets import hills, small_config, vehicle
 

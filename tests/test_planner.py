@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from annotate.boxes import surface_box
+from assets.library import AssetFile, Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.errors import ConfigError
 from geometry.transforms import apply
 from planning.check import check_plan
-from planning.inputs import AssetFile, Assets
 from planning.plan_file import ROW_KEYS, TARGET_KEYS, PlanWriter, encode, read_plan
 from planning.planner import Planner, plan
 from planning.write import make_header, write_plan

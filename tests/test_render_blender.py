@@ -21,6 +21,7 @@ from geometry.errors import ConfigError
 from geometry.instances import InstancedScene
 from geometry.rays import RayCaster
 from planning.config import load_config
+from planning.loading import load_assets
 from planning.plan_file import Plan
 from planning.write import write_plan
 from render.annotations import targets
@@ -28,7 +29,6 @@ from render.jobs import SceneryFile, VehicleFile, job, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
-from render.reading.cache import load_assets
 from render.supervisor import render_plan
 
 pytestmark = pytest.mark.blender

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annotate.masks import decode
-from annotate.verify import verify
+from dataset.verify import verify
 from planning.plan_file import TARGET_KEYS
 from render.masks import RowMasks, verify_masks
 from render.supervisor import render_plan

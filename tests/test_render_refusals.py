@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from annotate.coco import CocoDataset
-from annotate.document import read_coco
+from dataset.coco import CocoDataset
+from dataset.document import read_coco
 from geometry.errors import ConfigError, DatasetError, HulldownError
 from render.pool import Limits
 from render.supervisor import render_plan

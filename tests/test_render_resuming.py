@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.resuming import Kill, differences, render
 from planning.config import load_config
+from planning.loading import load_assets
 from planning.write import write_plan
-from render.reading.cache import load_assets
 
 pytestmark = pytest.mark.blender
 WORLDS = Path(__file__).with_name("render_worlds.py")

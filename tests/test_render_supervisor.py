@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from annotate.coco import CocoDataset
-from annotate.document import read_coco
-from annotate.failures import read_failures
-from annotate.join import join
+from dataset.coco import CocoDataset
+from dataset.document import read_coco
+from dataset.failures import read_failures
+from dataset.join import join
 from geometry.errors import DatasetError
 from render.jobs import RenderAssets
 from render.supervisor import render_plan

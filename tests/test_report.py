@@ -5,7 +5,7 @@ import math
 
 from rich.console import Console
 
-from render.reading.report import FileReport, PartRow, Row
+from reading.report import FileReport, PartRow, Row
 
 
 def report(path: str) -> FileReport:

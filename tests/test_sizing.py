@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from annotate.boxes import surface_box
+from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.transforms import apply
 from planning.check import check_plan
-from planning.inputs import Assets
 from planning.plan_file import encode, read_plan
 from planning.planner import Planner, plan
 from planning.write import make_header

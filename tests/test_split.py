@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.coco import CocoDataset
-from annotate.split import SPLITS, export, group_of, share_out
-from annotate.yolo import label_lines
+from dataset.coco import CocoDataset
+from dataset.split import SPLITS, export, group_of, share_out
+from dataset.yolo import label_lines
 from geometry.errors import DatasetError
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.coco import CocoDataset
 from annotate.masks import encode
-from annotate.planned import IMAGE_KEYS, LABEL_KEYS
-from annotate.verify import Finding, compare, verify
+from dataset.coco import CocoDataset
+from dataset.planned import IMAGE_KEYS, LABEL_KEYS
+from dataset.verify import Finding, compare, verify
 from geometry.errors import DatasetError
 
 MASK = np.zeros((24, 32), dtype=bool)

@@ -1,0 +1,145 @@
+"""Pictures with boxes, masks and class names on them, and sheets of such pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+from PIL import Image, ImageDraw, ImageFont
+
+from annotate.masks import decode
+
+# Okabe and Ito, Color Universal Design, 2008: told apart by colour-blind readers too. Black is left out.
+PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
+BACKGROUND = (24, 26, 30)
+INK = (236, 236, 236)
+
+
+def colour_of(category_id: int) -> tuple[int, int, int]:
+    """The colour of a category, the same in every picture."""
+    return PALETTE[(category_id - 1) % len(PALETTE)]
+
+
+def draw(
+    image: Image.Image,
+    annotations: Sequence[Mapping[str, Any]],
+    names: Mapping[int, str],
+    *,
+    masks: bool = True,
+) -> Image.Image:
+    """A copy of a picture with its annotations on it.
+
+    Lines lie just outside the boxes, so that they hide nothing of what is inside, but never outside the picture.
+
+    Parameters
+    ----------
+    image
+        The picture the annotations belong to.
+    annotations
+        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation``.
+    names
+        Category id -> name.
+    masks
+        Whether masks are tinted.
+    """
+    picture = image.convert("RGB")
+    if masks:
+        for annotation in annotations:
+            if annotation.get("segmentation"):
+                mask = decode(annotation["segmentation"], picture.width, picture.height)
+                picture = _tinted(picture, mask, colour_of(annotation["category_id"]))
+    pen = ImageDraw.Draw(picture)
+    line = max(1, round(picture.height / 360))
+    font = ImageFont.load_default(max(10, picture.height // 36))
+    for annotation in annotations:
+        colour = colour_of(annotation["category_id"])
+        left, top, right, bottom = _corners(annotation["bbox"], line)
+        left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
+        corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
+        pen.rectangle(corners, outline=colour, width=line)
+        _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
+    return picture
+
+
+def contact_sheet(
+    pictures: Sequence[Image.Image],
+    *,
+    columns: int = 4,
+    tile_width: int = 480,
+    captions: Sequence[str] | None = None,
+) -> Image.Image:
+    """Pictures side by side, row after row, each as wide as a tile.
+
+    Parameters
+    ----------
+    pictures
+        At least one; rows are as high as the highest picture in them.
+    columns, tile_width
+        How many in a row, and how wide each is, in pixels.
+    captions
+        One line for below each.
+    """
+    if not pictures:
+        raise ValueError("pictures: expected at least one, got none")
+    if captions is not None and len(captions) != len(pictures):
+        raise ValueError(f"captions: expected {len(pictures)}, one for each picture, got {len(captions)}")
+    gap, letters = max(2, tile_width // 80), max(10, tile_width // 32)
+    font = ImageFont.load_default(letters)
+    caption_height = 2 * gap + letters if captions is not None else 0
+    columns = min(columns, len(pictures))
+    tiles = [
+        picture.convert("RGB").resize(
+            (tile_width, max(1, round(picture.height * tile_width / picture.width))), Image.Resampling.LANCZOS
+        )
+        for picture in pictures
+    ]
+    rows = [tiles[i : i + columns] for i in range(0, len(tiles), columns)]
+    heights = [max(tile.height for tile in row) + caption_height for row in rows]
+    sheet = Image.new("RGB", (columns * (tile_width + gap) + gap, sum(heights) + gap * (len(rows) + 1)), BACKGROUND)
+    pen = ImageDraw.Draw(sheet)
+    top = gap
+    for r, (row, height) in enumerate(zip(rows, heights, strict=True)):
+        for c, tile in enumerate(row):
+            left = gap + c * (tile_width + gap)
+            sheet.paste(tile, (left, top))
+            if captions is not None:
+                pen.text((left + gap, top + tile.height + gap // 2), captions[r * columns + c], fill=INK, font=font)
+        top += height + gap
+    return sheet
+
+
+def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:
+    """First and last pixel of an outline that lies around a box."""
+    x, y, w, h = xywh
+    left, top = math.floor(x) - line, math.floor(y) - line
+    return left, top, max(left, math.ceil(x + w) - 1 + line), max(top, math.ceil(y + h) - 1 + line)
+
+
+def _label(
+    pen: ImageDraw.ImageDraw,
+    corners: tuple[int, int, int, int],
+    text: str,
+    colour: tuple[int, int, int],
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+    size: tuple[int, int],
+) -> None:
+    """Write a class name above the box; below it, or inside, where there is no room."""
+    left, top, right, bottom = pen.textbbox((0, 0), text, font=font)
+    pad = max(2, int(bottom - top) // 5)
+    width, height = int(right - left) + 2 * pad, int(bottom - top) + 2 * pad
+    x = min(max(corners[0], 0), max(size[0] - width, 0))
+    y = corners[1] - height + 1
+    if y < 0:
+        y = corners[3] if corners[3] + height <= size[1] else max(corners[1], 0)
+    pen.rectangle((x, y, x + width - 1, y + height - 1), fill=colour)
+    dark = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2] > 110
+    pen.text((x + pad - left, y + pad - top), text, fill=(0, 0, 0) if dark else (255, 255, 255), font=font)
+
+
+def _tinted(picture: Image.Image, mask: Bool[np.ndarray, "h w"], colour: tuple[int, int, int]) -> Image.Image:
+    pixels = np.asarray(picture).astype(np.float32)
+    pixels[mask] = 0.6 * pixels[mask] + 0.4 * np.array(colour, dtype=np.float32)
+    return Image.fromarray(pixels.round().astype(np.uint8))

@@ -1,0 +1,307 @@
+"""A COCO dataset in a folder that can be appended to, by several runs, and survives a crash at any moment.
+
+``annotations.json`` holds what is merged, ``journal.jsonl`` one line for each image since the beginning. A line
+``{"merged": true}`` says that everything above it is in ``annotations.json``, which then rules: a record that
+somebody deletes there stays deleted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import orjson
+from filelock import FileLock, Timeout
+
+from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
+from dataset.journal import MERGED, Journal
+from dataset.runs import Run
+from geometry.errors import DatasetError
+
+LOCK_NAME = ".hulldown.lock"
+MERGE_EVERY_S = 30.0
+MERGE_SHARE = 0.02  # of a run's time may go into rewriting annotations.json, however large it has grown
+
+
+class CocoDataset:
+    """A COCO dataset that this process alone may append to; made by `CocoDataset.open`."""
+
+    def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document, made: list[Path]) -> None:
+        self.folder = folder
+        self._lock = lock
+        self._made = made
+        self._images = len(document.images)
+        self._length = journal.length
+        self._journal = journal
+        self._document = document
+        self._merged_at = time.monotonic()
+        self._merge_took = 0.0
+
+    @classmethod
+    def open(cls, folder: Path | str, *, categories: Iterable[str] = ()) -> CocoDataset:
+        """Open `folder` for appending; made if it does not exist, continued if it does.
+
+        Parameters
+        ----------
+        folder
+            The dataset. An ``annotations.json`` in it, made here or elsewhere, keeps all its records and fields.
+        categories
+            Names that get an id now, in this order, unless a category of that name exists.
+
+        Raises
+        ------
+        DatasetError
+            If another process has it open, or a file in it cannot be read.
+        """
+        folder = Path(folder)
+        lock = FileLock(folder / LOCK_NAME)
+        # The inner ones first, as they are to be removed again by `abandon`.
+        files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
+        made = [path for path in files if not path.exists()]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise DatasetError(
+                "another process is writing to this dataset",
+                path=folder,
+                remedy="wait until it has ended, or write to another folder",
+            ) from None
+        except OSError as error:
+            raise DatasetError(
+                f"cannot be written to ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
+            ) from error
+        try:
+            document = read_document(folder)
+            dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document, made)
+            dataset.add_categories(map(new_category, categories))
+        except BaseException:
+            lock.release()
+            raise
+        return dataset
+
+    def __len__(self) -> int:
+        """How many images are in the dataset, those of other origin included."""
+        return len(self._document.images)
+
+    @property
+    def grown(self) -> bool:
+        """Whether it has got an image since it was opened."""
+        return len(self._document.images) > self._images
+
+    def finished(self, file_name: str) -> bool:
+        """Whether the dataset has an image of that name."""
+        return file_name in self._document.file_names
+
+    def images(self) -> Iterator[tuple[int, str]]:
+        """Id and file name of each image."""
+        for image_id, record in self._document.images:
+            yield image_id, str(orjson.loads(record).get("file_name"))
+
+    def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
+        """Refuse ids, set aside for an image that is to be appended, which something else has got by hand.
+
+        Raises
+        ------
+        DatasetError
+            Naming the first.
+        """
+        document = self._document
+        if image_id in document.image_ids:
+            what = f"image {image_id} ({next(name for i, name in self.images() if i == image_id)!r})"
+            following = document.next_image_id
+        elif (taken := next((i for i in annotation_ids if i in document.annotation_ids), None)) is not None:
+            what, following = f"annotation {taken}", document.next_annotation_id
+        else:
+            return
+        raise DatasetError(
+            f"{what} has the id that is set aside for {file_name}",
+            path=self.folder / ANNOTATIONS_NAME,
+            remedy=f"give it another id there, from {following} on, or delete it",
+        )
+
+    def missing(self) -> int:
+        """How many images are set aside for a plan and not there."""
+        ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))
+        runs = self._document.runs.values()
+        return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
+
+    def add_categories(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Give an id to each category whose name is new here; its other fields stay as they are.
+
+        Parameters
+        ----------
+        records
+            COCO categories, in the order in which they get ids.
+        """
+        categories: list[dict[str, Any]] = []
+        for record in records:
+            self._category_id(record, categories)
+        if categories:
+            self._write({"categories": categories})
+            self._document.pending += 1
+
+    def run(self, key: str, *, images: int, annotations: int) -> Run:
+        """Set ids and file names aside for a plan, or say again what was set aside for it.
+
+        With them, the order in which images are finished leaves no trace in ``annotations.json``, and two plans
+        never fight for the same file name.
+
+        Parameters
+        ----------
+        key
+            What identifies the plan.
+        images, annotations
+            How many of each it can have.
+        """
+        if not key or images < 0 or annotations < 0:
+            raise ValueError(f"run: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
+        document = self._document
+        if (known := document.runs.get(key)) is not None:
+            return known
+        empty = not document.images and not document.runs and not _has_files(self.folder / "images")
+        run = Run(
+            key=key,
+            image_offset=document.next_image_id - 1,
+            annotation_offset=document.next_annotation_id - 1,
+            prefix="" if empty else f"{len(document.runs) + 1}-{key[:8]}-",
+            images=images,
+            annotations=annotations,
+        )
+        self._write({"run": asdict(run)})
+        return run
+
+    def append(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> int:
+        """Add one finished image and what is on it; on disk when this returns.
+
+        Parameters
+        ----------
+        image
+            ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height`` and whatever else it
+            shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next.
+        annotations
+            Each with ``category`` (a name) and ``bbox`` (xywh pixels) and whatever else it shall carry. ``id`` as
+            for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.
+
+        Returns
+        -------
+        The id of the image.
+
+        Raises
+        ------
+        ValueError
+            Naming what is missing, wrong, or there already.
+        DatasetError
+            If it cannot be written.
+        """
+        line = self._line(image, annotations)
+        self._write(line)
+        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
+            self.merge()
+        return int(line["image"]["id"])
+
+    def check(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> None:
+        """Refuse what `append` would refuse, for the same reasons, and write nothing."""
+        self._line(image, annotations)
+
+    def _line(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """What the journal is to say of an image."""
+        document = self._document
+        record = plain_json(image, "image")
+        check_image(record)
+        if self.finished(record["file_name"]):
+            raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
+        image_id = free_id(record, "image", document.next_image_id, document.image_ids)
+        categories: list[dict[str, Any]] = []
+        records: list[dict[str, Any]] = []
+        used: set[int] = set()
+        next_id = document.next_annotation_id
+        for i, annotation in enumerate(annotations):
+            name = f"annotations[{i}]"
+            plain = plain_json(annotation, name)
+            check_annotation(plain, name)
+            annotation_id = free_id(plain, name, next_id, document.annotation_ids, used)
+            used.add(annotation_id)
+            next_id = max(next_id, annotation_id + 1)
+            category_id = self._category_id(new_category(plain.pop("category")), categories)
+            box = plain["bbox"]
+            defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
+            ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
+            records.append({**ids, **defaults, **plain, **ids})
+        line: dict[str, Any] = {"image": {"id": image_id, **record}, "annotations": records}
+        return {**line, "categories": categories} if categories else line
+
+    def merge(self) -> None:
+        """Bring ``annotations.json`` up to date, replacing it in one step."""
+        path = self.folder / ANNOTATIONS_NAME
+        start = time.monotonic()
+        if self._document.pending or not path.exists():
+            self._document.write(path)
+            self._journal.append_bytes(MERGED)
+            self._document.pending = 0
+        self._merged_at = time.monotonic()
+        self._merge_took = self._merged_at - start
+
+    def close(self) -> None:
+        """Merge, and let other processes open the dataset. Closing twice does nothing more."""
+        if not self._lock.is_locked:
+            return
+        try:
+            self.merge()
+        finally:
+            self._journal.close()
+            self._lock.release()
+
+    def abandon(self) -> None:
+        """Close as if it had never been opened; for a run that cannot begin.
+
+        Raises
+        ------
+        ValueError
+            If images have been appended.
+        """
+        if self.grown:
+            raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")
+        if not self._lock.is_locked:
+            return
+        self._journal.truncate(self._length)
+        self._journal.close()
+        for path in self._made:
+            # What is not empty is somebody's.
+            with contextlib.suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+        self._lock.release()  # last: what is there from then on is another process's
+
+    def __enter__(self) -> CocoDataset:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._journal.append(line)
+        self._document.apply(line)
+
+    def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:
+        name = category["name"]
+        if name in (known := self._document.category_ids):
+            return known[name]
+        for record in new:
+            if record["name"] == name:
+                return int(record["id"])
+        highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
+        new.append({**category, "id": max(highest, 0) + 1})
+        return int(new[-1]["id"])
+
+
+def _has_files(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.iterdir())

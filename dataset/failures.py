@@ -1,0 +1,28 @@
+"""failures.jsonl: the images of a plan that were given up, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from dataset.journal import read_journal, replaced
+
+FAILURES_NAME = "failures.jsonl"
+
+
+def read_failures(folder: Path) -> list[dict[str, Any]]:
+    """One record an image, with its `file_name`; none if there is no such file."""
+    return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
+
+
+def write_failures(folder: Path, failures: Sequence[Mapping[str, Any]]) -> None:
+    """Replace the file in one step; no failures, no file."""
+    path = folder / FAILURES_NAME
+    if not failures:
+        path.unlink(missing_ok=True)
+        return
+    with replaced(path) as file:
+        file.writelines(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE) for line in failures)

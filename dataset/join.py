@@ -1,0 +1,228 @@
+"""Parts put together: what several machines have rendered of a plan, or any datasets, appended to one.
+
+An image is placed first and recorded then, each in one step, as in rendering: a join that is killed goes on where it
+was, and one that is repeated adds what has come since.
+"""
+
+from __future__ import annotations
+
+import filecmp
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import orjson
+
+from dataset.coco import CocoDataset
+from dataset.failures import read_failures, write_failures
+from dataset.part import Part, loaded, read_part
+from dataset.pictures import confined, place
+from dataset.provenance import add_provenance, read_provenance
+from dataset.runs import Run
+from geometry.errors import DatasetError
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """What joining did.
+
+    Parameters
+    ----------
+    added
+        Images that were appended.
+    already
+        Images of the parts that were in the dataset before.
+    failed
+        Images that a part has given up and that are not in the dataset.
+    missing
+        Images of the plans that are in no part yet, those given up included.
+    """
+
+    added: int
+    already: int
+    failed: int
+    missing: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    """An image of a part, the name it gets, and for one of a plan its id and the runs of part and dataset."""
+
+    part: Part
+    index: int
+    old_name: str
+    name: str
+    image_id: int | None = None
+    runs: tuple[Run, Run] | None = None
+
+    @property
+    def picture(self) -> Path:
+        return self.part.folder / self.old_name
+
+
+def join(
+    parts: Sequence[Path | str],
+    dataset: Path | str,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> Joined:
+    """Append the images of `parts` that a dataset does not have; those of one plan as if it had rendered them itself.
+
+    Parameters
+    ----------
+    parts
+        Folders of datasets, read as far as they have got. They stay as they are.
+    dataset
+        Where to; made if it does not exist. Pictures are hard links to those of the parts where the disk allows.
+    progress
+        Told (done, all) after each image that is added.
+
+    Raises
+    ------
+    DatasetError
+        If a part cannot be used, or two different images have one name or one id; the dataset is then as it was.
+    """
+    folder = Path(dataset)
+    read = [read_part(Path(part), folder) for part in parts]
+    target = CocoDataset.open(folder)
+    try:
+        for part in read:
+            target.add_categories(part.document.categories)
+        moves = list(_moves(read, target))
+        # Of an image that two parts have, the first is taken.
+        new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
+        left = [move for move in moves if new.get(move.name) is move]
+        for parent in sorted({str(PurePosixPath(move.name).parent) for move in left}):
+            confined(folder, parent)
+        _refuse_other_images(moves, target)
+        _check(left, target)
+        failures = _failures(read, target)
+        read_provenance(folder)  # what is damaged there is met before anything is added
+    except BaseException:
+        target.abandon()
+        raise
+    with target:
+        for done, move in enumerate(left, start=1):
+            place(move.picture, folder, move.name)
+            target.append(*_records(move))
+            if progress is not None:
+                progress(done, len(left))
+        for part in read:
+            add_provenance(folder, _provenance(part, target))
+        unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]
+        write_failures(folder, unmade)
+        return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
+
+
+def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
+    """What dataset and parts have given up, by its name in the dataset."""
+    latest = {line["file_name"]: line for line in read_failures(target.folder)}
+    for part in parts:
+        for line in part.failures:
+            name = _new_name(part, target, line["file_name"])
+            latest[name] = {**line, "file_name": name}
+    return latest
+
+
+def _provenance(part: Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
+    """What a part says of the making of its plans, as the dataset is to say it."""
+    runs = {key: _in(target, run) for key, run in part.document.runs.items() if key in part.provenance}
+    return {key: {**part.provenance[key], "first_image_id": run.image_offset + 1} for key, run in runs.items()}
+
+
+def _in(target: CocoDataset, run: Run) -> Run:
+    """What the dataset has set aside for a part's plan."""
+    return target.run(run.key, images=run.images, annotations=run.annotations)
+
+
+def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
+    for part in parts:
+        runs = [(run, _in(target, run)) for run in part.document.runs.values()]
+        for index, (image_id, record) in enumerate(part.document.images):
+            old = orjson.loads(record)["file_name"]
+            mine = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
+            if mine is None:
+                yield _Move(part, index, old, old)
+            else:
+                was, now = mine
+                new_id = image_id - was.image_offset + now.image_offset
+                yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, mine)
+
+
+def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
+    """An image of a plan is known by its id, any other by its name: another image in its place would be lost."""
+    names, ids = {move.name for move in moves}, {move.image_id for move in moves} - {None}
+    by_name: dict[str, tuple[int | None, Path]] = {}
+    by_id: dict[int, tuple[str, Path]] = {}
+    for image_id, name in target.images():
+        if name in names:
+            by_name[name] = image_id, target.folder / name
+        if image_id in ids:
+            by_id[image_id] = name, target.folder / name
+    for move in moves:
+        picture, there = move.picture, target.folder / move.name
+        if move.image_id is not None:
+            name, other = by_id.setdefault(move.image_id, (move.name, picture))
+            if name != move.name:
+                raise DatasetError(
+                    f"has the id {move.image_id}, as has {other}",
+                    path=picture,
+                    remedy="give the one that is not of the plan another id",
+                )
+        stray = move.image_id is None and there.exists()
+        its_id, other = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
+        planned = its_id is not None and its_id == move.image_id
+        if not planned and other.exists() and not _same(other, picture):
+            which = "one of them" if move.image_id is None and its_id not in ids else "the one of no plan"
+            raise DatasetError(f"is another picture than {other}", path=picture, remedy=f"give {which} another name")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.samefile(other) or filecmp.cmp(one, other, shallow=False)
+
+
+def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
+    """Refuse what cannot be appended, while nothing has been."""
+    claimed: set[int] = set()
+    for move in moves:
+        image, boxes = _records(move)
+        try:
+            target.check(image, boxes)
+        except ValueError as error:
+            problem = f"{move.old_name}: {error}"
+            raise DatasetError(problem, path=move.part.folder, remedy="check both with `hulldown verify`") from error
+        for box in boxes:
+            if (box_id := box.get("id")) in claimed:
+                raise DatasetError(
+                    f"annotation {box_id} is on another image too", path=move.picture, remedy="give it another id"
+                )
+            if box_id is not None:
+                claimed.add(box_id)
+
+
+def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """An image and its annotations, as the dataset is to have them."""
+    document = move.part.document
+    image = loaded(document.images[move.index])
+    boxes = [loaded(document.annotations[i]) for i in move.part.boxes.get(image["id"], ())]
+    names = {category["id"]: category["name"] for category in document.categories}
+    if move.image_id is None:
+        del image["id"]
+    else:
+        image["id"] = move.image_id
+    for box in boxes:
+        box["category"] = names[box.pop("category_id")]
+        del box["image_id"]
+        if move.runs is None or not move.runs[0].has_annotation(box["id"]):
+            del box["id"]
+        else:
+            box["id"] += move.runs[1].annotation_offset - move.runs[0].annotation_offset
+    return {**image, "file_name": move.name}, boxes
+
+
+def _new_name(part: Part, target: CocoDataset, name: str) -> str:
+    """The dataset's name for an image that a part has given up, and that has no id."""
+    runs = sorted(part.document.runs.values(), key=lambda run: -len(run.prefix))
+    run = next((run for run in runs if PurePosixPath(name).name.startswith(run.prefix)), None)
+    return name if run is None else _in(target, run).file_name(run.planned(name))

@@ -1,0 +1,81 @@
+"""A dataset that is to be appended to another one: read, and refused where that cannot be done faithfully."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from dataset.document import Document, check_is_dataset, read_document
+from dataset.failures import read_failures
+from dataset.provenance import read_provenance
+from dataset.records import check_usable
+from geometry.errors import DatasetError
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Part:
+    """What a part holds.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    document
+        Its records.
+    boxes
+        Image id -> which of the annotations are on it.
+    provenance, failures
+        Its plans by their keys, and the images that were given up.
+    """
+
+    folder: Path
+    document: Document
+    boxes: dict[int, list[int]]
+    provenance: dict[str, dict[str, Any]]
+    failures: list[dict[str, Any]]
+
+
+def read_part(folder: Path, target: Path) -> Part:
+    """Read a part that shall be appended to the dataset in `target`.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, it is the dataset itself, a picture is missing, or a record could not be carried over.
+    """
+    check_is_dataset(folder)
+    if target.exists() and folder.samefile(target):
+        raise DatasetError("is a part of itself", path=folder, remedy="name the other parts only")
+    document = read_document(folder)
+    for key, value in document.head.items():
+        if key != "info" and value:
+            raise DatasetError(
+                f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
+            )
+    images, annotations = document.images, document.annotations
+    check_usable(folder, document.categories, map(loaded, images), map(loaded, annotations))
+    for what, n, unique in (
+        ("image ids", len(images), document.image_ids),
+        ("file names", len(images), document.file_names),
+        ("annotation ids", len(annotations), document.annotation_ids),
+    ):
+        if len(unique) < n:
+            raise DatasetError(f"{what} repeat themselves", path=folder, remedy="check it with `hulldown verify`")
+    boxes: dict[int, list[int]] = {}
+    for i, record in enumerate(map(loaded, annotations)):
+        if record["image_id"] not in document.image_ids:
+            problem = f"annotation {record['id']}: image {record['image_id']} does not exist"
+            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
+        boxes.setdefault(record["image_id"], []).append(i)
+    for name in sorted(document.file_names):
+        if not (folder / name).is_file():
+            raise DatasetError("is missing", path=folder / name, remedy="render or copy this part again")
+    return Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
+
+
+def loaded(record: tuple[int, bytes]) -> dict[str, Any]:
+    """A record of a document as a dictionary."""
+    return orjson.loads(record[1])

@@ -1,0 +1,108 @@
+"""Pictures given their names in a dataset, in one step and never outside its folder."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+from geometry.errors import DatasetError
+from geometry.files import stays_inside, sync_folder
+
+PLACING_SUFFIX = ".joining"  # of a picture that is about to get its name
+
+
+def confined(folder: Path, name: str) -> Path:
+    """`folder / name`, if that is in the folder.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder, also by way of a symbolic link.
+    """
+    path = folder / name
+    real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
+    if not stays_inside(name) or not real.is_relative_to(folder.resolve()):
+        raise DatasetError(
+            f"{name!r} leads out of the dataset, to {real}",
+            path=folder,
+            remedy="replace the link by a folder, or move the whole dataset there",
+        )
+    return path
+
+
+def publish(picture: Path, folder: Path, name: str) -> None:
+    """Give a finished picture its name in the dataset, in one step and never outside the folder.
+
+    Parameters
+    ----------
+    picture
+        On the same disk; it is moved.
+    folder, name
+        The dataset, and the name in it; what has that name is replaced.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder, or cannot be given.
+    """
+    final = confined(folder, name)
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        with picture.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(picture, final)
+        sync_folder(final.parent)
+    except OSError as error:
+        raise unwritten(folder, name, error) from error
+
+
+def place(picture: Path, folder: Path, name: str) -> None:
+    """Give a picture that lies elsewhere a name in the dataset too, as `publish` does; it stays where it is.
+
+    Raises
+    ------
+    DatasetError
+        If the name leads out of the folder, or cannot be given.
+    """
+    final = confined(folder, name)
+    temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
+    try:
+        if final.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if final.exists() and final.samefile(picture):
+            return
+        final.parent.mkdir(parents=True, exist_ok=True)
+        temporary.unlink(missing_ok=True)
+        link_or_copy(picture, temporary)
+    except OSError as error:
+        raise unwritten(folder, name, error) from error
+    publish(temporary, folder, name)
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """A file under another name, that nothing has yet: as a hard link, or as a copy where there are none.
+
+    Of a symbolic link it is what that leads to: the link itself may lead nowhere from another folder.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, something has the name, or it cannot be written.
+    """
+    try:
+        os.link(source.resolve(), target)
+    except (FileNotFoundError, FileExistsError):
+        raise  # copied over, a target that is a link already would take what it links to with it
+    except OSError:  # another disk, or one that has no links
+        shutil.copyfile(source, target)
+
+
+def unwritten(folder: Path, name: str, error: OSError) -> DatasetError:
+    """What to tell the user when a picture cannot be written."""
+    return DatasetError(
+        f"{name} cannot be written ({error.strerror})",
+        path=folder,
+        remedy="make room and run the same command again, which goes on from here",
+    )

@@ -1,0 +1,61 @@
+"""provenance.json: what each plan's part of a dataset was made from, and by what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from dataset.journal import replaced
+from geometry.errors import DatasetError
+
+PROVENANCE_NAME = "provenance.json"
+GROWING = ("blender", "devices", "systems")  # lists that several runs and machines add to
+
+
+def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
+    """The entry of each plan by its key; none if there is no such file.
+
+    Raises
+    ------
+    DatasetError
+        If there is a file of that name that is something else.
+    """
+    path = folder / PROVENANCE_NAME
+    try:
+        plans = orjson.loads(path.read_bytes())["plans"]
+        grown = [entry[key] for entry in plans.values() for key in GROWING]
+        if all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in grown):
+            return dict(plans)
+    except FileNotFoundError:
+        return {}
+    except (orjson.JSONDecodeError, KeyError, TypeError, AttributeError):
+        pass
+    raise DatasetError("is no provenance of hulldown", path=path, remedy="move it away")
+
+
+def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add entries, or bring those of the same plans up to date; replaces the file in one step.
+
+    Parameters
+    ----------
+    folder
+        The dataset.
+    entries
+        By the plan's key; what `GROWING` names is added to what is there.
+
+    Raises
+    ------
+    DatasetError
+        If there is a file of that name that cannot be read, or none can be written.
+    """
+    if not entries:
+        return
+    known = read_provenance(folder)
+    for key, entry in entries.items():
+        before = known.get(key, {})
+        known[key] = {**entry, **{name: sorted({*before.get(name, []), *entry[name]}) for name in GROWING}}
+    with replaced(folder / PROVENANCE_NAME) as file:
+        file.write(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))

@@ -1,0 +1,220 @@
+"""What can be wrong with COCO records, whatever the files beside them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from annotate.masks import decode, mask_box
+from dataset.document import read_coco
+from dataset.entries import is_box
+from geometry.errors import DatasetError
+from geometry.files import stays_inside
+
+OUTSIDE = 1e-6  # pixels: what a box may reach beyond its image, by the rounding of decimal text
+MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that is not as it should be.
+
+    Parameters
+    ----------
+    severity
+        ``"error"``: a training tool would fail or learn something wrong. ``"warning"``: worth a look.
+    where
+        The record or file.
+    problem
+        What is wrong with it.
+    """
+
+    severity: Literal["error", "warning"]
+    where: str
+    problem: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.where}: {self.problem}"
+
+
+def read_usable(folder: Path) -> dict[str, Any]:
+    """The dataset in `folder` as one COCO dictionary whose records can all be drawn and exported.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or naming the first record that lacks what pictures and exports need.
+    """
+    coco = read_coco(folder)
+    check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
+    return coco
+
+
+def check_usable(
+    folder: Path,
+    categories: Sequence[Mapping[str, Any]],
+    images: Iterable[Mapping[str, Any]],
+    annotations: Iterable[Mapping[str, Any]],
+) -> None:
+    """Refuse records that cannot be drawn, exported or appended to another dataset.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first.
+    """
+    for where, problem in _hindrances(categories, images, annotations):
+        raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
+
+
+def _hindrances(
+    categories: Sequence[Mapping[str, Any]],
+    images: Iterable[Mapping[str, Any]],
+    annotations: Iterable[Mapping[str, Any]],
+) -> Iterator[tuple[str, str]]:
+    for category in categories:
+        if not isinstance(category.get("name"), str):
+            yield f"category {category['id']}", f"has no name but {category.get('name')!r}"
+    for image in images:
+        if not stays_inside(image.get("file_name")):
+            yield f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset"
+        yield from ((_name(image), problem) for problem in _size_problems(image))
+    known = {category["id"] for category in categories}
+    for annotation in annotations:
+        where = f"annotation {annotation['id']}"
+        if not isinstance(annotation.get("image_id"), int):
+            yield where, f"image {annotation.get('image_id')!r} does not exist"
+        if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
+            yield where, f"category {annotation.get('category_id')!r} does not exist"
+        if not is_box(annotation.get("bbox")):
+            yield where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]"
+
+
+def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Ids and names, each once."""
+    yield from _repeated("category", [c["id"] for c in categories])
+    spelled: dict[str, str] = {}
+    for category in categories:
+        name = category.get("name")
+        if not isinstance(name, str) or not name:
+            yield Finding("error", f"category {category['id']}", f"has no name but {name!r}")
+        elif (other := spelled.setdefault(name.casefold(), name)) != name:
+            yield Finding("warning", f"category {category['id']}", f"{name!r} and {other!r} differ in capitals only")
+    for name, times in Counter(str(c.get("name")) for c in categories).items():
+        if times > 1:
+            yield Finding("error", f"category {name!r}", f"is there {times} times")
+
+
+def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Ids, names and sizes."""
+    files: dict[int, str] = {}
+    for image in images:
+        if (other := files.setdefault(image["id"], _name(image))) != _name(image):
+            yield Finding("error", _name(image), f"has the id {image['id']}, as has {other}")
+    for name, times in Counter(str(image.get("file_name")) for image in images).items():
+        if times > 1:
+            yield Finding("error", name, f"belongs to {times} image records")
+    for image in images:
+        yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
+
+
+def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
+    """Ids, references, boxes in their frames, masks, fractions, duplicates."""
+    yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
+    images = {image["id"]: image for image in coco["images"]}
+    categories = {category["id"] for category in coco["categories"]}
+    seen: set[tuple[object, ...]] = set()
+    for annotation in coco["annotations"]:
+        where = f"annotation {annotation['id']}"
+        if annotation["id"] < 1:
+            yield Finding("warning", where, "ids below 1 are taken for unmatched by pycocotools' evaluation")
+        category_id, image_id = annotation.get("category_id"), annotation.get("image_id")
+        known = isinstance(category_id, int) and category_id in categories
+        if not known:
+            yield Finding("error", where, f"category {category_id!r} does not exist")
+        image = images.get(image_id) if isinstance(image_id, int) else None
+        if image is None:
+            yield Finding("error", where, f"image {image_id!r} does not exist")
+            continue
+        where = f"{_name(image)}: annotation {annotation['id']}"
+        problems = list(_box_problems(annotation.get("bbox"), image))
+        yield from (Finding("error", where, problem) for problem in problems)
+        if not problems:
+            key = (image_id, category_id if known else None, *annotation["bbox"])
+            if key in seen:
+                yield Finding("warning", where, "repeats class and box of another one in the same image")
+            seen.add(key)
+            yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
+            yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+
+
+def _name(image: Mapping[str, Any]) -> str:
+    """What to call an image where something is wrong with it: as its file, if it has one."""
+    name = image.get("file_name")
+    return name if isinstance(name, str) and name else f"image {image['id']}"
+
+
+def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
+    for found, times in Counter(ids).items():
+        if times > 1:
+            yield Finding("error", f"{kind} {found}", f"its id is there {times} times")
+
+
+def _size_problems(image: Mapping[str, Any]) -> Iterator[str]:
+    for key in ("width", "height"):
+        if not isinstance(image.get(key), int) or image[key] < 1:
+            yield f"{key} is {image.get(key)!r}"
+
+
+def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
+    if not is_box(bbox):
+        yield f"bbox {bbox!r} is not [x, y, width, height]"
+        return
+    x, y, w, h = bbox
+    if w <= 0 or h <= 0:
+        yield f"bbox {bbox} has no area"
+    width, height = image.get("width"), image.get("height")
+    if not isinstance(width, int) or not isinstance(height, int):
+        return
+    if x < -OUTSIDE or y < -OUTSIDE or x + w > width + OUTSIDE or y + h > height + OUTSIDE:
+        yield f"bbox {bbox} leaves its image of {width} x {height}"
+
+
+def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[str]:
+    if not annotation.get("segmentation") or any(_size_problems(image)):
+        return
+    try:
+        mask = decode(annotation["segmentation"], image["width"], image["height"])
+    except ValueError as error:
+        yield str(error)
+        return
+    box = mask_box(mask)
+    if box is not None:
+        x, y, w, h = annotation["bbox"]
+        low, high = box[:2] - (x, y), box[:2] + box[2:] - (x + w, y + h)
+        if low.min() < -MASK_OUTSIDE or high.max() > MASK_OUTSIDE:
+            yield f"its mask covers {box.tolist()}, beyond its bbox {annotation['bbox']}"
+    lengths = isinstance(annotation["segmentation"], Mapping)
+    if lengths and annotation.get("area") is not None and annotation["area"] != np.count_nonzero(mask):
+        yield f"area is {annotation['area']}, its mask has {np.count_nonzero(mask)} pixels"
+
+
+def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
+    for key in ("visible_fraction", "truncated_fraction"):
+        share = annotation.get(key)
+        if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
+            yield f"{key} is {share!r}, expected a number from 0 to 1"
+    amodal = annotation.get("bbox_amodal")
+    if amodal is not None and not is_box(amodal):
+        yield f"bbox_amodal {amodal!r} is not [x, y, width, height]"
+    elif amodal is not None:
+        x, y, w, h = annotation["bbox"]
+        a, b, c, d = amodal
+        slack = OUTSIDE * max(1.0, c, d)
+        if x < a - slack or y < b - slack or x + w > a + c + slack or y + h > b + d + slack:
+            yield f"bbox {annotation['bbox']} is not inside bbox_amodal {amodal}"

@@ -1,0 +1,45 @@
+"""`python -m demo FOLDER [--seed N] [--only NAME ...]`: build demo assets in this process."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from demo import hills, skies, steppe, vehicles
+from demo.build import BUILT
+from demo.catalogue import CATEGORY, SCENERIES, SKIES, STUDIO_HDRIS
+
+SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
+
+
+def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
+    """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbours."""
+    for k, name in enumerate(CATEGORY):
+        yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
+    for k, name in enumerate(SCENERIES):
+        path = folder / "sceneries" / f"{name}.blend"
+        yield name, partial(SCENERY[name], path, rng=np.random.default_rng([seed, 2, k]))
+    for name in STUDIO_HDRIS:
+        yield name, partial(skies.copy_studio_hdri, name, folder / "hdris")
+    for name in SKIES:
+        yield name, partial(skies.write_sky, name, folder / "hdris")
+
+
+def main() -> None:
+    """Build what the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, sceneries, HDRIs; default: all")
+    arguments = parser.parse_args()
+    for name, build in _jobs(arguments.folder, arguments.seed):
+        if not arguments.only or name in arguments.only:
+            print(f"{BUILT}{build()}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

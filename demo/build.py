@@ -1,0 +1,83 @@
+"""Builds all demo assets into a folder, in a process of its own: Blender keeps state, and a crash must cost nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from demo.catalogue import HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
+from geometry.errors import AssetError
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = (*VEHICLE_FILES, *SCENERY_FILES, *HDRI_FILES)
+ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
+BUILT = "hulldown built "  # starts a line of the child process that names a file
+
+
+def build_demo_assets(
+    folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+) -> tuple[Path, ...]:
+    """The demo assets in vehicles/, sceneries/ and hdris/ below `folder`, replacing those that exist.
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    seed
+        The same seed gives the same assets: equal evaluated geometry, equal pictures.
+    progress
+        Called with the files done and their total.
+
+    Returns
+    -------
+    tuple of Path
+        The files of `catalogue`, in its order.
+
+    Raises
+    ------
+    AssetError
+        If Blender cannot be started or cannot write there.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    left = list(FILES)
+    for _ in range(ATTEMPTS):
+        code, said = _run(
+            folder.resolve(), seed, left, lambda: progress and progress(len(FILES) - len(left), len(FILES))
+        )
+        if not left:
+            return tuple(folder / file for file in FILES)
+        if code >= 0:
+            break  # it said what is wrong; only a crash is worth another try
+    if any("No module named 'bpy'" in line for line in said):
+        raise AssetError("building demo assets needs Blender", remedy="install hulldown[blender]")
+    last = said[-1].strip() if said else f"exit status {code}"
+    raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
+
+
+def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
+    """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
+    # -P: a folder `render` where the user happens to be must not come first.
+    command = [sys.executable, "-P", "-m", "demo", str(folder), "--seed", str(seed), "--only"]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    said: list[str] = []
+    with subprocess.Popen(
+        [*command, *(Path(file).stem for file in left)],
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+    ) as child:
+        for line in child.stdout or ():
+            said = [*said[-20:], line]
+            if line.startswith(BUILT):
+                file = Path(line.removeprefix(BUILT).strip()).relative_to(folder).as_posix()
+                if file in left:
+                    left.remove(file)
+                    step()
+    return child.returncode, said

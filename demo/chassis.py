@@ -1,0 +1,257 @@
+"""What vehicles stand on and what hangs on all of them: wheels, tracks, axles, lamps, antennae, hatches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from demo.model import Model
+from demo.shapes import Shape, block, box, joined, lathe, path_tube, profile_tube, track, tube
+
+Circle = tuple[float, float, float]  # x, z, radius of a wheel
+
+
+@dataclass(frozen=True)
+class Paints:
+    """The materials of one vehicle."""
+
+    body: Any
+    rubber: Any
+    steel: Any
+    dark: Any
+    glass: Any
+    canvas: Any
+    wood: Any
+    lamp: Any
+    red: Any
+
+
+@dataclass(frozen=True)
+class Running:
+    """Running gear of a tracked vehicle; wheels at `first`, `first + step`, ... of one radius."""
+
+    wheels: int
+    first: float
+    step: float
+    radius: float
+    y: float
+    width: float
+    sprocket: Circle
+    idler: Circle
+    rollers: int = 0
+
+
+LINK = 0.075  # thickness of a track link
+
+
+def tracks(m: Model, p: Paints, gear: Running) -> None:
+    """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
+    r, w = gear.radius, gear.width
+    z = r + LINK
+    tyre = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
+    tyres = tyre + tyre.scaled(1, -1, 1)
+    disc = lathe(
+        [
+            (r * 0.02, w * 0.42),
+            (r * 0.27, w * 0.40),
+            (r * 0.42, w * 0.26),
+            (r * 0.72, w * 0.32),
+            (r * 0.79, w * 0.38),
+            (r * 0.79, -w * 0.38),
+        ],
+        sides=22,
+    )
+    bolts = joined(
+        tube(
+            (r * 0.52 * np.cos(a), w * 0.26, r * 0.52 * np.sin(a)),
+            (r * 0.52 * np.cos(a), w * 0.34, r * 0.52 * np.sin(a)),
+            0.03,
+            sides=6,
+        )
+        for a in np.arange(8) * np.pi / 4
+    )
+    copies = (gear.wheels, gear.step)
+    m.add("Road_Tyres", tyres.moved(gear.first, gear.y, z), p.rubber, bevel=0, mirror=True, copies=copies)
+    m.add("Road_Wheels", (disc + bolts).moved(gear.first, gear.y, z), p.body, bevel=0, mirror=True, copies=copies)
+    ends = []
+    for x, height, radius in (gear.sprocket, gear.idler):
+        drum = lathe(
+            [
+                (radius * 0.3, -w * 0.42),
+                (radius * 0.9, -w * 0.4),
+                (radius * 0.9, w * 0.34),
+                (radius * 0.6, w * 0.3),
+                (radius * 0.3, w * 0.42),
+            ]
+        )
+        ends.append(drum.moved(x, gear.y, height))
+    x, height, radius = gear.sprocket
+    teeth = joined(
+        box((0.09, w * 0.12, 0.12), (0, side * w * 0.3, radius * 0.88)).turned("y", a).moved(x, gear.y, height)
+        for a in np.arange(12) * 30.0
+        for side in (-1, 1)
+    )
+    m.add("Sprocket_Idler", joined(ends), p.body, bevel=0.008, mirror=True)
+    m.add("Sprocket_Teeth", teeth, p.steel, bevel=0, mirror=True)
+    top = min(gear.sprocket[1] + gear.sprocket[2], gear.idler[1] + gear.idler[2])
+    if gear.rollers:
+        spread = np.linspace(gear.first + 0.6 * gear.step, gear.first + (gear.wheels - 1.6) * gear.step, gear.rollers)
+        rollers = joined(
+            lathe([(0.13, -w * 0.35), (0.13, w * 0.35)], sides=12).moved(x, gear.y, top - 0.14) for x in spread
+        )
+        m.add("Return_Rollers", rollers, p.steel, bevel=0.01, mirror=True)
+    circles = [(gear.first + i * gear.step, z, r + LINK) for i in range(gear.wheels)]
+    circles += [(x, z, r + LINK) for x, z, r in (gear.sprocket, gear.idler)]
+    belt = track(circles, gear.y, w, pitch=0.16, sag=0.05)
+    low = belt.vertices[:, 2].min()  # chords of the links cut the circles a little
+    m.add("Tracks", belt.moved(z=-low), p.dark, bevel=0, mirror=True, smooth=20)
+
+
+def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, Shape]:
+    """Tyre with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
+    r, w = radius, width / 2
+    tyre = lathe(
+        [
+            (r * 0.56, -w * 0.9),
+            (r * 0.85, -w),
+            (r * 0.97, -w * 0.75),
+            (r * 0.97, w * 0.75),
+            (r * 0.85, w),
+            (r * 0.58, w * 0.92),
+        ],
+        sides=sides,
+        hollow=True,
+    )
+    blocks = joined(
+        box((r * 0.15, w * 0.8, r * 0.05), (0, side * w * 0.42, r * 0.95)).turned(
+            "y", k * 360 / sides + (7.5 if side > 0 else 0)
+        )
+        for k in range(sides)
+        for side in (-1, 1)
+    )
+    rim = lathe(
+        [
+            (r * 0.58, -w * 0.8),
+            (r * 0.59, w * 0.95),
+            (r * 0.52, w * 0.9),
+            (r * 0.46, w * 0.45),
+            (r * 0.26, w * 0.4),
+            (r * 0.24, w * 0.75),
+            (r * 0.12, w * 0.8),
+        ],
+        sides=sides,
+    )
+    nuts = joined(
+        tube(
+            (r * 0.36 * np.cos(a), w * 0.4, r * 0.36 * np.sin(a)),
+            (r * 0.36 * np.cos(a), w * 0.55, r * 0.36 * np.sin(a)),
+            0.025,
+            sides=6,
+        )
+        for a in np.arange(10) * np.pi / 5
+    )
+    return tyre + blocks, rim + nuts
+
+
+def wheels(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
+    """Wheels on axles at the given x, the tyres standing on z = 0, with axles and springs between them."""
+    tyre, rim = road_wheel(radius, width)
+    for k, x in enumerate(at):
+        # A single wheel's tread is turned so that a block is lowest: it stands on z = 0.
+        low = tyre.vertices[:, 2].min()
+        m.add(f"Tyre_{k + 1}", tyre.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
+        m.add(f"Rim_{k + 1}", rim.moved(x, y, -low), p.body, bevel=0, mirror=True)
+    axles = joined(
+        tube((x, -y, radius), (x, y, radius), 0.09)
+        + lathe([(0.1, -0.25), (0.2, -0.12), (0.2, 0.12), (0.1, 0.25)], sides=12).moved(x, 0, radius)
+        for x in at
+    )
+    springs = joined(block((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at)
+    m.add("Axles", axles + springs, p.dark, bevel=0)
+
+
+def ladder_frame(m: Model, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
+    """Two rails with cross members, their upper side at z."""
+    rails = block((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
+    cross = joined(block((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6))
+    m.add("Frame", rails + cross, p.dark, bevel=0.01)
+
+
+def mudguards(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5) -> None:
+    """Bent sheets over the wheels."""
+    angles = np.radians(np.linspace(15, 165, 9))
+    sheets = []
+    for x in at:
+        outer = [(x + (radius + 0.20) * np.cos(a), radius + (radius + 0.14) * np.sin(a)) for a in angles]
+        for (xa, za), (xb, zb) in pairwise(outer):
+            lean = -np.degrees(np.arctan2(zb - za, xb - xa))
+            sheets.append(
+                box((np.hypot(xb - xa, zb - za) * 1.05, width, 0.03), (0, 0, 0))
+                .turned("y", lean)
+                .moved((xa + xb) / 2, y, (za + zb) / 2)
+            )
+    m.add("Mudguards", joined(sheets), p.body, bevel=0, mirror=True, smooth=60)
+
+
+def lamps(
+    m: Model,
+    p: Paints,
+    *,
+    x: float,
+    y: float,
+    z: float,
+    radius: float = 0.1,
+    tail_x: float | None = None,
+    tail_z: float = 0.9,
+) -> None:
+    """Head lamps in housings looking along +x, and tail lamps."""
+    housing = profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z)
+    post = box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
+    m.add("Lamp_Housings", housing + post, p.body, bevel=0, mirror=True)
+    m.add(
+        "Head_Lamps",
+        profile_tube([(x - 0.03, radius), (x, radius * 0.9), (x + 0.02, radius * 0.4)]).moved(y=y, z=z),
+        p.lamp,
+        bevel=0,
+        mirror=True,
+    )
+    if tail_x is not None:
+        m.add("Tail_Lamps", box((0.06, 0.22, 0.1), (tail_x, y, tail_z)), p.red, bevel=0.01, mirror=True)
+
+
+def antenna(
+    m: Model, p: Paints, at: tuple[float, float, float], *, height: float = 0.9, lean: float = 0.35, part: str = "hull"
+) -> None:
+    """A whip aerial on its base, bent by its weight."""
+    x, y, z = at
+    bend = [(x - lean * t * t, y, z + 0.16 + height * t) for t in np.linspace(0, 1, 5)]
+    m.add("Antenna", tube(at, (x, y, z + 0.2), 0.05) + path_tube(bend, 0.012, sides=5), p.dark, bevel=0, part=part)
+
+
+def hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
+    """A round hatch with its lid, hinge and handle."""
+    ring = tube((x, y, z - 0.05), (x, y, z + 0.07), radius + 0.07, sides=16)
+    lid = tube((x, y, z + 0.07), (x, y, z + 0.12), radius, radius * 0.9, sides=16)
+    return (
+        ring
+        + lid
+        + box((0.12, 0.2, 0.08), (x - radius - 0.04, y, z + 0.05))
+        + box((0.22, 0.04, 0.04), (x, y, z + 0.13))
+    )
+
+
+def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4, spread: float = 0.16, lean: float = 30) -> Shape:
+    """A row of grenade tubes pointing forward, outward and up; for the left side (mirror it)."""
+    shapes = []
+    for k in range(tubes):
+        cup = (
+            profile_tube([(0, 0.055), (0.34, 0.055), (0.345, 0.045)], sides=10)
+            .turned("y", -lean)
+            .turned("z", 15 + 12 * k)
+        )
+        shapes.append(cup.moved(x - k * spread, y + 0.03 * k, z + 0.05 * (k % 2)))
+    return joined(shapes) + box((tubes * spread, 0.06, 0.1), (x - (tubes - 1) * spread / 2, y, z - 0.1))

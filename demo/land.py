@@ -1,0 +1,135 @@
+"""A scenery's .blend file under construction: ground, roads, the far surroundings, hills."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from demo.relief import Course, Height, quads, ribbon, sheet, smoothstep
+
+FAR = 4500.0  # metres to where the surroundings end, below the horizon's haze
+HIDDEN_EDGE = 4.0  # metres by which surroundings reach below the ground, that no gap shows between them
+
+
+class Land:
+    """A scenery's file under construction, its ground a square of side `2 * half` about the origin."""
+
+    def __init__(self, half: float) -> None:
+        self.half = half
+        self.outland: Height = lambda x, y: 0 * x
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self.scene = bpy.context.scene
+        self.collections: dict[str, Any] = {}
+
+    def collection(self, name: str) -> Any:
+        """The collection of that name, made when first asked for."""
+        if name not in self.collections:
+            self.collections[name] = bpy.data.collections.new(name)
+            self.scene.collection.children.link(self.collections[name])
+        return self.collections[name]
+
+    def add(self, name: str, geometry: tuple[np.ndarray, np.ndarray], material: Any, *, home: str) -> Any:
+        """A smooth mesh object."""
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata(geometry[0], [], geometry[1])
+        mesh.materials.append(material)
+        mesh.shade_smooth()
+        thing = bpy.data.objects.new(name, mesh)
+        self.collection(home).objects.link(thing)
+        return thing
+
+    def road(self, name: str, course: Course, z: np.ndarray, material: Any, *, half: float) -> None:
+        """A strip with ruts in its shape and (across, along) in metres as its UV map; its edges dip into the ground."""
+        across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
+        rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
+        thing = self.add(name, ribbon(course, z, across, rise), material, home="Terrain")
+        uv = np.stack(np.broadcast_arrays(across[None], course.at[:, None]), axis=-1).reshape(-1, 2)
+        corners = quads(len(course.xy), len(across)).ravel()
+        thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
+
+    def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
+        """Eight sheets around the square of the ground, coarser outwards, that carry the view to the horizon.
+
+        Parameters
+        ----------
+        ground
+            Height at the square's edge, which fades outwards.
+        mountains
+            Height of what rises between the distances `rise` from the edge.
+        material, rise
+            Of all sheets; in metres.
+        """
+        half = self.half
+
+        def outland(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            away = np.maximum(np.abs(x), np.abs(y)) - half
+            near = ground(x, y) * smoothstep(away, 450.0, 0.0) - 0.35
+            return near + smoothstep(away, *rise) * mountains(x, y)
+
+        self.outland = outland
+        out = half - HIDDEN_EDGE + (FAR - half) * (np.linspace(0, 1, 36) ** 2.6)
+        inner = np.linspace(-half + HIDDEN_EDGE, half - HIDDEN_EDGE, 41)
+        spans = {"West": -out[::-1], "": inner, "East": out}
+        for east, xs in spans.items():
+            for north, ys in {"South": -out[::-1], "": inner, "North": out}.items():
+                if east or north:
+                    self.add(f"Horizon_{north}{east}", sheet(xs, ys, outland), material, home="Surroundings")
+
+    def camera(self, at: tuple[float, float, float], turn_deg: float) -> None:
+        """The camera that the file is delivered with."""
+        camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+        camera.matrix_world = (
+            Matrix.Translation(at)
+            @ Matrix.Rotation(np.radians(turn_deg), 4, "Z")
+            @ Matrix.Rotation(np.radians(84), 4, "X")
+        )
+        camera.data.clip_end = 2 * FAR
+        self.scene.collection.objects.link(camera)
+        self.scene.camera = camera
+
+    def save(self, path: Path) -> Path:
+        """Write the file."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
+        return path
+
+
+def levelled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
+    """The surface brought to the `level` of a road along its course: wholly and not at all within `reach` metres."""
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        distance, nearest = course.nearest(x, y)
+        z = surface(x, y)
+        return z + (level[nearest] - 0.06 - z) * smoothstep(distance, reach[1], reach[0])
+
+    return height
+
+
+def highest(*surfaces: Height) -> Height:
+    """The top of several surfaces."""
+    return lambda x, y: np.max([surface(x, y) for surface in surfaces], axis=0)
+
+
+def mound(
+    centre: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
+) -> Height:
+    """A hill over `base` that dips below it at its rim; its far side is `steep` times as steep as its near one."""
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        u, v = (x - centre[0]) * c + (y - centre[1]) * s, -(x - centre[0]) * s + (y - centre[1]) * c
+        v = np.where(v > 0, v * steep, v)
+        rim = np.sqrt((u / half[0]) ** 2 + (v / half[1]) ** 2)
+        return base(x, y) + top * smoothstep(rim, 1.0, 0.0) - 1.5 * smoothstep(rim, 0.82, 1.0)
+
+    return height
+
+
+def patch(centre: tuple[float, float], reach: float, height: Height, *, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """A square sheet about a centre."""
+    line = np.linspace(-reach, reach, int(2 * reach / step) + 1)
+    return sheet(centre[0] + line, centre[1] + line, height)

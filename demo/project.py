@@ -1,0 +1,68 @@
+"""A folder to start from: the demo assets and a commented config that uses them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from demo.build import build_demo_assets
+from demo.catalogue import CATEGORY, SCENERY_FILES
+from geometry.errors import ConfigError
+from planning.template import config_text
+
+CONFIG = "hulldown.toml"
+# A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
+# treetop's, as photographs are taken, under the skies that suit open country in daylight.
+SMALL = {
+    "budget.images_per_class": 4,
+    "budget.images_per_position": 1,
+    "camera.target_fraction": [0.15, 0.4],
+    "camera.distance_factor": [0.6, 1.6],
+    "camera.elevation_deg": [1.5, 8.0],
+    "camera.framing": 0.5,
+    "camera.visible_fraction": [0.6, 1.0],
+    "light.hdris": ["sky_*"],
+    "light.strength": [0.9, 1.2],
+    "render.profile": "fast",
+    "render.width": 480,
+    "render.height": 270,
+}
+
+
+def create_project(
+    folder: Path | str, *, seed: int = 0, small: bool = False, progress: Callable[[int, int], None] | None = None
+) -> Path:
+    """Path of the config written into `folder`, beside the demo assets.
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    seed
+        Of the demo assets.
+    small
+        Whether the config asks for a few small images rather than for a dataset with the paper's settings.
+    progress
+        Called with the files done and their total.
+
+    Raises
+    ------
+    ConfigError
+        If the folder has a config already; it is the user's and stays as it is.
+    """
+    folder = Path(folder)
+    config = folder / CONFIG
+    if config.exists():
+        raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
+    build_demo_assets(folder, seed=seed, progress=progress)
+    text = config_text(
+        vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
+        sceneries=[{"path": path} for path in SCENERY_FILES],
+        hdris=["hdris/*.exr"],
+        values=SMALL if small else {},
+    )
+    partial = config.with_name(f".{CONFIG}.partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, config)
+    return config

@@ -1,0 +1,114 @@
+"""The scenery dry_steppe: a plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from demo import earth, vegetation
+from demo.land import Land, highest, levelled, mound, patch
+from demo.planting import Planting
+from demo.relief import Course, Height, Noise, sheet, smoothstep
+
+SOIL = earth.Soil(
+    cover=("#836a45", "#b29a70", "#725c3d"),
+    bare=("#96784e", "#bfa97f"),
+    rock=("#66563f", "#a08b6a"),
+    haze="#c3bcae",
+    bare_share=(0.5, 0.62),
+    stony=0.75,
+    tufts=0.05,
+    clumps=0.45,
+)
+SAND = earth.Soil(
+    cover=("#c2a674", "#c9b082", "#b89a66"),
+    bare=("#c2a674", "#cdb68a"),
+    rock=("#b4966a", "#c4aa7c"),
+    haze="#c3bcae",
+    bare_share=(0.55, 0.7),
+    stony=0.0,
+    tufts=0.03,
+    clumps=0.0,
+)
+WADI = [(-330, 60), (-220, 90), (-130, 20), (-40, 60), (40, 10), (120, 60), (210, 20), (330, 70)]
+TRACK = [(-299, -155), (-180, -110), (-60, -150), (50, -90), (160, -130), (299, -75)]
+
+
+def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
+    """A plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track, 600 m square."""
+    land, noise = Land(300.0), Noise(rng)
+    wadi, course = Course(WADI), Course(TRACK)
+
+    def plain(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 3.5 * noise(x, y, 240.0, octaves=2) + 0.5 * noise(x, y + 70, 30.0, octaves=3)
+
+    def carved(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        bed, _ = wadi.nearest(x, y)
+        width = 11.0 + 3.0 * noise(x, y, 40.0)
+        return plain(x, y) - 4.2 * smoothstep(bed, width + 5.5, width) + 0.25 * noise(x, y, 9.0, octaves=2)
+
+    level = course.profile(plain)
+    ground = levelled(carved, course, level, reach=(4.5, 12.0))
+
+    def dune(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        # Wind from the west: long slopes rise to sharp crests, slip faces fall at 33 degrees behind them.
+        phase = (x + 18 * noise(x, y, 70.0, octaves=2) + 0.25 * y) / 62.0
+        saw = phase - np.floor(phase)
+        ridge = np.where(saw < 0.78, smoothstep(saw / 0.78, 0.0, 1.0), 1 - (saw - 0.78) / 0.22)
+        cover = smoothstep(np.hypot((x - 120) / 150, (y - 185) / 90), 1.0, 0.45)
+        return ground(x, y) - 0.8 + cover * (1.2 + 7.5 * ridge)
+
+    mesa = mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
+    field = np.linspace(-land.half, land.half, 241)
+    earthy, sand = earth.ground("Steppe_Ground", SOIL), earth.ground("Dune_Sand", SAND)
+    plain_mesh = land.add("Ground_Plain", sheet(field, field, ground), earthy, home="Terrain")
+    dunes = sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
+    land.add("Sand_Dunes", dunes, sand, home="Terrain")
+    land.add("Terrain_Mesa", patch((-190, 200), 82, mesa, step=2.0), earthy, home="Terrain")
+    gravel = earth.road("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
+    land.road("Track_Gravel", course, level, gravel, half=2.4)
+
+    def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 40 + 120 * np.abs(noise(x, y, 1100.0, octaves=4))
+
+    land.surroundings(ground, mountains, earth.ground("Far_Ground", SOIL, far=True), rise=(300.0, 3000.0))
+
+    def dry(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))
+        return (0.2 + smoothstep(noise(x + 300, y, 60.0, octaves=3), -0.1, 0.5)) * clear
+
+    _plant(Planting(land, highest(ground, dune, mesa), rng), dry, wadi, plain_mesh)
+    lamp = bpy.data.objects.new("Sun_Weak", bpy.data.lights.new("Sun_Weak", "SUN"))
+    lamp.data.energy, lamp.data.angle = 0.15, 0.02
+    lamp.rotation_euler = (0.8, 0.1, 2.0)
+    land.scene.collection.objects.link(lamp)
+    land.camera((60.0, -220.0, 9.0), 10.0)
+    return land.save(path)
+
+
+def _plant(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
+    """Shrubs, thorn trees along the wadi, stones down to gravel, straw."""
+    rng = planting.rng
+    wood = earth.bark("Dry_Bark", "#6e5a44")
+    scrub = earth.leaves("Scrub_Leaves", ("#5b5a34", "#8b8152"))
+    shrubs = [
+        vegetation.bush(f"Shrub_{k}", [wood, scrub], height=h, rng=rng, leaf=0.07, clumps=c)
+        for k, (h, c) in enumerate([(0.7, 6), (1.1, 8), (1.6, 9)])
+    ]
+    thorn = [vegetation.broadleaf("Tree_Thorn", [wood, scrub], height=5.0, spread=2.8, rng=rng)]
+
+    def along(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return (np.abs(wadi.nearest(x, y)[0] - 22.0) < 7.0).astype(float)
+
+    def everywhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.full(x.shape, 0.6)
+
+    planting.strew("Vegetation", shrubs, 1500, dry, gap=2.5, scale=(0.5, 1.3), sink=0.08)
+    planting.strew("Vegetation", thorn, 90, along, gap=7.0, scale=(0.6, 1.2), sink=0.15)
+    planting.outskirts("Shrub_Patch", shrubs, 380, everywhere, reach=750.0, group=7)
+    stone = earth.stone("Desert_Stone", ("#7a654a", "#a38c69"), "#b39a70")
+    stones = planting.stones("Rock", stone, (0.6, 0.8, 0.5), 350, dry)
+    planting.undergrowth(plain_mesh, "Rock_Scattered", stones[0], size=0.35, density=0.008, scale=(0.25, 1.2))
+    planting.grass("Grass_Dry_Tuft", ("#9c8756", "#c9b784"), (0.3, 0.4), 2200, dry, clumps=40)

@@ -1,0 +1,65 @@
+"""Files that are written whole or not at all, and names that stay in their folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import BinaryIO, TypeGuard
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, which takes the place of the one at `path` in one step, once all of it is on disk.
+
+    Parameters
+    ----------
+    path
+        Its folder must exist. Until the block ends, what is written stands beside it under a name of its own.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written. The file at `path` is then as it was, as it is after any error in the block.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with replacing(Path(folder) / "plan.json") as file:
+    ...         _ = file.write(b"{}")
+    ...     (Path(folder) / "plan.json").read_text()
+    '{}'
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.unlink(missing_ok=True)  # were it a link, writing would follow it
+        with temporary.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        sync_folder(path.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make names created or renamed in `folder` survive a crash of the machine, where folders can be synced."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def stays_inside(file_name: object) -> TypeGuard[str]:
+    """Whether a relative path does not leave its folder, read the Unix way and the Windows way."""
+    if not isinstance(file_name, str) or not file_name or "\0" in file_name:
+        return False
+    unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)
+    return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)

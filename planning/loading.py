@@ -1,0 +1,258 @@
+"""Assets of a config, read from bundles in its cache folder; what is missing or changed is exported first."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from assets.bundle import load_scenery, load_vehicle
+from assets.library import AssetFile, Assets
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError, ConfigError
+from planning.config import Config, hdri_paths, parse_config
+from planning.plan_file import Plan
+from planning.schema import SceneryEntry, VehicleEntry
+from reading.build import Options
+from reading.cache import cached, sha256
+from reading.export import Exported
+from reading.inspect import Inspected, draw
+from reading.parts import GUN_PART, TURRET_PART
+from reading.report import FileReport, refuse_missing
+
+HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Library:
+    """A config's assets and what reading each of their files left behind, by the assets' names.
+
+    Parameters
+    ----------
+    assets
+        For the planner.
+    vehicles, sceneries
+        Report, bundle and tidy twin of each file.
+    """
+
+    assets: Assets
+    vehicles: Mapping[str, Exported]
+    sceneries: Mapping[str, Exported]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What a person should look at, a line each, beginning with the file's path."""
+        exported = [*self.vehicles.values(), *self.sceneries.values()]
+        return tuple(f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts)
+
+
+def load_assets(
+    config: Config,
+    *,
+    strict: bool = False,
+    progress: Callable[[str], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Assets:
+    """Everything that a planner needs of the files that `config` names.
+
+    Parameters
+    ----------
+    config
+        Paths in it are relative to `config.folder`.
+    strict
+        Refuse files whose textures or libraries are missing.
+    progress
+        Called with a file's path before it is exported.
+    warn
+        Called with a line for everything that a person should look at.
+
+    Raises
+    ------
+    AssetError
+        Naming the file, what is wrong and what to do.
+    """
+    library = load_library(config, strict=strict, progress=progress)
+    if warn:
+        for doubt in library.doubts:
+            warn(doubt)
+    return library.assets
+
+
+def load_library(
+    config: Config, *, strict: bool = False, progress: Callable[[str], None] | None = None, jobs: int | None = None
+) -> Library:
+    """The assets of `config` with reports and tidy twins; parameters and errors as of `load_assets`.
+
+    Parameters
+    ----------
+    config, strict, progress
+        See `load_assets`.
+    jobs
+        How many files are read at a time; as many as there are cores, up to four, if None.
+    """
+    cache = config.folder / config.assets.cache
+    hdris = hdri_paths(config)
+    for hdri in hdris.values():
+        _refuse_no_picture(hdri)
+    wanted: list[tuple[str, VehicleEntry | SceneryEntry, Options]] = []
+    entries = config.assets.vehicles
+    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in entries]
+    wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
+
+    def read(kind: str, entry: VehicleEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
+        return cached(config.folder / entry.path, cache, kind=kind, options=options, progress=progress)
+
+    with ThreadPoolExecutor(jobs or min(4, os.cpu_count() or 1)) as pool:
+        read_files = list(pool.map(lambda job: read(*job), wanted))
+    if strict:
+        refuse_missing([exported.report for exported, _ in read_files])
+    vehicles = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "vehicle"}
+    sceneries = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "scenery"}
+    assets = Assets(
+        vehicles={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in entries},
+        categories={entry.name: entry.category for entry in entries},
+        sceneries={name: replace(load_scenery(e.bundle), name=name) for name, (e, _) in sceneries.items()},
+        hdris=tuple(hdris),
+        vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in entries},
+        scenery_files={e.name: AssetFile(e.path, sceneries[e.name][1]) for e in config.assets.sceneries},
+        hdri_files={name: AssetFile(_as_given(path, config), sha256(path)) for name, path in hdris.items()},
+    )
+    return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()})
+
+
+def inspect_config(
+    config: Config, *, strict: bool = False, pictures: bool = False, progress: Callable[[str], None] | None = None
+) -> list[Inspected]:
+    """What all assets of a config are used as, with its options and out of its cache, in its order.
+
+    Parameters
+    ----------
+    config, strict, progress
+        See `load_assets`.
+    pictures
+        Whether to draw them too.
+
+    Raises
+    ------
+    AssetError
+        If a file cannot be read.
+    """
+    library = load_library(config, strict=strict, progress=progress)
+    shapes, sceneries = library.assets.vehicles, library.assets.sceneries
+    listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
+    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in library.vehicles.items()]
+    listed += [(e.report, sceneries[name]) for name, e in library.sceneries.items()]
+    return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
+
+
+def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
+    """With how far its parts turn by the config, which its file does not know."""
+    limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
+    parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
+    return replace(report, parts=tuple(parts))
+
+
+def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None = None) -> tuple[Config, Library]:
+    """The config that a plan was made from, knowing its folder, and the library of its assets.
+
+    Parameters
+    ----------
+    plan
+        The plan; its header names the config and the files.
+    progress
+        Called with a file's path before it is exported.
+
+    Raises
+    ------
+    ConfigError
+        If a file is not what it was when the plan was made.
+    AssetError
+        If a file cannot be read.
+    """
+    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
+    # Only the folder of the config counts: what the file said is in the header.
+    config = parse_config(plan.header["config"], path=root / plan.path.name)
+    library = load_library(config, progress=progress)
+    refuse_changed(plan, library.assets)
+    return config, library
+
+
+def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> Assets:
+    """The assets that a plan was made from; parameters and errors as of `load_planned_library`."""
+    return load_planned_library(plan, progress=progress)[1].assets
+
+
+def refuse_changed(plan: Plan, assets: Assets) -> None:
+    """Raise if one of the files that the plan was made from has changed.
+
+    Raises
+    ------
+    ConfigError
+        Naming the first that has.
+    """
+    now = {"vehicles": assets.vehicle_files, "sceneries": assets.scenery_files, "hdris": assets.hdri_files}
+    for kind, files in now.items():
+        for name, was in plan.header[kind].items():
+            if name not in files or (was["sha256"] and was["sha256"] != files[name].sha256):
+                raise ConfigError(
+                    f"{kind}: {name!r} ({was['path']}) is not what it was when this was planned",
+                    path=plan.path,
+                    remedy="plan again with `hulldown plan`, or bring the old file back",
+                )
+
+
+def _as_listed(shape: VehicleShape, entry: VehicleEntry, config: Config) -> VehicleShape:
+    """The vehicle with the name and the limits that the config gives it; its file knows neither."""
+    limits = shape.part_limits.copy()
+    for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
+        if bounds is None:
+            continue
+        if part not in shape.part_names:
+            raise AssetError(
+                f"{part}_limits_deg is given, but no {part} was found in it",
+                path=config.folder / entry.path,
+                remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
+            )
+        limits[shape.part_names.index(part)] = np.radians(bounds)
+    return replace(shape, name=entry.name, part_limits=limits)
+
+
+def vehicle_options(entry: VehicleEntry) -> Options:
+    """How a config says that a vehicle's file is to be read."""
+    return Options(
+        up=entry.up,
+        scale=entry.scale,
+        forward=entry.forward,
+        keep=entry.keep,
+        drop=entry.drop,
+        turret=entry.turret,
+        gun=entry.gun,
+    )
+
+
+def scenery_options(entry: SceneryEntry, config: Config) -> Options:
+    """How a config says that a scenery's file is to be read."""
+    return Options(up=entry.up, scale=entry.scale, include=config.ground.include, exclude=config.ground.exclude)
+
+
+def _as_given(path: Path, config: Config) -> str:
+    try:
+        return path.relative_to(config.folder).as_posix()
+    except ValueError:
+        return str(path)
+
+
+def _refuse_no_picture(hdri: Path) -> None:
+    """Blender lights a scene with magenta where a picture cannot be read, and says nothing."""
+    try:
+        with open(hdri, "rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=hdri) from None
+    if not start.startswith(HDRI_MAGIC):
+        raise AssetError("is no OpenEXR or Radiance picture", path=hdri, remedy="copy it again, or leave it out")

@@ -1,0 +1,329 @@
+"""Everything that a file's scene draws, as the renderer sees it: render-level modifiers, instances, particles."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+from geometry.transforms import apply
+from reading.blender.capture import OUR_CAMERA, visit_render
+from reading.blender.poses import Poses
+from reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from reading.cleanup import Link, Piece
+
+SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+HIDDEN = "hidden from render"
+UNREAD = {
+    "POINTCLOUD": "a point cloud has no faces",
+    "VOLUME": "a volume has no faces",
+    "GREASEPENCIL": "grease pencil is not rendered by Cycles",
+}
+DRAWN = (*SURFACES, *UNREAD, "CURVES")
+STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """An object of the file that is no piece, and why."""
+
+    name: str
+    kind: str
+    why: str
+
+
+@dataclass(eq=False, slots=True)
+class Evaluated:
+    """What a scene draws.
+
+    Parameters
+    ----------
+    meshes
+        Unique evaluated meshes, each in its own frame and the file's units.
+    pieces
+        Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
+    markers
+        Chains of all empties.
+    left
+        Objects that are no piece, and how often they are drawn.
+    doubts
+        What is rendered otherwise than it is read.
+    dressed
+        Whether anything of it has a material.
+    """
+
+    meshes: list[Mesh] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    markers: list[tuple[Link, ...]] = field(default_factory=list)
+    left: Counter[Left] = field(default_factory=Counter)
+    doubts: list[str] = field(default_factory=list)
+    dressed: bool = False
+
+
+def evaluate(
+    scene: Any,
+    *,
+    metres_from_file: Float[np.ndarray, "4 4"],
+    keep_mesh: Callable[[Any, list[Any]], None] | None = None,
+    keep_look: Callable[[Any], None] | None = None,
+) -> Evaluated:
+    """Everything that `scene` draws.
+
+    Parameters
+    ----------
+    scene
+        A Blender scene.
+    metres_from_file
+        The file's scale and up axis, for the bounds of the pieces.
+    keep_mesh
+        Called with data and materials (evaluated, None for none) of each of the unique meshes, in their order.
+    keep_look
+        Called with the drawn object for each of the pieces, in their order.
+
+    Raises
+    ------
+    AssetError
+        If a mesh has coordinates that are no numbers.
+    """
+    result = Evaluated()
+    visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keep_mesh, keep_look).read())
+    _list_hidden(scene, result)
+    return result
+
+
+class _Reader:
+    def __init__(
+        self,
+        depsgraph: Any,
+        result: Evaluated,
+        metres_from_file: Float[np.ndarray, "4 4"],
+        keep_mesh: Callable[[Any, list[Any]], None] | None,
+        keep_look: Callable[[Any], None] | None,
+    ) -> None:
+        self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
+        self.keep_mesh, self.keep_look = keep_mesh, keep_look
+        self.poses = Poses(depsgraph)
+        self.index: dict[tuple[int, tuple[str, ...]], int] = {}
+        self.box: list[np.ndarray] = []  # corners around each mesh
+        self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
+        self.unseen: dict[tuple[int, int], str | None] = {}
+        self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
+
+    def read(self) -> None:
+        """Go through everything that the depsgraph draws."""
+        for instance in self.depsgraph.object_instances:
+            kind = instance.object.type
+            if instance.show_particles:
+                self._read_strands(instance)
+            if kind == "EMPTY":
+                pose = self.poses.instance_pose(instance)
+                self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
+            elif not instance.show_self:
+                self._leave(instance, "its instances are drawn, but not it itself")
+            elif kind in ("MESH", "CURVES"):
+                self._read_mesh(instance)
+            elif kind in UNREAD:
+                self._leave(instance, UNREAD[kind])
+            elif kind not in SURFACES:
+                self._leave(instance, "type " + kind.lower().replace("_", " "))
+            # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
+
+    def _leave(self, instance: Any, why: str) -> None:
+        if instance.object.name == OUR_CAMERA:
+            return
+        self.result.left[Left(instance.object.name, instance.object.type, why)] += 1
+
+    def _read_mesh(self, instance: Any) -> None:
+        drawn = instance.object
+        materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
+        key = (drawn.data.as_pointer(), materials)
+        if key not in self.index:
+            mesh = _mesh(drawn)
+            if mesh is None:
+                self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
+                return
+            self._doubt(drawn)
+            self._add_mesh(key, mesh, drawn.data, [slot.material for slot in drawn.material_slots])
+        self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
+
+    def _read_strands(self, instance: Any) -> None:
+        drawn = instance.object
+        for system in strand_systems(drawn):
+            key = (drawn.data.as_pointer(), (STRANDS, system.name))
+            if key not in self.index:
+                curves = strand_curves(drawn, system)
+                mesh = curves_mesh(curves, system.name)
+                if mesh is None:
+                    continue
+                self._add_mesh(key, mesh, curves, list(curves.materials))
+            self._add_piece(instance, key, system.name, hair=True)
+
+    def _add_mesh(self, key: tuple[int, tuple[str, ...]], mesh: Mesh, data: Any, materials: list[Any]) -> None:
+        self.index[key] = len(self.result.meshes)
+        self.result.meshes.append(mesh)
+        self.used.append(mesh.vertices[np.unique(mesh.faces)])
+        self.box.append(np.array(list(product(*mesh.bounds.T))))
+        self.result.dressed |= any(materials)
+        if self.keep_mesh:
+            self.keep_mesh(data, materials)
+
+    def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
+        drawn, number = instance.object, self.index[key]
+        mesh = self.result.meshes[number]
+        pose = self.poses.instance_pose(instance)
+        if self.keep_look:
+            self.keep_look(drawn)
+        scattered = _is_scattered(instance)
+        seen = apply(self.metres @ pose, self.box[number] if scattered or hair else self.used[number])
+        self.result.pieces.append(
+            Piece(
+                data=data,
+                chain=self._chain(instance, pose, scattered=scattered),
+                mesh=number,
+                pose=pose,
+                bounds=np.stack([seen.min(axis=0), seen.max(axis=0)]),
+                faces=len(mesh.faces),
+                scattered=scattered,
+                anonymous=scattered and _carries_itself(instance),
+                hair=hair,
+                unseen=self._why_unseen(drawn),
+            )
+        )
+
+    def _doubt(self, drawn: Any) -> None:
+        """Speak of what Cycles makes of a mesh only later, where it cannot be read."""
+        name = drawn.original.name
+        for modifier in drawn.modifiers:
+            if (
+                modifier.type == "SUBSURF"
+                and modifier.show_render
+                and getattr(modifier, "use_adaptive_subdivision", False)
+            ):
+                self.result.doubts.append(f"{name!r} is subdivided adaptively, which is left out")
+        for slot in drawn.material_slots:
+            if slot.material and slot.material.displacement_method != "BUMP" and _is_displaced(slot.material):
+                self.result.doubts.append(
+                    f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh"
+                )
+
+    def _why_unseen(self, drawn: Any) -> str | None:
+        key = (drawn.original.as_pointer(), drawn.data.as_pointer())
+        if key not in self.unseen:
+            self.unseen[key] = why_unseen(drawn, self.depsgraph)
+        return self.unseen[key]
+
+    def _chain(self, instance: Any, pose: Float[np.ndarray, "4 4"], *, scattered: bool) -> tuple[Link, ...]:
+        """From the drawn object up; the poses in it are where it is drawn, or its own where it is scattered."""
+        if not instance.is_instance:
+            return self.poses.chain(instance.object)
+        if _carries_itself(instance):
+            return self.poses.chain(instance.parent)
+        inner = instance.instance_object
+        if not scattered:
+            own = self.poses.pose(inner)
+            moved = pose @ np.linalg.inv(own) if abs(np.linalg.det(own)) > 1e-30 else np.eye(4)
+            return (*self.poses.chain(inner, moved), *self.poses.chain(instance.parent))
+        key = (inner.original.as_pointer(), instance.parent.original.as_pointer())
+        if key not in self.chains:
+            self.chains[key] = (*self.poses.chain(inner), *self.poses.chain(instance.parent))
+        return self.chains[key]
+
+
+def _is_scattered(instance: Any) -> bool:
+    """Instanced by particles, geometry nodes, vertices or faces."""
+    if not instance.is_instance or _is_own_surface(instance):
+        return False
+    return bool(instance.parent.instance_type != "COLLECTION")
+
+
+def _carries_itself(instance: Any) -> bool:
+    """Whether the instance has no object of its own: the surface of a curve, or a mesh that geometry nodes made."""
+    inner = instance.instance_object
+    return inner is None or inner.original == instance.parent.original
+
+
+def _is_own_surface(instance: Any) -> bool:
+    """Whether this is the mesh that a curve, text or metaball is drawn as."""
+    if not _carries_itself(instance) or instance.parent.type == "MESH":
+        return False
+    return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
+
+
+def _mesh(drawn: Any) -> Mesh | None:
+    try:
+        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn)
+    except ValueError as error:
+        raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
+
+
+def _faces(drawn: Any) -> Mesh | None:
+    data = drawn.data
+    data.calc_loop_triangles()
+    if not len(data.loop_triangles):
+        return None
+    vertices = np.empty(3 * len(data.vertices), np.float32)
+    data.vertices.foreach_get("co", vertices)
+    faces = np.empty(3 * len(data.loop_triangles), np.int32)
+    data.loop_triangles.foreach_get("vertices", faces)
+    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
+
+
+def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
+    """Why the camera does not see an object although it is drawn; None if it does."""
+    original = drawn.original
+    if not drawn.visible_camera:
+        return "invisible to the camera (ray visibility)"
+    if drawn.is_shadow_catcher:
+        return "a shadow catcher"
+    if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
+        return "a holdout"
+    if original.indirect_only_get(view_layer=depsgraph.view_layer):
+        return "invisible to the camera (its collection is indirect only)"
+    materials = [s.material for s in drawn.material_slots]
+    if materials and all(m is not None and _is_volume(m) for m in materials):
+        return "has volume shaders only"
+    return None
+
+
+def _is_volume(material: Any) -> bool:
+    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
+
+
+def _is_displaced(material: Any) -> bool:
+    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    return bool(output and output.inputs["Displacement"].is_linked)
+
+
+def _list_hidden(scene: Any, result: Evaluated) -> None:
+    """Name what the file holds but the render does not."""
+    drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    off = dict(_switched_off(layer.layer_collection, False))
+    for obj in scene.objects:
+        if obj.name not in drawn and obj.type in DRAWN:
+            result.left[Left(obj.name, obj.type, _why_hidden(obj, off))] += 1
+
+
+def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
+    """Whether a collection, or one around it, is hidden from render or left out of the view layer."""
+    off = already or layer.exclude or layer.collection.hide_render
+    yield layer.collection.name, off
+    for inner in layer.children:
+        yield from _switched_off(inner, off)
+
+
+def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
+    around = [c.name for c in obj.users_collection if c.name in off]
+    if obj.hide_render:
+        return HIDDEN
+    if around and all(off[name] for name in around):
+        return f"{HIDDEN} with its collection {around[0]!r}"
+    return "not in the render, or without a surface"

@@ -1,0 +1,114 @@
+"""Opening an asset file in Blender, whatever its format, and never running what it brings along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from geometry.errors import AssetError
+
+NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
+AGAIN = "open it in Blender and save it again"
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """What is known of a file that is open in Blender.
+
+    Parameters
+    ----------
+    unit
+        Metres to one unit.
+    up
+        The axis that points up, "z" or "y".
+    written_by
+        The Blender that wrote it, or its format.
+    doubts
+        What a person should look at.
+    """
+
+    unit: float
+    up: str
+    written_by: str
+    doubts: tuple[str, ...] = ()
+
+
+def open_file(path: Path, kind: str) -> Opened:
+    """Make `path` the file that is open in Blender.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Its format, as `reading.formats.format_of` tells it.
+
+    Raises
+    ------
+    AssetError
+        If Blender cannot read it, or it is of a newer Blender.
+    """
+    if kind == "blend":
+        return _open_blend(path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
+    try:
+        if kind == "gltf":
+            bpy.ops.import_scene.gltf(filepath=str(path))
+        elif kind == "fbx":
+            bpy.ops.wm.fbx_import(filepath=str(path), use_anim=False)
+        else:
+            # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
+            bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
+    except RuntimeError as error:
+        raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy="export it again") from None
+    if not bpy.context.scene.objects:
+        raise AssetError("Blender finds nothing in it to import", remedy="export it again")
+    return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"))
+
+
+def _open_blend(path: Path) -> Opened:
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
+    version = ".".join(map(str, bpy.data.version[:2]))
+    if tuple(bpy.data.version[:2]) > bpy.app.version[:2]:
+        raise AssetError(
+            f"was written by Blender {version}, newer than the {bpy.app.version_string} that is installed",
+            remedy=f"save it for an older Blender or install bpy {version}",
+        )
+    scene = bpy.context.scene
+    units = scene.unit_settings
+    # The file holds a float32; 0.01 shall be 0.01.
+    unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
+    doubts = []
+    if len(bpy.data.scenes) > 1:
+        others = ", ".join(repr(s.name) for s in bpy.data.scenes if s != scene)
+        doubts.append(f"only the scene {scene.name!r} is read, not {others}")
+    layers = [layer.name for layer in scene.view_layers if layer.use]
+    if len(layers) > 1:
+        doubts.append(f"only the view layer {layers[0]!r} is read, not {', '.join(map(repr, layers[1:]))}")
+    if lost := _lost_pictures():
+        doubts.append(
+            f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
+            f"before 2.80, so that what wore them is rendered in one colour; give its materials image nodes"
+        )
+    return Opened(unit, "z", f"Blender {version}", tuple(doubts))
+
+
+def _lost_pictures() -> list[str]:
+    """Pictures of old files that no material uses any more: their texture slots are gone, the textures are not."""
+    if tuple(bpy.data.version[:2]) >= NODES_ONLY:
+        return []
+    textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]
+    return sorted({t.image.name for t in textures if t.image})
+
+
+def _one_line(error: Exception) -> str:
+    """What Blender says, without the prefixes and paths that the user knows already."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    last = lines[-1] if lines else "it does not say why"
+    return last.removeprefix("Error: ").rpartition("': ")[2]

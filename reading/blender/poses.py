@@ -1,0 +1,151 @@
+"""Where a file's objects stand, in float64: Blender's own matrices are float32 and lose metres on a map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from reading.cleanup import Link
+
+AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
+
+
+class Poses:
+    """Poses and parents of evaluated objects, each worked out once.
+
+    A pose is composed again in float64 from the location, rotation and scale that the file holds, up the chain of
+    parents. It counts only where it agrees with Blender's float32 matrix to that matrix's rounding: where constraints,
+    bones, vertex parents, physics or particles have a hand in it, Blender's matrix is taken as it is.
+    """
+
+    def __init__(self, depsgraph: Any) -> None:
+        self._depsgraph = depsgraph
+        self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
+        self._collections: dict[str, tuple[str, ...]] = {}
+        self._around: dict[str, list[str]] = {}
+        # Asking an object for its collections makes Blender search through all of them.
+        self._direct: dict[str, list[str]] = {}
+        for outer in bpy.data.collections:
+            for obj in outer.objects:
+                self._direct.setdefault(_key(obj), []).append(_key(outer))
+            for inner in outer.children:
+                self._around.setdefault(_key(inner), []).append(_key(outer))
+
+    def pose(self, evaluated: Any) -> Float[np.ndarray, "4 4"]:
+        """`world_from_object` of an object that is no instance."""
+        exact, size = self._composed(evaluated)
+        return _agreed(exact, size, np.array(evaluated.matrix_world, np.float64))
+
+    def instance_pose(self, instance: Any) -> Float[np.ndarray, "4 4"]:
+        """`world_from_object` of anything that `depsgraph.object_instances` yields."""
+        seen = np.array(instance.matrix_world, np.float64)
+        if not instance.is_instance:
+            return self.pose(instance.object)
+        parent, inner = instance.parent, instance.instance_object
+        if _same(parent, inner):
+            return _agreed(*self._composed(parent), seen)
+        if parent.instance_type != "COLLECTION" or parent.instance_collection is None:
+            return seen
+        outer, outer_size = self._composed(parent)
+        within, inner_size = self._composed(inner)
+        if outer is None or within is None:
+            return seen
+        offset = np.eye(4)
+        offset[:3, 3] = -np.array(parent.instance_collection.instance_offset, np.float64)
+        return _agreed(outer @ offset @ within, _span(outer, outer_size, inner_size), seen)
+
+    def chain(self, evaluated: Any, delta: Float[np.ndarray, "4 4"] | None = None) -> tuple[Link, ...]:
+        """`evaluated` and all its parents, bones included; `delta` moves their poses to where they are instanced."""
+        links: list[Link] = []
+        current, moved = evaluated, np.eye(4) if delta is None else delta
+        while current is not None:
+            links.append(self._link(current, moved))
+            parent = current.parent
+            if parent is not None and current.parent_type == "BONE" and parent.pose:
+                bone = parent.pose.bones.get(current.parent_bone)
+                while bone is not None:
+                    posed = self.pose(parent) @ np.array(bone.matrix, np.float64)
+                    links.append(Link(bone.name, (), "BONE", moved @ posed))
+                    bone = bone.parent
+            current = parent
+        return tuple(links)
+
+    def _link(self, evaluated: Any, moved: Float[np.ndarray, "4 4"]) -> Link:
+        return Link(evaluated.name, self.collections(evaluated), evaluated.type, moved @ self.pose(evaluated))
+
+    def collections(self, evaluated: Any) -> tuple[str, ...]:
+        """Names of the collections an object is in, nearest first, then those around them."""
+        original = evaluated.original
+        key = _key(original)
+        if key not in self._collections:
+            ring = self._direct.get(key, [])
+            found: dict[str, None] = {}
+            while ring:
+                found.update(dict.fromkeys(ring))
+                ring = [outer for inner in ring for outer in self._around.get(inner, []) if outer not in found]
+            self._collections[key] = tuple(k.partition("\n")[0] for k in found)
+        return self._collections[key]
+
+    def _composed(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
+        """The pose in float64, None where it cannot be composed, and the largest number met on the way."""
+        key = evaluated.original.as_pointer()
+        if key not in self._exact:
+            self._exact[key] = self._compose(evaluated)
+        return self._exact[key]
+
+    def _compose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
+        own = _basis(evaluated)
+        if evaluated.parent is None:
+            return own, float(np.abs(own).max())
+        if evaluated.parent_type != "OBJECT":
+            return None, 0.0
+        outer, size = self._composed(evaluated.parent)
+        if outer is None:
+            return None, 0.0
+        inverse = np.array(evaluated.matrix_parent_inverse, np.float64)
+        return outer @ inverse @ own, _span(outer @ inverse, size, float(np.abs(own).max()))
+
+
+def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
+    return max(outer_size, float(np.abs(outer[:3, :3]).max()) * inner_size, float(np.abs(outer).max()))
+
+
+def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
+    if exact is None or np.abs(exact - seen).max() > AGREE * max(size, float(np.abs(seen).max())):
+        return seen
+    return exact
+
+
+def _basis(evaluated: Any) -> Float[np.ndarray, "4 4"]:
+    def rotation(prefix: str) -> np.ndarray:
+        if evaluated.rotation_mode == "QUATERNION":
+            w, x, y, z = getattr(evaluated, f"{prefix}rotation_quaternion")
+            return Rotation.from_quat([x, y, z, w]).as_matrix() if any((w, x, y, z)) else np.eye(3)
+        if evaluated.rotation_mode == "AXIS_ANGLE":
+            if prefix:
+                return np.eye(3)
+            angle, *axis = evaluated.rotation_axis_angle
+            length = float(np.linalg.norm(axis))
+            return Rotation.from_rotvec(angle * np.array(axis) / length).as_matrix() if length else np.eye(3)
+        angles = dict(zip("XYZ", getattr(evaluated, f"{prefix}rotation_euler"), strict=True))
+        order = evaluated.rotation_mode
+        return Rotation.from_euler(order.lower(), [angles[a] for a in order]).as_matrix()
+
+    basis = np.eye(4)
+    scale = np.array(evaluated.scale, np.float64) * np.array(evaluated.delta_scale, np.float64)
+    basis[:3, :3] = rotation("delta_") @ rotation("") * scale
+    basis[:3, 3] = np.array(evaluated.location, np.float64) + np.array(evaluated.delta_location, np.float64)
+    return basis
+
+
+def _same(a: Any, b: Any) -> bool:
+    return b is None or a.original.as_pointer() == b.original.as_pointer()
+
+
+def _key(block: Any) -> str:
+    """Name and library, since a linked collection may be called like a local one."""
+    return f"{block.name}\n{block.library.filepath if block.library else ''}"

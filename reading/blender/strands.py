@@ -1,0 +1,76 @@
+"""Hair as Blender has it: hair curves, and particle strands, which are made into such."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from geometry.meshes import Mesh
+from reading.hair import hair_mesh
+
+# Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
+CATMULL_ROM, POLY = 0, 1
+BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws them in Blender 5.0
+
+
+def curves_mesh(curves: Any, name: str) -> Mesh | None:
+    """What hides as much as hair curves do, in their frame; None if there are none.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is no number.
+    """
+    count = len(curves.points)
+    points, radii = np.empty(3 * count, np.float32), np.full(count, BARE_RADIUS, np.float32)
+    first = np.empty(len(curves.curves), np.int32)
+    curves.points.foreach_get("position", points)
+    curves.curves.foreach_get("first_point_index", first)
+    if "radius" in curves.attributes:
+        curves.points.foreach_get("radius", radii)
+    kind = np.full(len(first), CATMULL_ROM, np.int32)
+    if "curve_type" in curves.attributes:
+        curves.attributes["curve_type"].data.foreach_get("value", kind)
+    return hair_mesh(points.reshape(-1, 3).astype(float), radii.astype(float), first, kind == POLY, name)
+
+
+def strand_systems(drawn: Any) -> list[Any]:
+    """The particle systems of an evaluated object that draw strands, and not copies of objects."""
+    systems = [m.particle_system for m in drawn.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render]
+    return [s for s in systems if s.settings.type == "HAIR" and s.settings.render_type == "PATH"]
+
+
+def strand_curves(drawn: Any, system: Any) -> Any:
+    """A new datablock of hair curves, in the object's frame, that is drawn as a particle system's strands."""
+    settings, curves = system.settings, bpy.data.hair_curves.new(system.name)
+    parents, children = len(system.particles), len(system.child_particles)
+    # As Cycles takes them: where there are children, their parents only guide them.
+    strands = range(parents if children else 0, parents + children)
+    steps = 2**settings.render_step + 1
+    where = [system.co_hair(drawn, particle_no=i, step=k) for i in strands for k in range(steps)]
+    points = np.array(where, dtype=np.float64).reshape(len(strands), steps, 3)
+    length = np.cumsum(np.linalg.norm(np.diff(points, axis=1, prepend=points[:, :1]), axis=2), axis=1)
+    along = length / np.maximum(length[:, -1:], np.finfo(float).tiny)
+    # Blender gives the strands where the object is; one that is squashed flat has no inverse.
+    world_from_drawn = np.array(drawn.matrix_world, dtype=np.float64)
+    inside = (points.reshape(-1, 3) - world_from_drawn[:3, 3]) @ np.linalg.pinv(world_from_drawn[:3, :3]).T
+    curves.add_curves([steps] * len(strands))
+    curves.points.foreach_set("position", inside.astype(np.float32).ravel())
+    radius = curves.attributes.new("radius", "FLOAT", "POINT")
+    radius.data.foreach_set("value", _radii(settings, along).astype(np.float32).ravel())
+    slots = drawn.material_slots[settings.material - 1 : settings.material]
+    curves.materials.append(slots[0].material if slots else None)
+    return curves
+
+
+def _radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
+    """Radii at shares of each strand's length; root, tip and shape as Blender's manual describes them."""
+    shape = settings.shape
+    left = (1 - along) ** (1 + shape if shape < 0 else 1 / max(1 - shape, 1e-6))
+    radii = settings.radius_scale / 2 * (settings.tip_radius + left * (settings.root_radius - settings.tip_radius))
+    if settings.use_close_tip:
+        radii[:, -1] = 0.0
+    return np.asarray(radii)

@@ -1,0 +1,138 @@
+"""The tidy twin of a file: what it draws as plain posed meshes with their materials, for the renderer.
+
+People's files have parents, modifiers, constraints, key frames, particles and drivers, all of which can undo a planned
+pose. Here they are worked out, once, from the same evaluation that the exported geometry comes from; so what is
+rendered is what was planned. Vehicles: one collection; every object has the index of its part and its pose in the
+vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: a scene in metres, z up, relative
+to the scenery's origin.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from reading.blender.frames import pose as set_pose
+from reading.blender.tidy_properties import PART, REST, TIDY
+from reading.cleanup import Piece
+
+MANY = 8  # from so many on, copies are drawn by one object
+POSE = "pose"
+VISIBILITY = tuple(
+    f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+)
+
+
+class Keeper:
+    """Takes copies of evaluated meshes while the depsgraph lives."""
+
+    def __init__(self) -> None:
+        self.meshes: list[Any] = []
+        self.looks: list[dict[str, Any]] = []
+
+    def keep_mesh(self, data: Any, materials: Sequence[Any]) -> None:
+        """Called for every unique mesh, or hair curves, in order."""
+        mesh = data.copy()
+        mesh.animation_data_clear()
+        for slot, material in enumerate(materials):
+            if slot < len(mesh.materials):
+                mesh.materials[slot] = material.original if material else None
+        self.meshes.append(mesh)
+
+    def keep_look(self, drawn: Any) -> None:
+        """Called for every piece in order: what the object itself adds to its mesh's look."""
+        look: dict[str, Any] = {name: getattr(drawn, name) for name in VISIBILITY}
+        look["color"] = tuple(drawn.color)
+        look["pass_index"] = drawn.pass_index
+        self.looks.append(look)
+
+
+def write_vehicle(
+    path: Path,
+    keeper: Keeper,
+    pieces: Sequence[Piece],
+    piece_part: Sequence[int],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
+) -> None:
+    """Write the pieces whose part is not -1."""
+    collection = bpy.data.collections.new("hulldown vehicle")
+    for i, (piece, part) in enumerate(zip(pieces, piece_part, strict=True)):
+        if part < 0:
+            continue
+        rest = vehicle_from_file @ piece.pose
+        obj = _object(keeper, piece, i)
+        obj[PART] = int(part)
+        obj[REST] = rest.ravel().tolist()
+        collection.objects.link(obj)
+    bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
+
+
+def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
+    obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
+    for name, value in keeper.looks[index].items():
+        setattr(obj, name, value)
+    return obj
+
+
+def write_scenery(
+    path: Path,
+    keeper: Keeper,
+    pieces: Sequence[Piece],
+    uses: Sequence[str],
+    scenery_from_file: Float[np.ndarray, "4 4"],
+) -> None:
+    """Write everything that is drawn but backdrops, in whose place the HDRI is seen, as a file with one scene."""
+    scene = bpy.data.scenes.new("hulldown scenery")
+    scene[TIDY] = True
+    root = bpy.data.objects.new("hulldown scenery", None)
+    scene.collection.objects.link(root)
+    alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)
+    for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
+        if use != "backdrop":
+            alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
+    for same in alike.values():
+        poses = scenery_from_file @ np.array([pieces[i].pose for i in same])
+        if len(same) >= MANY:
+            thing = _object(keeper, pieces[same[0]], same[0])
+            scene.collection.objects.link(_carrier(thing, poses))
+            continue
+        for i, world_from_mesh in zip(same, poses, strict=True):
+            obj = _object(keeper, pieces[i], i)
+            obj.parent = root
+            set_pose(obj, world_from_mesh)
+            scene.collection.objects.link(obj)
+    bpy.data.libraries.write(str(path), {scene}, path_remap="ABSOLUTE", compress=True)
+
+
+def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"]) -> Any:
+    """One object that draws `thing` in all these poses: ten thousand objects would take Blender minutes."""
+    points = bpy.data.meshes.new(thing.name)
+    points.vertices.add(len(poses))
+    # Blender stores matrices column by column.
+    flat = np.ascontiguousarray(np.swapaxes(poses, 1, 2), dtype=np.float32).ravel()
+    points.attributes.new(POSE, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
+    group = bpy.data.node_groups.new(f"draw {thing.name}", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes, link = group.nodes, group.links.new
+    given, result = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    drawn = nodes.new("GeometryNodeObjectInfo")
+    drawn.inputs["Object"].default_value, drawn.inputs["As Instance"].default_value = thing, True
+    on_points = nodes.new("GeometryNodeInstanceOnPoints")
+    named = nodes.new("GeometryNodeInputNamedAttribute")
+    named.data_type, named.inputs["Name"].default_value = "FLOAT4X4", POSE
+    posed = nodes.new("GeometryNodeSetInstanceTransform")
+    link(given.outputs[0], on_points.inputs["Points"])
+    link(drawn.outputs["Geometry"], on_points.inputs["Instance"])
+    link(on_points.outputs["Instances"], posed.inputs["Instances"])
+    link(named.outputs["Attribute"], posed.inputs["Transform"])
+    link(posed.outputs[0], result.inputs[0])
+    carrier = bpy.data.objects.new(f"{thing.name} x {len(poses)}", points)
+    carrier.modifiers.new("draw", "NODES").node_group = group
+    return carrier

@@ -1,0 +1,170 @@
+"""A vehicle or scenery out of an asset file, read by Blender in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from assets.bundle import load_scenery, load_vehicle
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from reading.build import Options
+from reading.formats import format_of
+from reading.report import FileReport
+
+ROOT = Path(__file__).resolve().parents[1]
+LAST_WORDS = 2000  # characters of what Blender said before it crashed
+DEFAULTS = Options()
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What reading a file left behind.
+
+    Parameters
+    ----------
+    report
+        What was found in the file and what was made of it.
+    bundle
+        The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
+    tidy
+        A .blend that holds what is rendered and nothing else, see `reading.blender.tidy`.
+    files
+        Absolute path of every file that the asset refers to: textures, libraries.
+    """
+
+    report: FileReport
+    bundle: Path
+    tidy: Path
+    files: tuple[str, ...]
+
+
+def export_vehicle(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> VehicleShape:
+    """The vehicle in the file `path`.
+
+    Parameters
+    ----------
+    path
+        A .blend, .glb, .gltf, .fbx or .obj file.
+    name
+        What to call it; the file's name without suffix if empty.
+    options
+        How to read it.
+
+    Raises
+    ------
+    AssetError
+        If the file cannot be read or no vehicle is left in it.
+    """
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
+        return load_vehicle(export(path, folder, kind="vehicle", name=name, options=options).bundle)
+
+
+def export_scenery(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> Scenery:
+    """The scenery in the file `path`; parameters and errors as of `export_vehicle`."""
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
+        return load_scenery(export(path, folder, kind="scenery", name=name, options=options).bundle)
+
+
+def export(
+    path: Path | str, folder: Path | str, *, kind: str | None = None, name: str = "", options: Options = DEFAULTS
+) -> Exported:
+    """Read the file `path` once and write bundle and tidy twin into `folder`.
+
+    Parameters
+    ----------
+    path
+        A .blend, .glb, .gltf, .fbx or .obj file.
+    folder
+        Exists; files of an earlier export in it are overwritten.
+    kind
+        "vehicle", "scenery", or None to judge by what is in it.
+    name
+        What to call it; the file's name without suffix if empty.
+    options
+        How to read it.
+
+    Raises
+    ------
+    AssetError
+        If the file cannot be read, or does not hold what is wanted.
+    """
+    job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
+    return exported_by(job, _ask_reader(job))
+
+
+def job_for(
+    path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS
+) -> dict[str, Any]:
+    """What to tell the reader; arguments as of `export`.
+
+    Raises
+    ------
+    AssetError
+        If the file is of no format that can be read.
+    """
+    return {
+        "given": str(path),
+        "path": str(path.resolve()),
+        "format": format_of(path),
+        "kind": kind,
+        "name": name or path.stem,
+        "options": asdict(options),
+        "bundle": str(folder.resolve() / "bundle.npz"),
+        "tidy": str(folder.resolve() / "tidy.blend"),
+        "answer": str(folder.resolve() / "answer.json"),
+    }
+
+
+def exported_by(job: Mapping[str, Any], answer: Mapping[str, Any]) -> Exported:
+    """What the reader has made of a job.
+
+    Raises
+    ------
+    AssetError
+        If it could make nothing of it.
+    """
+    if "error" in answer:
+        raise AssetError(answer["error"]["problem"], path=job["given"], remedy=answer["error"]["remedy"])
+    report = FileReport.from_json({**answer["report"], "path": job["given"]})
+    return Exported(report, Path(job["bundle"]), Path(job["tidy"]), tuple(answer["files"]))
+
+
+def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
+    path, answer_file = job["given"], Path(job["answer"])
+    answer_file.unlink(missing_ok=True)
+    job_file = answer_file.with_name("job.json")
+    job_file.write_text(json.dumps(job), encoding="utf-8")
+    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    # -P: a folder `render` where the user happens to be must not come first. The matrices here are 4x4, for which
+    # OpenBLAS would wake all its threads each time.
+    ran = subprocess.run(
+        [sys.executable, "-P", "-m", "reading.blender.reader", str(job_file)],
+        env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if answer_file.is_file():
+        answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
+        return answer
+    if "No module named 'bpy'" in ran.stdout:
+        raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
+    if ran.returncode < 0:
+        raise AssetError(
+            f"Blender crashed reading it (signal {-ran.returncode})",
+            path=path,
+            remedy="open it in Blender, save it again, or leave it out",
+        )
+    raise RuntimeError(f"{path}: reading it failed:\n{ran.stdout[-LAST_WORDS:]}")

@@ -1,0 +1,254 @@
+"""`hulldown inspect`: what files are used as, alone or as a config lists them, as data and as pictures."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from annotate.drawing import contact_sheet
+from assets.bundle import load_scenery, load_vehicle
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from geometry.errors import AssetError
+from geometry.files import replacing
+from geometry.instances import InstancedScene
+from geometry.rays import RayCaster
+from reading.export import export
+from reading.report import FileReport, refuse_missing
+
+# Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
+COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
+OBSTACLE = np.array([150.0, 150.0, 150.0])
+PAPER = 250.0
+# Name, direction of sight, direction that is up in the picture.
+VIEWS = (
+    ("from the left", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+    ("from the front", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    ("from the front left", (-1.0, -1.0, -0.7), (0.0, 0.0, 1.0)),
+    ("from above, nose up", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
+)
+Caster = Callable[
+    [Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]], tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]
+]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Inspected:
+    """What a file is used as.
+
+    Parameters
+    ----------
+    name
+        Of the vehicle or scenery.
+    report
+        What was found in its file and what was made of it.
+    picture
+        What it looks like (see `draw`); None if nobody asked.
+    """
+
+    name: str
+    report: FileReport
+    picture: Image.Image | None
+
+
+def inspect(
+    path: Path | str,
+    *,
+    kind: str | None = None,
+    strict: bool = False,
+    pictures: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Inspected:
+    """What an asset file would be used as, read afresh and without options.
+
+    Parameters
+    ----------
+    path
+        A .blend, .glb, .gltf, .fbx or .obj file.
+    kind
+        "vehicle" or "scenery"; None to judge by what is in it.
+    strict
+        Refuse a file whose textures or libraries are missing.
+    pictures
+        Whether to draw them too.
+    progress
+        Called with a file's path before it is read.
+
+    Raises
+    ------
+    AssetError
+        If the file cannot be read.
+    """
+    if progress:
+        progress(str(path))
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
+        exported = export(path, folder, kind=kind)
+        if strict:
+            refuse_missing([exported.report])
+        picture = None
+        if pictures:
+            load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
+            picture = draw(load(exported.bundle))
+        return Inspected(Path(path).stem, exported.report, picture)
+
+
+def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
+    """Write the pictures as one; several side by side, each under its name.
+
+    Raises
+    ------
+    AssetError
+        If it cannot be written.
+    """
+    drawn = [(one.name, one.picture) for one in inspected if one.picture]
+    sheet = drawn[0][1]
+    if len(drawn) > 1:
+        sheet = contact_sheet(
+            [picture for _, picture in drawn], columns=3, tile_width=sheet.width, captions=[name for name, _ in drawn]
+        )
+    try:
+        with replacing(path) as file:
+            sheet.save(file, format="PNG")
+    except (OSError, ValueError) as error:
+        raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
+
+
+def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
+    """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colours; pivots marked.
+
+    Parameters
+    ----------
+    asset
+        What to draw.
+    size
+        Width and height of each of the four views in pixels.
+    """
+    if isinstance(asset, VehicleShape):
+        cast, bounds, names, colours = _vehicle_caster(asset)
+    else:
+        cast, bounds, names, colours = _scenery_caster(asset)
+    sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
+    for i, (title, sight, up) in enumerate(VIEWS):
+        view = _View(np.array(sight), np.array(up), bounds, size)
+        tile = Image.fromarray(view.shade(cast, colours))
+        if isinstance(asset, VehicleShape):
+            _mark_pivots(tile, view, asset)
+        _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
+        sheet.paste(tile, (i % 2 * size, i // 2 * size))
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    for i, name in enumerate(names):
+        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in colours[i]))
+        pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
+    return sheet
+
+
+def _vehicle_caster(shape: VehicleShape) -> tuple[Caster, np.ndarray, list[str], np.ndarray]:
+    caster = RayCaster(shape.mesh)
+    part = shape.vertex_part[shape.mesh.faces[:, 0]]
+
+    def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        hits = caster.cast(origins, directions)
+        return hits.distance, np.where(hits.hit, part[hits.face], -1)
+
+    return cast, shape.mesh.bounds, list(shape.part_names), COLOURS
+
+
+def _scenery_caster(scenery: Scenery) -> tuple[Caster, np.ndarray, list[str], np.ndarray]:
+    ground = RayCaster(scenery.ground) if scenery.ground else None
+    things = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
+    bounds = _worth_seeing(scenery, things.bounds)
+
+    def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        hits = things.cast(origins, directions)
+        distance, what = hits.distance, np.where(hits.hit, 1, -1)
+        if ground:
+            below = ground.cast(origins, directions)
+            nearer = below.distance < distance
+            distance, what = np.where(nearer, below.distance, distance), np.where(nearer, 0, what)
+        return distance, what
+
+    names = [f"ground ({len(scenery.ground_names)})" if scenery.ground else "no ground"]
+    return cast, bounds, [*names, f"obstacles ({len(scenery.instance_names)})"], np.stack([COLOURS[3], OBSTACLE])
+
+
+def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
+    """The ground with what stands on it, not the hills on the horizon; everything, if there is no ground."""
+    if scenery.ground is not None:
+        low, high = scenery.ground.bounds
+        middle = boxes.mean(axis=1)
+        boxes = boxes[((middle >= low) & (middle <= high))[:, :2].all(axis=1)]
+        # A hill on the horizon may have its middle here: what is larger than the ground does not stand on it.
+        boxes = boxes[((boxes[:, 1] - boxes[:, 0]) <= high - low)[:, :2].all(axis=1)]
+        boxes = np.concatenate([boxes, scenery.ground.bounds[None]])
+    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+class _View:
+    """An orthographic view of a box that fills a square picture."""
+
+    def __init__(
+        self, sight: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"], bounds: Float[np.ndarray, "2 3"], size: int
+    ) -> None:
+        self.size = size
+        self.sight = sight / np.linalg.norm(sight)
+        right = np.cross(self.sight, up)
+        self.right = right / np.linalg.norm(right)
+        self.up = np.cross(self.right, self.sight)
+        self.middle = bounds.mean(axis=0)
+        corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        flat = (corners - self.middle) @ np.stack([self.right, self.up], axis=1)
+        # Captions and legend need room above and below.
+        self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a metre
+        self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
+
+    def shade(self, cast: Caster, colours: Float[np.ndarray, "c 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """The picture: a colour each, shaded by how the surface turns from the light."""
+        centre = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
+        x, y = np.meshgrid(centre, -centre)
+        start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
+        origins = start.reshape(-1, 3)
+        distance, what = cast(origins, np.broadcast_to(self.sight, origins.shape).copy())
+        deep = np.where(np.isfinite(distance), distance, 2 * self.depth).reshape(self.size, self.size)
+        across, down = np.gradient(deep, axis=1) * self.scale, -np.gradient(deep, axis=0) * self.scale
+        normal = -self.sight + across[..., None] * self.right + down[..., None] * self.up
+        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+        # From over the viewer's left shoulder, so that no side is dark.
+        light = 0.6 * self.up - 0.6 * self.sight - 0.4 * self.right
+        lit = 0.35 + 0.65 * np.clip(normal @ light / np.linalg.norm(light), 0.0, 1.0)
+        image = np.where((what >= 0)[:, None], colours[np.maximum(what, 0) % len(colours)], PAPER)
+        image = image.reshape(self.size, self.size, 3)
+        shaded = np.where((what >= 0).reshape(self.size, self.size)[..., None], image * lit[..., None], image)
+        return shaded.astype(np.uint8)
+
+    def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
+        """Where a point of the world is in the picture."""
+        x, y = (point - self.middle) @ self.right, (point - self.middle) @ self.up
+        return self.size / 2 + x * self.scale, self.size / 2 - y * self.scale
+
+
+def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
+    pen = ImageDraw.Draw(tile)
+    reach = 0.15 * float(shape.size_xyz.max())
+    for pivot, axis in zip(shape.part_pivot[1:], shape.part_axis[1:], strict=True):
+        ends = [view.pixel(pivot + s * reach * axis) for s in (-1, 1)]
+        x, y = view.pixel(pivot)
+        pen.line(ends, fill=(0, 0, 0), width=1)
+        pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
+
+
+def _caption(tile: Image.Image, view: _View, title: str) -> None:
+    """Name the view and draw a bar of a round number of metres."""
+    pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
+    pen.text((10, 8), title, fill=(0, 0, 0), font=font)
+    room = view.size / view.scale / 3
+    bar = 10.0 ** np.floor(np.log10(room))
+    bar *= next(f for f in (5.0, 2.0, 1.0) if f * bar <= room)
+    low = view.size - 12
+    pen.line((10, low, 10 + bar * view.scale, low), fill=(0, 0, 0), width=2)
+    pen.text((10, low - 20), f"{bar:g} m", fill=(0, 0, 0), font=font)

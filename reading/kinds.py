@@ -1,0 +1,86 @@
+"""Whether a file is a vehicle or a scenery, judged by what is in it, and refusals of what cannot be meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from assets.naming import VEHICLE, says
+from geometry.errors import AssetError
+from reading.build import Options
+from reading.cleanup import FLAT, Piece, scenery_roles, vehicle_roles
+
+BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
+
+
+def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
+    """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
+
+    A scenery has ground by its names, and what is no ground fills more than a vehicle would; or it is flat and wide.
+    """
+    if not pieces:
+        return "vehicle"
+    if not _ground(pieces, options):
+        length, width, height = _extent(pieces)
+        across = max(length, width)
+        return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
+    kept = _vehicle(pieces)
+    return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
+
+
+def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> str:
+    """Refuse a scenery that is listed as a vehicle, or a vehicle as a scenery; a doubt where it may be meant, or "".
+
+    Options that say more about the file than names and sizes do (a scale, what to keep, what is ground) are believed.
+
+    Raises
+    ------
+    AssetError
+        If nobody can have meant it.
+    """
+    if not pieces:
+        return ""
+    ground = _ground(pieces, options)
+    if kind == "vehicle":
+        if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
+            return ""
+        kept = _vehicle(pieces)
+        if any(says(p.name, VEHICLE) for p in kept):
+            return ""  # a tank in centimetres has tracks, which are called like ground: `doubts` names the scale
+        has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
+        raise AssetError(
+            f"looks like a scenery and is listed as a vehicle: in it is {has}, and what would be the vehicle is "
+            f"{max(_extent(kept or pieces)):,.0f} m long",
+            remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
+        )
+    if options.scale or options.include or options.exclude or likely_kind(pieces, options) == "scenery":
+        return ""
+    telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
+    longest = max(_extent(_vehicle(pieces) or pieces))
+    if longest > BIGGEST_VEHICLE:
+        return ""
+    if telling:
+        raise AssetError(
+            f"looks like a vehicle and is listed as a scenery: in it is {telling!r}, and it is {longest:.1f} m long",
+            remedy="list it under [[assets.vehicles]], or name its ground in ground.include",
+        )
+    if not ground:
+        return f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
+    return ""
+
+
+def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
+    roles = scenery_roles(pieces, include=options.include, exclude=options.exclude)
+    return [p for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+
+
+def _vehicle(pieces: Sequence[Piece]) -> list[Piece]:
+    return [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
+
+
+def _extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
+    """Length, width and height of them all."""
+    bounds = np.array([p.bounds for p in pieces])
+    length, width, height = (bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)).tolist()
+    return length, width, height

@@ -1,0 +1,189 @@
+"""What was found in an asset file and what was made of it, as data that prints as a table or as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from geometry.errors import AssetError
+
+FAMILY = 6  # numbered copies from so many on share a row
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One object of the file, or all instances of it.
+
+    Parameters
+    ----------
+    name
+        Object name.
+    kind
+        Blender's object type.
+    use
+        A part's name ("hull", "turret", "gun"), "ground", "obstacle", "backdrop" or "dropped".
+    why
+        The reason.
+    count
+        How often it is drawn.
+    triangles
+        Of one of them, evaluated as rendered.
+    size
+        Extents in metres of the largest of them along x, y, z.
+    """
+
+    name: str
+    kind: str
+    use: str
+    why: str
+    count: int = 1
+    triangles: int = 0
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """The rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
+
+    Copies are gathered if they are alike in kind and use; the row is called after them with an asterisk, gives the
+    reason of the first, counts all, and is as large as the largest.
+    """
+    families: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        stem = row.name.rstrip("0123456789").rstrip(" ._-")
+        families.setdefault((stem if stem != row.name else row.name, row.kind, row.use), []).append(row)
+    result: list[Row] = []
+    for (stem, kind, use), family in families.items():
+        if len(family) < FAMILY:
+            result += family
+            continue
+        size = tuple(max(row.size[axis] for row in family) for axis in range(3))
+        count = sum(row.count for row in family)
+        result.append(
+            Row(f"{stem}*", kind, use, family[0].why, count, family[0].triangles, (size[0], size[1], size[2]))
+        )
+    return tuple(result)
+
+
+@dataclass(frozen=True, slots=True)
+class PartRow:
+    """A part that turns: where, about what, how far, and how that was found out. Metres and radians."""
+
+    name: str
+    parent: str
+    pivot: tuple[float, float, float]
+    axis: tuple[float, float, float]
+    limits: tuple[float, float]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A file that is wanted but not there."""
+
+    path: str
+    wanted_by: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """What a file was read as.
+
+    Parameters
+    ----------
+    kind
+        "vehicle" or "scenery".
+    path
+        The file.
+    size
+        Extents in metres: of the vehicle, or of the ground (of everything if there is none).
+    triangles
+        Drawn triangles of what is used, each instance counted.
+    unit
+        Metres to one unit of the file.
+    up
+        "z" or "y".
+    origin
+        What was subtracted from a scenery's coordinates, metres.
+    rows
+        Every object and what it is used as.
+    parts
+        Parts of a vehicle that turn.
+    missing
+        Textures and libraries that are not there.
+    doubts
+        What a person should look at, a sentence each.
+    written_by
+        The version of Blender that wrote the file, or the format.
+    """
+
+    kind: str
+    path: str
+    size: tuple[float, float, float]
+    triangles: int
+    unit: float
+    up: str
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rows: tuple[Row, ...] = ()
+    parts: tuple[PartRow, ...] = ()
+    missing: tuple[Missing, ...] = ()
+    doubts: tuple[str, ...] = ()
+    written_by: str = ""
+
+    def table(self) -> Table:
+        """Every object and what it is used as, for a terminal."""
+        table = Table(title=escape(f"{self.path}: {self.kind}"), title_justify="left")
+        for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
+            table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
+        for row in self.rows:
+            size = " x ".join(f"{x:.2f}" for x in row.size)
+            table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
+        return table
+
+    def notes(self) -> list[str]:
+        """What the table does not say, a line each: size, parts that turn, doubts."""
+        size = " x ".join(f"{x:.2f}" for x in self.size)
+        lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]
+        for part in self.parts:
+            low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
+            pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
+            turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
+            lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
+        return [*lines, *(f"doubt: {doubt}" for doubt in self.doubts)]
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as what JSON can hold."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> FileReport:
+        """The report that `to_json` gave."""
+        known: dict[str, Any] = {k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in data.items()}
+        known["rows"] = tuple(Row(**{**r, "size": tuple(r["size"])}) for r in data["rows"])
+        triples = ("pivot", "axis", "limits")
+        known["parts"] = tuple(PartRow(**{**p, **{k: tuple(p[k]) for k in triples}}) for p in data["parts"])
+        known["missing"] = tuple(Missing(m["path"], tuple(m["wanted_by"])) for m in data["missing"])
+        return cls(**known)
+
+
+def refuse_missing(reports: Sequence[FileReport]) -> None:
+    """Raise if any of the files lacks a texture or a library.
+
+    Raises
+    ------
+    AssetError
+        Naming the first file that lacks one, what it lacks and who wants it.
+    """
+    for report in reports:
+        if report.missing:
+            first, more = report.missing[0], len(report.missing) - 1
+            raise AssetError(
+                f"{first.path} is missing, which {', '.join(first.wanted_by) or 'the file'} wants"
+                + (f" (and {more} more)" if more else ""),
+                path=report.path,
+                remedy="put the file there, pack it into the .blend, or go on without --strict",
+            )

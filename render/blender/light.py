@@ -1,0 +1,178 @@
+"""Light and air: an HDRI as lamp and backdrop, and fog by meteorological visibility.
+
+Runs inside Blender; needs numpy and bpy only.
+
+References
+----------
+H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der freien Atmosphaere 12, 1924.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import bpy
+import numpy as np
+
+from reading.blender.frames import pose
+
+SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
+CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
+FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
+FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
+FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
+FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
+
+
+def extinction(visibility: float) -> float:
+    """Extinction in 1/m of air through which one sees `visibility` metres (Koschmieder)."""
+    return -math.log(CONTRAST_THRESHOLD) / visibility
+
+
+class HdriWorld:
+    """A world of our own in place of the scenery's."""
+
+    def __init__(self, scene: Any) -> None:
+        world = bpy.data.worlds.new("hulldown")
+        scene.world = world
+        # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew;
+        # measured, 1024 has the noise of 4096.
+        world.cycles.sampling_method = "MANUAL"
+        world.cycles.sample_map_resolution = SKY_MAP
+        nodes, links = world.node_tree.nodes, world.node_tree.links
+        nodes.clear()
+        coordinates = nodes.new("ShaderNodeTexCoord")
+        self._mapping = nodes.new("ShaderNodeMapping")
+        self._texture = nodes.new("ShaderNodeTexEnvironment")
+        self._background = nodes.new("ShaderNodeBackground")
+        output = nodes.new("ShaderNodeOutputWorld")
+        links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
+        links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
+        links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
+        links.new(self._background.outputs["Background"], output.inputs["Surface"])
+        self._airlight: dict[str, np.ndarray] = {}
+        self._path = ""
+
+    def set(self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray) -> None:
+        """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above."""
+        if path != self._path:
+            if not os.path.isfile(path):
+                raise FileNotFoundError(path)
+            if self._texture.image is None:
+                self._texture.image = bpy.data.images.load(path)
+            else:
+                # A new image in place of the old one would make Blender build its graph of all objects anew.
+                self._texture.image.filepath = path
+                self._texture.image.reload()
+            self._path = ""
+            # Without pixels Cycles would light the scene with magenta.
+            if 0 in self._texture.image.size:
+                raise RuntimeError(f"{path}: Blender cannot read this picture")
+            self._path = path
+        # The node turns the direction that is looked up, so the sky turns the other way.
+        cos, sin = math.cos(-yaw), math.sin(-yaw)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        axes = file_from_scenery[:3, :3] / np.linalg.norm(file_from_scenery[:3, :3], axis=0)
+        self._mapping.inputs["Rotation"].default_value = euler_xyz(turn @ axes.T)
+        self._background.inputs["Strength"].default_value = strength
+
+    def airlight(self) -> np.ndarray:
+        """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
+        if self._path not in self._airlight:
+            small = self._texture.image.copy()
+            small.scale(256, 128)
+            pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
+            small.pixels.foreach_get(pixels)
+            pixels = pixels.reshape(128, 256, small.channels)[..., :3].astype(np.float64)
+            bpy.data.images.remove(small)
+            elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
+            weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
+            self._airlight[self._path] = (pixels.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+        return self._airlight[self._path] * self._background.inputs["Strength"].default_value
+
+
+class Fog:
+    """Even air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
+
+    Koschmieder's law, for every ray that Cycles traces: what is seen through `d` metres of air is
+    ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
+    form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
+    in a world volume hides the sky, which is infinitely far away. Light that the fog takes from the sun comes back as
+    airlight, so that shadows fade as they do in fog.
+    """
+
+    def __init__(self, obj: Any) -> None:
+        self._object = obj
+        obj.data.from_pydata(*_unit_box())
+        obj.visible_shadow = True
+        material = bpy.data.materials.new("hulldown fog")
+        obj.data.materials.append(material)
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        nodes.clear()
+        self._absorption = nodes.new("ShaderNodeVolumeAbsorption")
+        self._absorption.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+        self._emission = nodes.new("ShaderNodeEmission")
+        both = nodes.new("ShaderNodeAddShader")
+        output = nodes.new("ShaderNodeOutputMaterial")
+        links.new(self._absorption.outputs["Volume"], both.inputs[0])
+        links.new(self._emission.outputs["Emission"], both.inputs[1])
+        links.new(both.outputs["Shader"], output.inputs["Volume"])
+        self.clear()
+
+    def clear(self) -> None:
+        """No fog."""
+        self._hide(True)
+
+    def _hide(self, hidden: bool) -> None:
+        # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
+        if self._object.hide_render != hidden:
+            self._object.hide_render = hidden
+
+    def fill(
+        self,
+        visibility: float,
+        airlight: np.ndarray,
+        camera: np.ndarray,
+        file_from_scenery: np.ndarray,
+        units_per_metre: float,
+    ) -> None:
+        """Fog.
+
+        Parameters
+        ----------
+        visibility
+            In metres.
+        airlight
+            (3,) radiance of endless fog.
+        camera
+            (3,) where the camera is in the scenery, in metres.
+        file_from_scenery, units_per_metre
+            The frame that everything is posed in.
+        """
+        per_unit = extinction(visibility) / units_per_metre
+        self._absorption.inputs["Density"].default_value = per_unit
+        peak = float(airlight.max())
+        self._emission.inputs["Color"].default_value = (*(airlight / max(peak, 1e-12)), 1.0)
+        self._emission.inputs["Strength"].default_value = per_unit * peak
+        reach = min(FOG_REACH * visibility, FOG_SIDE)
+        above = min(FOG_ABOVE * visibility, FOG_TOP)
+        box = np.diag([reach, reach, (reach + above) / 2, 1.0])
+        box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
+        pose(self._object, file_from_scenery @ box)
+        self._hide(False)
+
+
+def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, [], faces
+
+
+def euler_xyz(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Blender's XYZ Euler angles of a rotation matrix: first about x, then y, then z."""
+    y = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
+    if abs(rotation[2, 0]) < 1 - 1e-9:
+        return math.atan2(rotation[2, 1], rotation[2, 2]), y, math.atan2(rotation[1, 0], rotation[0, 0])
+    return 0.0, y, math.atan2(-rotation[0, 1], rotation[1, 1])

@@ -1,0 +1,126 @@
+"""Which vehicle is at each pixel's centre, by Cycles itself: the oracle that annotations are checked against.
+
+Everything glows with its object's number, one ray goes through the centre of each pixel, and the picture is read back.
+Materials do not matter: a leaf hides as much as the triangle it is drawn on, which is what the planner assumes too.
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from render.blender import cycles
+from render.blender.scene import Stage
+
+FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
+PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes
+ONE_RAY = {"samples": 1, "denoise": False, "adaptive_threshold": 0.0, "bounces": 0}
+
+
+class IndexPictures:
+    """A stage that is rendered as object numbers from now on.
+
+    Parameters
+    ----------
+    stage
+        Nothing but masks can be rendered on it afterwards.
+    device, threads
+        As of `render.blender.cycles.configure`.
+    """
+
+    def __init__(self, stage: Stage, *, device: str, threads: int = 0) -> None:
+        self.stage = stage
+        self._bare = bpy.data.scenes.new("hulldown bare")
+        self._bare.collection.objects.link(stage.root)
+        self._bare.collection.objects.link(stage.camera)
+        self._bare.camera = stage.camera
+        material, dark = _glowing_index(), bpy.data.worlds.new("hulldown dark")
+        dark.node_tree.nodes.clear()
+        for scene in (stage.scene, self._bare):
+            cycles.configure(scene, ONE_RAY, device=device, threads=threads)
+            scene.cycles.pixel_filter_type = "BOX"
+            scene.cycles.filter_width = PIXEL_CENTRE
+            scene.world = dark
+            scene.view_layers[0].material_override = material
+            settings = scene.render.image_settings
+            settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+        for obj in stage.scene.objects:
+            if _is_only_volume(obj):
+                obj.hide_render = True
+
+    def maps(self, vehicles: Sequence[Sequence[Any]], folder: Path) -> np.ndarray:
+        """Which vehicle each pixel's centre shows.
+
+        Parameters
+        ----------
+        vehicles
+            The objects of each vehicle, in place.
+        folder
+            For a temporary file.
+
+        Returns
+        -------
+        (1 + k, h, w) uint8: 1 for the first of the k vehicles and so on, 0 for anything else; first of the scene as
+        it is, then of each vehicle alone.
+        """
+        for number, objects in enumerate(vehicles):
+            for obj in objects:
+                obj.pass_index = FIRST + number
+        found = [self._render(self.stage.scene, folder)]
+        render, bare = self.stage.scene.render, self._bare
+        bare.render.resolution_x, bare.render.resolution_y = render.resolution_x, render.resolution_y
+        for objects in vehicles:
+            for obj in objects:
+                bare.collection.objects.link(obj)
+            found.append(self._render(bare, folder))
+            for obj in objects:
+                bare.collection.objects.unlink(obj)
+        numbers = np.stack(found)
+        return np.where(numbers >= FIRST, numbers - FIRST + 1, 0).astype(np.uint8)
+
+    def _render(self, scene: Any, folder: Path) -> np.ndarray:
+        path = folder / "object-index.exr"
+        scene.render.filepath = str(path)
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+        image = bpy.data.images.load(str(path))
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        pixels = np.empty(width * height * image.channels, dtype=np.float32)
+        image.pixels.foreach_get(pixels)
+        bpy.data.images.remove(image)
+        path.unlink()
+        # Blender's first row is the lowest.
+        return np.rint(pixels.reshape(height, width, -1)[::-1, :, 0]).astype(np.int64)
+
+
+def _glowing_index() -> Any:
+    material = bpy.data.materials.new("hulldown index")
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    info = nodes.new("ShaderNodeObjectInfo")
+    glow = nodes.new("ShaderNodeEmission")
+    output = nodes.new("ShaderNodeOutputMaterial")
+    links.new(info.outputs["Object Index"], glow.inputs["Strength"])
+    glow.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    links.new(glow.outputs["Emission"], output.inputs["Surface"])
+    return material
+
+
+def _is_only_volume(obj: Any) -> bool:
+    """Whether a mesh has nothing but volume shaders; as a surface it would hide what it only veils."""
+    if obj.type == "VOLUME":
+        return True
+    outputs = [
+        slot.material.node_tree.get_output_node("CYCLES")
+        for slot in obj.material_slots
+        if slot.material is not None and slot.material.node_tree is not None
+    ]
+    return bool(outputs) and all(
+        output is not None and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked
+        for output in outputs
+    )

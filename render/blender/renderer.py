@@ -1,0 +1,111 @@
+"""What a worker does with a job: load what it needs and does not have, pose, render, measure.
+
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from render.blender import cycles
+from render.blender.object_index import IndexPictures
+from render.blender.scene import Stage
+
+
+class Renderer:
+    """Keeps a loaded scenery and its device between jobs."""
+
+    def __init__(self) -> None:
+        self._stage: Stage | None = None
+        self._index: IndexPictures | None = None
+        self._loaded: Any = None  # what the stage was set up from
+        self._settings: Any = None  # that its scene has
+        self._device = "CPU"
+        self._threads = 0
+
+    def reset(self) -> None:
+        """Trust nothing that is in memory: the next job loads everything afresh."""
+        self._stage = self._index = self._loaded = self._settings = None
+
+    def do(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        """Do one job and say how it went."""
+        return {"start": self._start, "render": self._render, "mask": self._mask}[job["do"]](job)
+
+    def _start(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        self._device, count = cycles.choose_device(job["device"], job["index"])
+        self._threads = job["threads"]
+        return {"done": "start", "device": self._device, "devices": count}
+
+    def _ready(self, job: Mapping[str, Any], wanted: Any) -> Stage:
+        """The stage that a job is for, loaded again if it is another than the last one's."""
+        if self._stage is None or self._loaded != wanted:
+            self.reset()
+            scenery = job["scenery"]
+            self._stage = Stage(scenery["path"], np.array(scenery["scenery_from_file"]), scenery["standing"])
+            if job["do"] == "mask":
+                self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
+            self._loaded = wanted
+        return self._stage
+
+    def _render(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        start = time.monotonic()
+        stage = self._ready(job, ["render", job["scenery"]])
+        if self._settings != job["settings"]:
+            cycles.configure(stage.scene, job["settings"], device=self._device, threads=self._threads)
+            self._settings = job["settings"]
+        stage.place_vehicles(job["vehicles"])
+        stage.set_camera(job["camera"])
+        stage.set_light(job["light"])
+        stage.scene.cycles.seed = job["seed"]
+        output = Path(job["output"])
+        output.unlink(missing_ok=True)  # of an attempt that failed
+        stage.scene.render.filepath = os.fspath(output)
+        posed = time.monotonic()
+        with _Stopwatch() as watch:
+            bpy.ops.render.render(write_still=True, scene=stage.scene.name)
+        end = time.monotonic()
+        if not output.is_file():
+            raise RuntimeError("Blender has written no picture")
+        parts = {
+            "load": posed - start,
+            "sync": watch.sampling - posed,
+            "sample": watch.finished - watch.sampling,
+            "save": end - watch.finished,
+        }
+        return {"done": "render", "seconds": parts}
+
+    def _mask(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        stage = self._ready(job, ["mask", job["scenery"]])
+        assert self._index is not None
+        vehicles = stage.place_vehicles(job["vehicles"])
+        stage.set_camera(job["camera"])
+        output = Path(job["output"])
+        np.save(output, self._index.maps(vehicles, output.parent))
+        return {"done": "mask"}
+
+
+class _Stopwatch:
+    """When Cycles began to sample and when it had finished, by what it says of itself."""
+
+    def __enter__(self) -> _Stopwatch:
+        self.sampling = self.finished = 0.0
+        bpy.app.handlers.render_stats.append(self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bpy.app.handlers.render_stats.remove(self._hear)
+        self.finished = self.finished or time.monotonic()
+        self.sampling = self.sampling or self.finished
+
+    def _hear(self, stats: str, *_: object) -> None:
+        if "Sample " in stats and not self.sampling:
+            self.sampling = time.monotonic()
+        if "Finished" in stats:
+            self.finished = time.monotonic()

@@ -1,0 +1,171 @@
+"""One scenery in Blender's memory, and what a plan row puts into it: vehicles, camera, HDRI, fog.
+
+Everything is posed in the coordinates of the scenery's file, so that its parents, instances and scattered plants stay
+as they are. Runs inside Blender; needs numpy and bpy only.
+
+References
+----------
+Paper, sections 2.1.3 and 2.1.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence, Set
+from typing import Any
+
+import bpy
+import numpy as np
+
+from assets.naming import BACKDROPS, says
+from reading.blender.frames import pose, world_from_blender_camera
+from reading.blender.tidy_properties import PART, REST, TIDY
+from render.blender.light import Fog, HdriWorld
+
+MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
+BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
+SENSOR_WIDTH = 36.0
+SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
+FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
+
+
+class Stage:
+    """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
+
+    def __init__(self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = ()) -> None:
+        # Never run what a file brings along: see docs/rendering.md.
+        bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+        self.path = path
+        self.scene = bpy.context.scene
+        self.file_from_scenery = np.linalg.inv(scenery_from_file)
+        self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
+        _delete_delivered()
+        _hide_backdrops(self.scene, frozenset(standing))
+        self.root = bpy.data.objects.new("hulldown", None)
+        self.scene.collection.objects.link(self.root)
+        self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        self.scene.camera = self.camera
+        self.world = HdriWorld(self.scene)
+        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
+        self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
+        self._companions = False  # whether any row has had more than one vehicle file
+
+    def _add(self, name: str, data: Any) -> Any:
+        obj = bpy.data.objects.new(name, data)
+        obj.parent = self.root
+        self.scene.collection.objects.link(obj)
+        return obj
+
+    def place_vehicles(self, vehicles: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+        """Stand exactly these vehicles in the scenery; the objects of each.
+
+        Parameters
+        ----------
+        vehicles
+            Each with `tidy` (path of the file that `reading.blender.tidy` made) and `world_from_parts` (p, 4, 4).
+        """
+        used: dict[str, int] = {}
+        placed = []
+        for vehicle in vehicles:
+            path = vehicle["tidy"]
+            copy = used.get(path, 0)
+            used[path] = copy + 1
+            collection = self._vehicle(path, copy)
+            parts = self.file_from_scenery @ np.asarray(vehicle["world_from_parts"], dtype=np.float64)
+            for obj in collection.objects:
+                pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+            placed.append(list(collection.objects))
+        linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
+        children = self.scene.collection.children
+        for collection in [c for copies in self._vehicles.values() for c in copies]:
+            if (collection in linked) != (collection.name in children):
+                (children.link if collection in linked else children.unlink)(collection)
+        self._forget_all_but(used)
+        return placed
+
+    def _vehicle(self, path: str, copy: int) -> Any:
+        copies = self._vehicles.pop(path, [])
+        self._vehicles[path] = copies
+        if not copies:
+            with bpy.data.libraries.load(path, link=False) as (source, target):
+                target.collections = source.collections[:1]
+            copies.append(target.collections[0])
+            copies[0].use_fake_user = True  # while it is in no scene, nothing else keeps it from being purged
+            for obj in copies[0].objects:
+                obj.parent = self.root
+                obj.matrix_basis.identity()  # `pose` says all
+        while len(copies) <= copy:
+            twin = bpy.data.collections.new(copies[0].name)
+            for obj in copies[0].objects:
+                twin.objects.link(obj.copy())  # shares mesh and materials
+            twin.use_fake_user = True
+            copies.append(twin)
+        return copies[copy]
+
+    def _forget_all_but(self, used: Mapping[str, int]) -> None:
+        self._companions = self._companions or len(used) > 1
+        kept = MAX_VEHICLES if self._companions else 1  # rows are sorted: what stands alone does not come back
+        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
+            copies = self._vehicles.pop(path)
+            bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
+            bpy.data.orphans_purge(do_recursive=True)
+
+    def set_camera(self, camera: Mapping[str, Any]) -> None:
+        """Look through the row's camera.
+
+        Parameters
+        ----------
+        camera
+            `world_from_camera` (4, 4), `fov_x` in radians, `width`, `height` in pixels, `near` in metres.
+        """
+        matrix = self.file_from_scenery @ world_from_blender_camera(camera["world_from_camera"])
+        matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
+        pose(self.camera, matrix)
+        data = self.camera.data
+        data.sensor_fit = "HORIZONTAL"
+        data.lens_unit = "MILLIMETERS"
+        half = math.tan(camera["fov_x"] / 2)
+        data.lens = max(SENSOR_WIDTH / (2 * half), SHORTEST_LENS)
+        data.sensor_width = 2 * half * data.lens
+        data.clip_start = camera["near"] * self.units_per_metre
+        data.clip_end = FAR * self.units_per_metre
+        render = self.scene.render
+        render.resolution_x, render.resolution_y = camera["width"], camera["height"]
+
+    def set_light(self, light: Mapping[str, Any]) -> None:
+        """Light by an HDRI, and fog if the row has weather.
+
+        Parameters
+        ----------
+        light
+            `hdri` (path), `yaw` (radians counter-clockwise), `strength`, `visibility` (metres or None).
+        """
+        self.world.set(light["hdri"], light["yaw"], light["strength"], self.file_from_scenery)
+        if not light["visibility"]:
+            self.fog.clear()
+            return
+        eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
+        airlight = self.world.airlight()
+        self.fog.fill(light["visibility"], airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
+
+
+def _delete_delivered() -> None:
+    """Remove the file's own cameras (paper, 2.1.3) and its lamps: the HDRI is the light, and one sun is enough."""
+    unwanted = [obj for obj in bpy.data.objects if obj.type in ("CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER")]
+    bpy.data.batch_remove(unwanted)
+
+
+def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
+    """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing.
+
+    What was planned as ground or obstacle is `standing`, and stays; a tidy twin holds no sky any more.
+    """
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    for obj in bpy.data.objects:  # those of collections that are only instanced, and in no scene, too
+        cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
+        if cut or (_is_backdrop(obj) and obj.name not in standing and TIDY not in scene):
+            obj.hide_render = True
+
+
+def _is_backdrop(obj: Any) -> bool:
+    return obj.type in BACKDROP_TYPES and any(says(name, BACKDROPS) for name in (obj.name, obj.data.name))

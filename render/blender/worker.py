@@ -1,0 +1,97 @@
+"""The child process that Blender lives in: takes jobs as JSON lines on stdin, answers on what was its stdout.
+
+Started as `python -P render/blender/worker.py` where bpy is a module, or by an installed Blender with `--python`;
+Blender stays on the main thread. Needs numpy and bpy only. Everything else that is printed here, Blender's own messages
+included, goes to stderr, which the supervisor keeps as a log.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import queue
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+OLDEST = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
+ANSWER = "@hulldown "  # begins the lines that are answers; an installed Blender prints before we can stop it
+
+
+def main() -> int:
+    """Answer jobs until stdin ends."""
+    _find_hulldown()
+    answers = _claim_stdout()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
+    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
+    import bpy  # takes a second, and its messages belong in the log
+
+    def answer(message: Mapping[str, Any]) -> None:
+        answers.write(ANSWER + json.dumps(message) + "\n")
+        answers.flush()
+
+    if bpy.app.version < OLDEST:
+        wanted = ".".join(map(str, OLDEST))
+        answer(_unusable(f"it is Blender {bpy.app.version_string}", f"use version {wanted} or later"))
+        return 1
+    try:
+        from render.blender.cycles import Unusable
+        from render.blender.renderer import Renderer
+    except ModuleNotFoundError as error:
+        python = f"the Python {platform.python_version()} of Blender {bpy.app.version_string}"
+        answer(_unusable(f"{python} has no {error.name}", f"install {error.name} for that Python"))
+        return 1
+    renderer = Renderer()
+    answer({"ready": bpy.app.version_string})
+    while line := jobs.get():
+        try:
+            message = renderer.do(json.loads(line))
+        except Unusable as error:
+            message = _unusable(*error.args)
+        except Exception as error:
+            traceback.print_exc()
+            message = {"failed": f"{type(error).__name__}: {error}"}
+            renderer.reset()
+        answer(message)
+    return 0
+
+
+def _find_hulldown() -> None:
+    """Put hulldown's folder on the path, and take this script's own off it: its cycles.py would hide Blender's.
+
+    It comes last: where hulldown is installed, it is a folder full of other packages, and Blender shall keep its numpy.
+    """
+    here = Path(__file__).resolve().parent
+    sys.path[:] = [*(entry for entry in sys.path if Path(entry or ".").resolve() != here), str(here.parents[1])]
+
+
+def _unusable(problem: str, remedy: str) -> dict[str, str]:
+    """The answer that ends the run: other images would fare no better."""
+    return {"unusable": problem, "remedy": remedy}
+
+
+def _claim_stdout() -> Any:
+    """A stream to the supervisor; file descriptor 1 now leads to the log, for C code that prints."""
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    return stream
+
+
+def _read_jobs(jobs: queue.SimpleQueue[str]) -> None:
+    """Pass lines on; when the supervisor has died, end at once even in the middle of a picture."""
+    for line in sys.stdin:
+        jobs.put(line)
+    jobs.put("")
+    time.sleep(1.0)  # an idle worker has ended by itself by now
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
