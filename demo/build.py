@@ -60,7 +60,7 @@ def build_demo_assets(
 
 def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
     """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
-    # -P: a folder `render` where the user happens to be must not come first.
+    # -P: a folder `demo` where the user happens to be must not come first.
     command = [sys.executable, "-P", "-m", "demo", str(folder), "--seed", str(seed), "--only"]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     said: list[str] = []

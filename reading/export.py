@@ -144,7 +144,7 @@ def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
     job_file = answer_file.with_name("job.json")
     job_file.write_text(json.dumps(job), encoding="utf-8")
     python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    # -P: a folder `render` where the user happens to be must not come first. The matrices here are 4x4, for which
+    # -P: a folder `reading` where the user happens to be must not come first. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
     ran = subprocess.run(
         [sys.executable, "-P", "-m", "reading.blender.reader", str(job_file)],

@@ -1,6 +1,7 @@
 import contextlib
 import io
 import json
+import os
 import subprocess
 import sys
 
@@ -202,7 +203,7 @@ def test_a_reader_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeyp
 def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     (tmp_path / "mine").write_text("mine")
     for name in ("annotations.json", "provenance.json", "failures.jsonl"):
-        (tmp_path / f".{name}.tmp").symlink_to(tmp_path / "mine")
+        (tmp_path / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
     CocoDataset.open(tmp_path).close()
     add_provenance(tmp_path, {"a": {"blender": [], "devices": [], "systems": []}})
     write_failures(tmp_path, [{"file_name": "a.png"}])

@@ -165,16 +165,15 @@ def test_building_tells_blenders_last_words(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "ROOT", tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
-    (tmp_path / "render").mkdir()
-    (tmp_path / "render" / "__init__.py").write_text("raise SystemExit('no display, no cry')\n")
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "__init__.py").write_text("raise SystemExit('no display, no cry')\n")
     with pytest.raises(AssetError, match=r"could not build the demo assets: no display, no cry"):
         build.build_demo_assets(tmp_path / "out")
 
 
 def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
-    fake = tmp_path / "render" / "demo"
-    fake.mkdir(parents=True)
-    (fake.parent / "__init__.py").write_text("")
+    fake = tmp_path / "demo"
+    fake.mkdir()
     (fake / "__init__.py").write_text("")
     # Stands for Blender: "builds" eight files, then dies of a signal.
     (fake / "__main__.py").write_text(

@@ -167,7 +167,7 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
     subprocess.run([sys.executable, "-c", FILE, str(path), "0.01"], check=True, capture_output=True)
     inspected = inspect(path, pictures=True)
-    found = inspected[0].report
+    found = inspected.report
     assert found.kind == "vehicle"
     assert found.unit == 0.01
     assert found.size == pytest.approx((0.04, 0.04, 0.055))
@@ -178,14 +178,14 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
     assert [Path(m.path).name for m in found.missing] == ["gone.png"]
     assert found.missing[0].wanted_by == ("Hull",)
     assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt for doubt in found.doubts)
-    write_pictures(inspected, tmp_path / "tiny.png")
+    write_pictures([inspected], tmp_path / "tiny.png")
     with Image.open(tmp_path / "tiny.png") as image:
         assert image.size == (960, 960)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.blend", "tiny.png"]
     with pytest.raises(AssetError, match=r"gone\.png is missing, which Hull wants"):
         inspect(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
-        write_pictures(inspected, tmp_path / "none" / "x.png")
+        write_pictures([inspected], tmp_path / "none" / "x.png")
 
 
 @pytest.mark.blender

@@ -11,6 +11,8 @@ from PIL import Image
 
 import cli
 from geometry.errors import ConfigError
+from planning.config import load_config
+from planning.loading import inspect_config
 from reading.inspect import inspect
 
 FILES = """
@@ -85,9 +87,9 @@ def test_the_files_of_a_config_are_read_with_its_options(
 
 @pytest.mark.blender
 def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
-    inspect(project / "hulldown.toml")
+    inspect_config(load_config(project / "hulldown.toml"))
     read: list[str] = []
-    inspect(project / "hulldown.toml", progress=read.append)
+    inspect_config(load_config(project / "hulldown.toml"), progress=read.append)
     assert read == []
     inspect(project / "park.blend", progress=read.append)
     assert read == [str(project / "park.blend")]
@@ -118,4 +120,4 @@ def test_what_is_wrong_with_a_config_is_one_line(
 
 def test_a_config_that_is_not_there_says_how_to_get_one() -> None:
     with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
-        inspect("none.toml")
+        load_config("none.toml")
