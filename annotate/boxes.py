@@ -63,6 +63,16 @@ def surface_box(
     Returns
     -------
     xywh in continuous pixels, or None if no surface counts. What occludes the surface plays no part.
+
+    Examples
+    --------
+    >>> import math
+    >>> import numpy as np
+    >>> from camera.intrinsics import Intrinsics
+    >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), np.eye(4))
+    >>> triangle = np.array([[-1.0, -1.0, 10.0], [1.0, -1.0, 10.0], [0.0, 1.0, 10.0]])
+    >>> surface_box(triangle, [[0, 1, 2]], camera).round(6).tolist()
+    [288.0, 208.0, 64.0, 64.0]
     """
     vertices = checked(vertices_world, "vertices_world", ("v", 3))
     triangles = checked(faces, "faces", ("f", 3), dtype=np.int64)
@@ -80,6 +90,22 @@ class VehicleBoxes:
     ----------
     shape
         The vehicle.
+
+    Examples
+    --------
+    >>> import math
+    >>> import numpy as np
+    >>> from camera.intrinsics import Intrinsics
+    >>> from geometry.meshes import Mesh
+    >>> wall = Mesh(np.array([[0.0, -2, 0], [0, 2, 0], [0, 2, 3], [0, -2, 3]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> rigid = VehicleShape(
+    ...     "wall", wall, np.zeros(4, int), ("hull",), np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]),
+    ...     np.zeros((1, 2)), np.eye(4),
+    ... )
+    >>> looking_along_x = np.array([[0.0, 0, 1, -10], [-1, 0, 0, 0], [0, -1, 0, 1.5], [0, 0, 0, 1]])
+    >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), looking_along_x)
+    >>> VehicleBoxes(rigid).box(np.eye(4), camera).round(6).tolist()
+    [256.0, 192.0, 128.0, 96.0]
     """
 
     def __init__(self, shape: VehicleShape) -> None:

@@ -31,6 +31,15 @@ class Intrinsics:
     References
     ----------
     Paper, equations 2 to 6.
+
+    Examples
+    --------
+    >>> import math
+    >>> camera = Intrinsics(width=1920, height=1080, fov_x=math.radians(60.0))
+    >>> round(camera.f_px, 1), round(math.degrees(camera.fov_y), 1)
+    (1662.8, 36.0)
+    >>> round(float(camera.distance_for(2.4, 0.2)), 2)  # 2.4 m high, a fifth of the image's height
+    18.48
     """
 
     width: int

@@ -79,6 +79,16 @@ class Camera:
     ------
     ValueError
         If the pose is no rigid transform.
+
+    Examples
+    --------
+    >>> import math
+    >>> import numpy as np
+    >>> from camera.intrinsics import Intrinsics
+    >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), np.eye(4))  # at the origin, looking along +z
+    >>> pixels, depth = camera.project([[0.0, 0.0, 10.0], [1.0, 0.5, 10.0], [0.0, 0.0, -1.0]])
+    >>> pixels.round(6).tolist(), depth.tolist()
+    ([[320.0, 240.0], [352.0, 256.0], [nan, nan]], [10.0, 10.0, -1.0])
     """
 
     intrinsics: Intrinsics

@@ -31,7 +31,21 @@ MERGE_SHARE = 0.02  # of a run's time may go into rewriting annotations.json, ho
 
 
 class CocoDataset:
-    """A COCO dataset that this process alone may append to; made by `CocoDataset.open`."""
+    """A COCO dataset that this process alone may append to; made by `CocoDataset.open`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with CocoDataset.open(folder, categories=["truck"]) as dataset:
+    ...         image_id = dataset.append(
+    ...             {"file_name": "1.jpg", "width": 640, "height": 480},
+    ...             [{"category": "truck", "bbox": [100.0, 120.5, 80.0, 40.0]}],
+    ...         )
+    ...     image_id, sorted(path.name for path in Path(folder).glob("*.json"))
+    (1, ['annotations.json'])
+    """
 
     def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document, made: list[Path]) -> None:
         self.folder = folder

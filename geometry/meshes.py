@@ -29,6 +29,13 @@ class Mesh:
     ------
     ValueError
         Naming the mesh and the first offender: wrong shape, NaN or infinite vertex, face index out of range, no face.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mesh = Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 1]]), np.array([[0, 1, 2]]), "ramp")
+    >>> mesh.bounds.tolist()
+    [[0.0, 0.0, 0.0], [2.0, 3.0, 1.0]]
     """
 
     # Plain arrays here: shapes are checked below, with errors that name the mesh.

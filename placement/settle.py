@@ -133,6 +133,17 @@ def settle(
     References
     ----------
     Paper, section 2.1.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from geometry.meshes import Mesh
+    >>> ramp = Mesh(np.array([[0.0, 0, 0], [40, 0, 8], [40, 40, 8], [0, 40, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> settled = settle(Terrain(ramp), [7.0, 3.5, 2.4], xy=[[20.0, 20.0], [-5.0, 20.0]], yaw=[0.0, 0.0])
+    >>> settled.ok.tolist()  # the second stands beside the ground
+    [True, False]
+    >>> settled.world_from_vehicle[0, :3, 3].round(6).tolist(), settled.gap[0].round(6) == 0.0
+    ([20.0, 20.0, 4.0], True)
     """
     size = checked(size_xyz, "size_xyz", (3,))
     positions = checked(xy, "xy", ("k", 2))

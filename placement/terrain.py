@@ -52,6 +52,15 @@ class Terrain:
     mesh
         All ground triangles, of any winding, connected or not, in metres, with coordinates within 1e30. Triangles
         that are exactly vertical or have no area are no ground.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from geometry.meshes import Mesh
+    >>> slope = Mesh(np.array([[0.0, 0, 0], [10, 0, 5], [10, 10, 5], [0, 10, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> hits = Terrain(slope).top_hits([[4.0, 3.0], [20.0, 0.0]])
+    >>> hits.z.tolist(), hits.face.tolist()
+    ([2.0, nan], [0, -1])
     """
 
     def __init__(self, mesh: Mesh) -> None:

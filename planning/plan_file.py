@@ -156,6 +156,12 @@ def read_plan(path: str | Path) -> Plan:
     ------
     ConfigError
         If the file is missing, is no plan, or was written by a later version.
+
+    Examples
+    --------
+    >>> plan = read_plan("plan.jsonl")
+    >>> len(plan)
+    22
     """
     path = Path(path)
     try:

@@ -1,0 +1,56 @@
+"""The examples in docstrings run, and every name that docs tell readers to import has one."""
+
+import doctest
+import importlib
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from planning.write import write_plan
+from tests.planning_assets import small_assets, small_config
+
+ROOT = Path(__file__).parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+*PACKAGES, _ = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+IN_BLENDER = {"blender", "demo"}  # folders whose code runs inside Blender's process
+MODULES = [
+    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for package in PACKAGES
+    for path in sorted((ROOT / package).rglob("*.py"))
+    if not IN_BLENDER & set(path.relative_to(ROOT).parts) and ">>>" in path.read_text(encoding="utf-8")
+]
+# What DESIGN and docs/ name for import.
+PUBLIC = [
+    "geometry.meshes.Mesh",
+    "placement.terrain.Terrain",
+    "placement.settle.settle",
+    "camera.intrinsics.Intrinsics",
+    "camera.projection.Camera",
+    "annotate.boxes.surface_box",
+    "annotate.boxes.VehicleBoxes",
+    "planning.plan_file.read_plan",
+    "dataset.coco.CocoDataset",
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the examples run: a folder with a plan in it."""
+    folder = tmp_path_factory.mktemp("examples")
+    write_plan(small_config(), small_assets(), folder / "plan.jsonl")
+    return folder
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_examples_run(module, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    result = doctest.testmod(importlib.import_module(module), optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_names_have_an_example(name):
+    module, _, attribute = name.rpartition(".")
+    assert ">>>" in getattr(importlib.import_module(module), attribute).__doc__
