@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 from demo.build import build_demo_assets
 from demo.catalogue import CATEGORY, SCENERY_FILES
 from geometry.errors import ConfigError
+from geometry.files import replacing
 from planning.template import config_text
 
 CONFIG = "hulldown.toml"
@@ -62,7 +62,6 @@ def create_project(
         hdris=["hdris/*.exr"],
         values=SMALL if small else {},
     )
-    partial = config.with_name(f".{CONFIG}.partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, config)
+    with replacing(config) as file:
+        file.write(text.encode())
     return config

@@ -18,6 +18,7 @@ from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.visibility import Plane
+from geometry.files import replacing
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
 from planning.config import parse_config
@@ -66,10 +67,8 @@ def preview_sheet(
         if progress:
             progress(done + 1, len(indices))
     sheet = contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    sheet.save(partial, format="PNG")
-    partial.replace(path)
+    with replacing(Path(path)) as file:
+        sheet.save(file, format="PNG")
 
 
 def caption(row: Mapping[str, Any]) -> str:

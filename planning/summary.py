@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from jaxtyping import Float, Int
 from rich.markup import escape
 from rich.table import Table
 
+from geometry.files import replacing
 from planning.refusal import AIMING, BY_KEY, PLACING, Refusal
 
 # COCO's classes of size, by area in square pixels.
@@ -237,10 +237,8 @@ class Summary:
                     axis.xaxis.set_minor_formatter(NullFormatter())
             axis.set_title(histogram.title)
         figure.suptitle(f"{self.images:,} images at {self.positions:,} positions")
-        path = Path(path)
-        partial = path.with_name(path.name + ".partial")
-        figure.savefig(partial, format="png", dpi=100)
-        os.replace(partial, path)
+        with replacing(Path(path)) as file:
+            figure.savefig(file, format="png", dpi=100)
 
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         classes = {category: sum(models.values()) for category, models in _nested(self.vehicles).items()}

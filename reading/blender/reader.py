@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from assets.bundle import save_scenery, save_vehicle
 from geometry.errors import AssetError, HulldownError
+from geometry.files import replacing
 from reading.blender.evaluate import HIDDEN, Evaluated, evaluate
 from reading.blender.importers import open_file
 from reading.blender.textures import missing_files, used_files
@@ -39,9 +40,8 @@ def main(job_path: str) -> None:
         answer = read(job)
     except HulldownError as error:
         answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
-    unfinished = Path(job["answer"] + ".part")
-    unfinished.write_text(json.dumps(answer), encoding="utf-8")
-    unfinished.replace(job["answer"])
+    with replacing(Path(job["answer"])) as file:
+        file.write(json.dumps(answer).encode())
 
 
 def read(job: Mapping[str, Any]) -> dict[str, Any]:
