@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,22 +11,17 @@ from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
 from camera.projection import NEAR, Camera, directions
-from camera.target import Standing
-from camera.visibility import TOUCHING, Occluder
+from camera.target import PosedVehicle
+from camera.visibility import TOUCHING
+from camera.world import World
 from geometry.arrays import checked
-from geometry.transforms import invert_rigid
 
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
 def vehicle_mask(
-    vehicle: Standing,
-    camera: Camera,
-    *,
-    xywh: ArrayLike | None = None,
-    occluders: Sequence[Occluder] = (),
-    others: Sequence[Standing] = (),
+    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: World | None = None
 ) -> Bool[np.ndarray, "h w"]:
     """The pixels whose centre shows the vehicle.
 
@@ -38,11 +33,9 @@ def vehicle_mask(
         What sees it; nothing nearer than `NEAR` is seen.
     xywh
         The vehicle's box in the image: only pixels with their centre in it are looked at. None: all pixels.
-    occluders
-        What may hide the vehicle: a `RayCaster`, an `InstancedScene`, a `Plane`, in world coordinates. With no
-        occluders and no others the mask is the whole silhouette in the image.
-    others
-        Other vehicles that may hide it, each in one pose.
+    world
+        What may hide the vehicle: ground, obstacles and other vehicles. None: the mask is the whole silhouette in the
+        image.
 
     Returns
     -------
@@ -56,30 +49,14 @@ def vehicle_mask(
     mask = np.zeros((height, width), dtype=bool)
     if not len(rows):
         return mask
-    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5)
-    pose = camera.world_from_camera[None]
-    distance = np.full(len(along), np.inf)
-    for part, camera_from_part in vehicle.seen_from(pose):
-        met = part.caster.cast(*_rays(invert_rigid(camera_from_part)[0], along))
-        distance = np.minimum(distance, met.distance)
-    left = np.flatnonzero(np.isfinite(distance))
-    for occluder in occluders:
-        rays = _rays(camera.world_from_camera, along[left])
-        left = left[~occluder.occluded(*rays, max_distance=distance[left] - TOUCHING)]
-    for other in others:
-        for part, camera_from_part in other.seen_from(pose):
-            rays = _rays(invert_rigid(camera_from_part)[0], along[left])
-            left = left[~part.caster.occluded(*rays, max_distance=distance[left] - TOUCHING)]
-    mask[rows[left], columns[left]] = True
+    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
+    origins = camera.position + NEAR * along
+    distance = vehicle.cast(origins, along).distance
+    seen = np.flatnonzero(np.isfinite(distance))
+    if world is not None:
+        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
+    mask[rows[seen], columns[seen]] = True
     return mask
-
-
-def _rays(
-    frame_from_camera: Float[np.ndarray, "4 4"], along: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Origins on the near plane, and directions, in another frame."""
-    turned = along @ frame_from_camera[:3, :3].T
-    return frame_from_camera[:3, 3] + NEAR * turned, turned
 
 
 def encode(mask: ArrayLike) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from geometry.meshes import Mesh
-from geometry.sums import compose, product, turn
+from geometry.small_matrices import compose, product, turn
 from geometry.transforms import apply
 
 Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest

@@ -17,6 +17,7 @@ from camera.intrinsics import Intrinsics
 from camera.shell import camera_pose
 from camera.target import VehicleTarget
 from camera.visibility import visible_fraction
+from camera.world import World
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_z
@@ -121,7 +122,7 @@ def _places(density: float) -> np.ndarray:
 def _planned(shape: Any, cameras: np.ndarray, lens: Intrinsics, mesh: Mesh, poses: np.ndarray) -> np.ndarray:
     wood = InstancedScene([mesh], np.zeros(len(poses), dtype=int), poses)
     return visible_fraction(
-        VehicleTarget(shape), np.eye(4)[None], cameras, intrinsics=lens, obstacles=wood, rays=RAYS
+        VehicleTarget(shape), np.eye(4)[None], cameras, intrinsics=lens, world=World(obstacles=wood), rays=RAYS
     ).fraction  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.size import solve_distance
-from camera.target import Standing, VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply, invert_rigid
@@ -125,7 +125,7 @@ def with_antenna(shape: VehicleShape) -> VehicleShape:
 def _beyond(shape: VehicleShape, poses: np.ndarray) -> np.ndarray:
     """How far the exact box reaches beyond the mask's, or the other way round: the largest of four sides."""
     boxes, target = VehicleBoxes(shape), VehicleTarget(shape)
-    standing = Standing(target, np.eye(4)[None], {})
+    standing = PosedVehicle(target, np.eye(4)[None], {})
     found = []
     for pose in poses:
         camera = Camera(HD, pose)

@@ -16,6 +16,7 @@ from camera.projection import Camera, project
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.target import VehicleTarget
 from camera.visibility import error_bound, visible_fraction
+from camera.world import World
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
 from geometry.rays import RayCaster
@@ -25,7 +26,7 @@ RAYS = (64, 256, 1024, 4096, 16384, 65536)
 SIZE = 600.0  # metres of ground to each side of the middle
 
 
-class World:
+class Woods:
     """Waves of ground, a wood on it, a tank in many places, and cameras that look at it."""
 
     def __init__(self, n: int, *, cells: int, trees: int) -> None:
@@ -63,8 +64,7 @@ class World:
             self.world_from_camera[rows],
             intrinsics=HD,
             articulation=self.articulation[rows],
-            ground=self.ground_rays,
-            obstacles=self.wood if wood else None,
+            world=World(self.ground_rays, self.wood) if wood else World(self.ground_rays),
             rays=rays,
             seed=seed,
         ).fraction
@@ -112,7 +112,7 @@ def _tree() -> Mesh:
 def run(quick: bool) -> dict:
     """Measure."""
     views, rounds = (12, 3) if quick else (100, 7)
-    world = World(max(views, 256 if quick else 512), cells=250 if quick else 700, trees=2000 if quick else 10_000)
+    world = Woods(max(views, 256 if quick else 512), cells=250 if quick else 700, trees=2000 if quick else 10_000)
     result = {
         "faces": {
             "vehicle": len(world.shape.mesh.faces), "ground": len(world.ground.faces), "tree": len(world.tree.faces)
@@ -125,7 +125,7 @@ def run(quick: bool) -> dict:
     return result
 
 
-def _errors(world: World, views: int, quick: bool) -> dict:
+def _errors(world: Woods, views: int, quick: bool) -> dict:
     """Per contender and number of rays: errors over all views, in shares of the silhouette; nan where none is told."""
     truth, hits, boxes, casters = np.full(views, np.nan), np.zeros(views), [], []
     for i in range(views):
@@ -168,7 +168,7 @@ def _errors(world: World, views: int, quick: bool) -> dict:
     return {"contenders": out, "bound": bound, "partly_hidden": partly, "mean_visible": float(truth.mean())}
 
 
-def _fill(world: World, rows: slice) -> np.ndarray:
+def _fill(world: Woods, rows: slice) -> np.ndarray:
     """Share of the rays that meet the target."""
     seen = visible_fraction(
         world.target,
@@ -193,7 +193,7 @@ def _summary(error: np.ndarray) -> dict:
     }
 
 
-def _costs(world: World, rounds: int, quick: bool) -> dict:
+def _costs(world: Woods, rounds: int, quick: bool) -> dict:
     """Microseconds a pose, one thread."""
     n = len(world.world_from_camera)
     every = slice(0, n)
@@ -214,7 +214,7 @@ def _costs(world: World, rounds: int, quick: bool) -> dict:
     return {name: float(np.median(spent[name])) * 1e6 / poses for name, (_, poses) in work.items()}
 
 
-def _blender_peer(world: World) -> Callable[[int], set[str]] | None:
+def _blender_peer(world: Woods) -> Callable[[int], set[str]] | None:
     """The way of BlenderProc's `visible_objects`: 10 x 10 rays over the frame, scene.ray_cast one by one.
 
     References

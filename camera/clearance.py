@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy.typing import ArrayLike
 
-from camera.target import Standing
+from camera.target import PosedVehicle
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
 from geometry.overlap import SceneTouch
@@ -52,7 +52,7 @@ class CameraSpots:
         *,
         ground_clearance: float = 0.0,
         obstacle_clearance: float = 0.0,
-        vehicles: Sequence[Standing] = (),
+        vehicles: Sequence[PosedVehicle] = (),
         vehicle_clearance: float = 0.0,
     ) -> UInt8[np.ndarray, " n"]:
         """A code of `Spot` for each place.
@@ -89,7 +89,7 @@ class CameraSpots:
         return spot
 
 
-def _distance_to(vehicle: Standing, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+def _distance_to(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Distance to the nearest bounding box of a part; 0 inside."""
     world = np.tile(np.eye(4), (len(place), 1, 1))
     distance = np.full(len(place), np.inf)

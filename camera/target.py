@@ -6,20 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from assets.vehicle import Articulation, VehicleShape
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
-from geometry.rays import RayCaster
+from geometry.rays import RayCaster, RayHits, checked_rays
 from geometry.transforms import apply, invert_rigid
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Part:
+class TargetPart:
     """One rigid part of a vehicle.
 
     Parameters
@@ -28,6 +29,8 @@ class Part:
         Its index in the shape's parts.
     caster
         Its triangles, in the vehicle frame at rest.
+    face
+        (f,) which face of the shape's mesh each of its triangles is.
     hull
         (k, 3) vertices of its convex hull, vehicle frame at rest.
     around
@@ -36,6 +39,7 @@ class Part:
 
     index: int
     caster: RayCaster
+    face: Int[np.ndarray, " f"]
     hull: Float[np.ndarray, "k 3"]
     around: Float[np.ndarray, "c 3"]
 
@@ -53,11 +57,12 @@ class VehicleTarget:
         self.shape = shape
         face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         self.parts = tuple(
-            _part(int(i), Mesh(shape.mesh.vertices, shape.mesh.faces[face_part == i], shape.part_names[i]))
-            for i in np.unique(face_part)
+            _part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
         )
         # At rest one caster for all is quicker than one a part.
-        self.at_rest = self.parts if len(self.parts) == 1 else (_part(0, shape.mesh),)
+        self.at_rest = (
+            self.parts if len(self.parts) == 1 else (_part(0, shape.mesh, np.arange(len(face_part)), shape.mesh.name),)
+        )
 
     def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
         """Vehicle-frame points with the convex hull of the articulated vehicle; any projected box is theirs."""
@@ -66,7 +71,7 @@ class VehicleTarget:
 
     def placed(
         self, camera_from_vehicle: Float[np.ndarray, "n 4 4"], articulation: Articulation | Sequence[Articulation]
-    ) -> list[tuple[Part, Float[np.ndarray, "n 4 4"]]]:
+    ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
         """The parts to cast against and where each is in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
@@ -75,7 +80,7 @@ class VehicleTarget:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Standing:
+class PosedVehicle:
     """A vehicle in n poses, such as a companion that may hide the target of n cameras.
 
     Parameters
@@ -92,16 +97,70 @@ class Standing:
     world_from_vehicle: Float[np.ndarray, "n 4 4"]
     articulation: Articulation | Sequence[Articulation]
 
-    def rows(self, index: np.ndarray) -> Standing:
+    def rows(self, index: np.ndarray) -> PosedVehicle:
         """The poses of some of the cameras."""
         poses = self.world_from_vehicle if len(self.world_from_vehicle) == 1 else self.world_from_vehicle[index]
         turned = self.articulation
-        return Standing(self.target, poses, turned if isinstance(turned, Mapping) else [turned[int(i)] for i in index])
+        some = turned if isinstance(turned, Mapping) else [turned[int(i)] for i in index]
+        return PosedVehicle(self.target, poses, some)
 
-    def seen_from(self, world_from_camera: Float[np.ndarray, "n 4 4"]) -> list[tuple[Part, Float[np.ndarray, "n 4 4"]]]:
+    def seen_from(
+        self, world_from_camera: Float[np.ndarray, "n 4 4"]
+    ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
         """The parts to cast against and where each is in the cameras' frames."""
         camera_from_vehicle = invert_rigid(world_from_camera) @ self.world_from_vehicle
         return self.target.placed(camera_from_vehicle, self.articulation)
+
+    def cast(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> RayHits:
+        """The first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
+
+        Raises
+        ------
+        ValueError
+            As there, and if the vehicle has several poses.
+        """
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        distance, face = np.full(len(start), np.inf), np.full(len(start), -1)
+        for part, world_from_part in self._parts():
+            rays = _into(world_from_part, start, along)
+            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance), threads=threads)
+            closer = met.distance < distance
+            distance[closer], face[closer] = met.distance[closer], part.face[met.face[closer]]
+        return RayHits(distance, face)
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle lies along each ray in the world; arguments and errors as for `cast`."""
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        blocked = np.zeros(len(start), dtype=bool)
+        for part, world_from_part in self._parts():
+            left = np.flatnonzero(~blocked)
+            rays = _into(world_from_part, start[left], along[left])
+            blocked[left] = part.caster.occluded(*rays, max_distance=reach[left], threads=threads)
+        return blocked
+
+    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Unit normals, in the world, of faces of the shape's mesh; nan for faces without area."""
+        shape = self.target.shape
+        parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
+        part = shape.vertex_part[shape.mesh.faces[face, 0]]
+        return np.einsum("nij,nj->ni", parts.reshape(-1, 4, 4)[part, :3, :3], shape.mesh.normals(face))
+
+    def _parts(self) -> list[tuple[TargetPart, Float[np.ndarray, "4 4"]]]:
+        if len(self.world_from_vehicle) != 1:
+            raise ValueError(f"vehicle: expected one pose, got {len(self.world_from_vehicle)}")
+        posed = self.target.placed(self.world_from_vehicle, self.articulation)
+        return [(part, world_from_part[0]) for part, world_from_part in posed]
+
+
+def _into(
+    world_from_part: Float[np.ndarray, "4 4"], start: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Rays in the world as rays in a part's frame."""
+    return apply(invert_rigid(world_from_part), start), along @ world_from_part[:3, :3]
 
 
 def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
@@ -124,13 +183,9 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
     return corners + middle
 
 
-def _part(index: int, mesh: Mesh) -> Part:
-    vertices, faces = _used(mesh)
+def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> TargetPart:
+    # Only the vertices that the faces use: others would move the centre that rays are traced about.
+    used, faces = np.unique(mesh.faces[face], return_inverse=True)
+    vertices = mesh.vertices[used]
     hull = vertices[extreme_points(vertices)]
-    return Part(index, RayCaster(Mesh(vertices, faces, mesh.name)), hull, points_around(hull))
-
-
-def _used(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Only the vertices that faces use: others would move the centre that rays are traced about."""
-    used, faces = np.unique(mesh.faces, return_inverse=True)
-    return mesh.vertices[used], faces.reshape(-1, 3)
+    return TargetPart(index, RayCaster(Mesh(vertices, faces.reshape(-1, 3), name)), face, hull, points_around(hull))

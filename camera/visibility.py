@@ -6,55 +6,23 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from assets.vehicle import Articulation
-from camera.beams import hidden_in_beams
 from camera.intrinsics import Optics, lenses
 from camera.pencils import Pencils, box_at_unit_depth
-from camera.target import Standing, VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import BATCH, Kind, World
 from geometry.arrays import checked
-from geometry.instances import InstancedScene
 from geometry.transforms import apply, invert_rigid
 
 # What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
 TOUCHING = 1e-3
-# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
-# stay in cache.
-BATCH = 4095
 # Rays of all cameras whose array work is done at once.
 BLOCK = 1 << 16
-
-
-@runtime_checkable
-class Occluder(Protocol):
-    """What can hide a target as the ground does: a `RayCaster` over its mesh, or a `Plane`."""
-
-    def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> Bool[np.ndarray, " n"]:
-        """Whether anything lies along each ray."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """The endless ground at one height."""
-
-    z: float
-
-    def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> Bool[np.ndarray, " n"]:
-        """Whether the plane lies along each ray."""
-        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = (self.z - o[:, 2]) / d[:, 2] * np.linalg.norm(d, axis=1)
-        return (at > 0.0) & (at <= max_distance)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -121,9 +89,7 @@ def visible_fraction(
     *,
     intrinsics: Optics,
     articulation: Articulation | Sequence[Articulation] | None = None,
-    ground: Occluder | None = None,
-    obstacles: InstancedScene | None = None,
-    others: Sequence[Standing] = (),
+    world: World | None = None,
     rays: int = 256,
     seed: int = 0,
     threads: int = 1,
@@ -146,10 +112,8 @@ def visible_fraction(
         One, or one for each camera.
     articulation
         Part name to radians; one for all, or a sequence of n. None: at rest.
-    ground, obstacles
-        What may hide the target.
-    others
-        Other vehicles that may.
+    world
+        What may hide the target: ground, obstacles and other vehicles, each in one pose or in n. None: nothing.
     rays
         Rays into the target's box for each camera; `Visibility.error` says what they buy.
     seed
@@ -171,7 +135,8 @@ def visible_fraction(
         raise ValueError(f"articulation: expected one or {n}, got {len(articulation)}")
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
-    standing = Standing(target, vehicles, articulation or {})
+    vehicle = PosedVehicle(target, vehicles, articulation or {})
+    around = world or World()
     pattern = jittered(rays, rng=np.random.default_rng(seed))
     lens = lenses(intrinsics)
     f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
@@ -179,9 +144,7 @@ def visible_fraction(
 
     def work(index: Int[np.ndarray, " k"]) -> None:
         views = _Views(poses[index], f[index], size[index], pattern)
-        counts[index], area[index] = views.count(
-            standing.rows(index), ground, obstacles, [other.rows(index) for other in others]
-        )
+        counts[index], area[index] = views.count(vehicle.rows(index), around.rows(index))
 
     blocks = list(_blocks(n, max(1, BLOCK // rays)))
     if threads > 1 and len(blocks) > 1:
@@ -227,12 +190,10 @@ class _Views:
         self.world_from_camera, self.f, self.pattern = world_from_camera, f, pattern
         self.edge = size / 2.0 / f[:, None]
 
-    def count(
-        self, standing: Standing, ground: Occluder | None, obstacles: InstancedScene | None, others: Sequence[Standing]
-    ) -> tuple[Int[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
+    def count(self, vehicle: PosedVehicle, world: World) -> tuple[Int[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
         """For each camera: rays on the target, visible, hidden by each of three kinds; and the area they aim at."""
         n, r = len(self.f), len(self.pattern)
-        placed = standing.seen_from(self.world_from_camera)
+        placed = vehicle.seen_from(self.world_from_camera)
         boxes = [box_at_unit_depth(apply(pose, part.around)) for part, pose in placed]
         low = np.maximum(np.min([b[:, 0] for b in boxes], axis=0), -self.edge)
         high = np.minimum(np.max([b[:, 1] for b in boxes], axis=0), self.edge)
@@ -243,45 +204,15 @@ class _Views:
         distance = np.full(n * r, np.inf)
         for (part, pose), box in zip(placed, boxes, strict=True):
             part_from_camera = invert_rigid(pose)
-            for asked in _pieces(np.flatnonzero(pencils.inside(box, every) & in_frame[:, None])):
-                met = part.caster.cast(*pencils.rays(part_from_camera, asked))
-                distance[asked] = np.minimum(distance[asked], met.distance)
+            inside = np.flatnonzero(pencils.inside(box, every) & in_frame[:, None])
+            for i in range(0, len(inside), BATCH):
+                asked = inside[i : i + BATCH]
+                hits = part.caster.cast(*pencils.rays(part_from_camera, asked))
+                distance[asked] = np.minimum(distance[asked], hits.distance)
+        met = np.flatnonzero(np.isfinite(distance))
+        kind = world.hiding(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         counts = np.zeros((n, 5), dtype=np.int64)
-        left = np.flatnonzero(np.isfinite(distance))
-        counts[:, 0] = np.bincount(left // r, minlength=n)
-        reach = distance - TOUCHING
-        if ground is not None:
-            hidden = np.concatenate(
-                [
-                    ground.occluded(*pencils.rays(self.world_from_camera, some), max_distance=reach[some])
-                    for some in _pieces(left)
-                ]
-            )
-            counts[:, 2] = np.bincount(left[hidden] // r, minlength=n)
-            left = left[~hidden]
-        if obstacles is not None:
-            hidden = hidden_in_beams(obstacles, pencils, self.world_from_camera, which=left, reach=reach[left])
-            counts[:, 3] = np.bincount(left[hidden] // r, minlength=n)
-            left = left[~hidden]
-        for other in others:
-            hidden = self.hidden_by(other, pencils, left, reach)
-            counts[:, 4] += np.bincount(left[hidden] // r, minlength=n)
-            left = left[~hidden]
-        counts[:, 1] = np.bincount(left // r, minlength=n)
+        counts[:, 0] = np.bincount(met // r, minlength=n)
+        for k in Kind:
+            counts[:, 1 + k] = np.bincount(met[kind == k] // r, minlength=n)
         return counts, extent.prod(axis=1) * self.f**2
-
-    def hidden_by(
-        self, other: Standing, pencils: Pencils, left: Int[np.ndarray, " k"], reach: Float[np.ndarray, " nr"]
-    ) -> Bool[np.ndarray, " k"]:
-        hidden, every = np.zeros(len(left), dtype=bool), np.arange(len(self.f))
-        for part, pose in other.seen_from(self.world_from_camera):
-            box = box_at_unit_depth(apply(pose, part.around))
-            asked = np.flatnonzero(~hidden & pencils.inside(box, every).flat[left])
-            if len(asked):
-                rays = pencils.rays(invert_rigid(pose), left[asked])
-                hidden[asked] = part.caster.occluded(*rays, max_distance=reach[left[asked]])
-        return hidden
-
-
-def _pieces(which: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " q"]]:
-    return [which[i : i + BATCH] for i in range(0, max(len(which), 1), BATCH)]

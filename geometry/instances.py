@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from geometry.arrays import checked
 from geometry.boxtree import BoxTree
 from geometry.hulls import extreme_points
-from geometry.meshes import Mesh
+from geometry.meshes import Mesh, unit_normals
 from geometry.rays import RayCaster, checked_rays
 from geometry.transforms import apply
 
@@ -128,6 +128,16 @@ class InstancedScene:
             part = slice(i, i + RAYS)
             self._occlude_block(start[part], along[part], reach[part], threads, blocked[part])
         return blocked
+
+    def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Unit normals, in the world, of faces of instances' own meshes; nan for faces without area there."""
+        triangles = np.empty((len(face), 3, 3))
+        which = self.instance_mesh[instance]
+        for mesh in np.unique(which):
+            mine = which == mesh
+            triangles[mine] = self.meshes[mesh].vertices[self.meshes[mesh].faces[face[mine]]]
+        turned = self.world_from_instance[instance, :3, :3]
+        return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
 
     def overlapping(
         self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]

@@ -82,9 +82,21 @@ class Mesh:
         """Corner points of every face."""
         return self.vertices[self.faces]
 
+    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Unit normals of these faces, by their winding; nan for faces without area."""
+        return unit_normals(self.vertices[self.faces[face]])
+
     def relative_to(self, origin: ArrayLike) -> Mesh:
         """The same mesh in a frame with its zero at `origin`, (3,) metres."""
         return Mesh(self.vertices - checked(origin, "origin", (3,)), self.faces, self.name)
+
+
+def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
+    """Unit normals of triangles, by their winding; nan for those without area."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    normal = np.cross(b - a, c - a)
+    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    return normal / np.where(length > 0.0, length, np.nan)[:, None]
 
 
 def first_alike(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:

@@ -76,6 +76,7 @@ class RayCaster:
         self._centre = 0.5 * (low + high)
         self._radius = 0.5 * float(np.linalg.norm(high - low))
         self._top = np.float32((high - self._centre)[2])
+        self.mesh = mesh
         self._scene = EmbreeScene(robust=True)
         with np.errstate(over="ignore"):  # of vertices that no face uses
             vertices = (mesh.vertices - self._centre).astype(np.float32)
@@ -129,6 +130,10 @@ class RayCaster:
 
         in_coherent_blocks(trace, rays.passing, threads=threads)
         return blocked
+
+    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Unit normals of these faces, by their winding; nan for faces without area."""
+        return self.mesh.normals(face)
 
     def down(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """The topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""

@@ -11,8 +11,8 @@ from geometry.meshes import first_alike
 from geometry.predicates import heights as exact_heights
 from geometry.predicates import normals as exact_normals
 from geometry.predicates import orient
+from placement.face_index import FaceIndex
 from placement.ground import Ground, upward
-from placement.lookup import FaceIndex
 
 
 @dataclass(frozen=True, eq=False, slots=True)

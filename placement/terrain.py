@@ -13,9 +13,9 @@ from geometry.arrays import checked
 from geometry.meshes import Mesh
 from geometry.predicates import ORIENT_BOUND, TINY
 from geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
-from placement.certificate import EMPTY, SINGLE, SheetMap
 from placement.exact import ExactGround
 from placement.ground import Ground, plane_heights, upward
+from placement.sheet_map import EMPTY, SINGLE, SheetMap
 
 Method = Literal["certified", "refined", "float32"]
 

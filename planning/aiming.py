@@ -228,9 +228,7 @@ def visible_shares(
         world_from_camera,
         intrinsics=intrinsics,
         articulation=vehicle.articulation,
-        ground=site.ground,
-        obstacles=site.obstacles,
-        others=[other.standing for other in others],
+        world=site.world.with_vehicles([other.posed for other in others]),
         rays=rays,
     )
     # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
@@ -258,7 +256,7 @@ def spot_refusal(
         position,
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[vehicle.standing for vehicle in vehicles],
+        vehicles=[vehicle.posed for vehicle in vehicles],
         vehicle_clearance=limits.obstacle_clearance,
     )
     return _OF_SPOT[spots]

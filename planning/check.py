@@ -206,7 +206,7 @@ class _Checker:
             poses[:, :3, 3],
             ground_clearance=limits.ground_clearance,
             obstacle_clearance=limits.obstacle_clearance,
-            vehicles=[vehicle.standing for vehicle in vehicles],
+            vehicles=[vehicle.posed for vehicle in vehicles],
             vehicle_clearance=limits.obstacle_clearance,
         )
         for spot in (Spot.OFF_GROUND, Spot.LOW, Spot.OBSTACLE, Spot.VEHICLE):
@@ -230,9 +230,7 @@ class _Checker:
             cameras,
             intrinsics=intrinsics,
             articulation=placed.articulation,
-            ground=site.ground,
-            obstacles=site.obstacles,
-            others=[other.standing for other in others],
+            world=site.world.with_vehicles([other.posed for other in others]),
             rays=limits.visibility_rays,
         )
         visible = np.nan_to_num(seen.fraction)

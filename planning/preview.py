@@ -13,18 +13,14 @@ from PIL import Image
 
 from annotate.drawing import contact_sheet, draw
 from assets.library import Assets
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
-from camera.visibility import Plane
+from camera.target import PosedVehicle
 from geometry.files import replacing
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster
 from planning.config import parse_config
 from planning.plan_file import Plan
-from planning.shading import Ground, Obstacles, Surface, VehiclePart, look, paint_of, sun_of
-from planning.stage import Site, make_stage
+from planning.shading import look, paint_of, sun_of
+from planning.stage import make_stage
 
 TILE_WIDTH = 480
 
@@ -95,14 +91,7 @@ class Artist:
     def __init__(self, plan: Plan, assets: Assets) -> None:
         stage = make_stage(parse_config(plan.header["config"], path=plan.path), assets)
         self._models = stage.models
-        self._backdrops: dict[str, list[Surface]] = {
-            site.name: [_ground(site, scenery), Obstacles(site.obstacles)]
-            for site, scenery in zip(stage.sites, assets.sceneries.values(), strict=True)
-        }
-        self._parts = {
-            name: {part.index: _part_mesh(shape, part.index) for part in stage.models[name].target.parts}
-            for name, shape in assets.vehicles.items()
-        }
+        self._worlds = {site.name: site.world for site in stage.sites}
         classes = dict.fromkeys(vehicle["category"] for vehicle in plan.header["vehicles"].values())
         self._class_ids = {name: i + 1 for i, name in enumerate(classes)}
 
@@ -123,34 +112,18 @@ class Artist:
         camera = Camera(Intrinsics(width, height, math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"]))
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
-        surfaces = list(self._backdrops[row["scenery"]])
-        for vehicle in (row, *row["companions"]):
-            surfaces += self._vehicle(vehicle)
+        vehicles = (row, *row["companions"])
         colours = look(
-            surfaces,
+            self._worlds[row["scenery"]].with_vehicles([self._posed(vehicle) for vehicle in vehicles]),
             np.tile(camera.position, (len(along), 1)),
             along,
+            paints=[paint_of(vehicle["vehicle"]) for vehicle in vehicles],
             sun=sun_of(row["hdri"], row["hdri_yaw_deg"]),
             strength=row["strength"],
             visibility_m=row["weather"]["visibility_m"] if row["weather"] else None,
         )
         return colours.reshape(height, width, 3)
 
-    def _vehicle(self, vehicle: Mapping[str, Any]) -> list[Surface]:
-        name = vehicle["vehicle"]
-        target = self._models[name].target
-        poses = np.array(vehicle["world_from_vehicle"]) @ target.shape.vehicle_from_parts(vehicle["articulation"])
-        return [
-            VehiclePart(part, self._parts[name][part.index], poses[part.index], paint_of(name)) for part in target.parts
-        ]
-
-
-def _ground(site: Site, scenery: Scenery) -> Ground:
-    assert isinstance(site.ground, RayCaster | Plane)
-    return Ground(scenery.ground, site.ground)
-
-
-def _part_mesh(shape: VehicleShape, part: int) -> Mesh:
-    """The faces that the part's caster numbers."""
-    mine = shape.vertex_part[shape.mesh.faces[:, 0]] == part
-    return Mesh(shape.mesh.vertices, shape.mesh.faces[mine], shape.part_names[part])
+    def _posed(self, vehicle: Mapping[str, Any]) -> PosedVehicle:
+        pose = np.array(vehicle["world_from_vehicle"])[None]
+        return PosedVehicle(self._models[vehicle["vehicle"]].target, pose, vehicle["articulation"])

@@ -13,11 +13,9 @@ from assets.library import Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.clearance import CameraSpots
-from camera.target import Standing, VehicleTarget
-from camera.visibility import Occluder, Plane
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import Plane, World
 from geometry.errors import ConfigError
-from geometry.instances import InstancedScene
-from geometry.rays import RayCaster
 from geometry.transforms import apply, rigid
 from placement.footprint import Underside, underside
 from placement.limits import Extent, Obstacles
@@ -37,10 +35,8 @@ class Site:
         The scenery's.
     terrain
         Its ground, or the fallback plane: where tops are.
-    ground
-        The same for rays of any direction; vertical walls, which are no top, are in it.
-    obstacles
-        Everything else in it.
+    world
+        Ground and obstacles for rays of any direction; vertical walls, which are no top, are ground here.
     standing_room
         Answers whether vehicles are clear of the obstacles.
     camera_room
@@ -51,8 +47,7 @@ class Site:
 
     name: str
     terrain: Terrain
-    ground: Occluder
-    obstacles: InstancedScene
+    world: World
     standing_room: Obstacles
     camera_room: CameraSpots
     bounds: Float[np.ndarray, "2 2"]
@@ -124,9 +119,9 @@ class Placed:
         return Placed(self.model, self.world_from_vehicle[index], articulation)
 
     @property
-    def standing(self) -> Standing:
+    def posed(self) -> PosedVehicle:
         """The same as something that rays meet."""
-        return Standing(self.model.target, self.world_from_vehicle, self.articulation)
+        return PosedVehicle(self.model.target, self.world_from_vehicle, self.articulation)
 
     @property
     def centres(self) -> Float[np.ndarray, "n 3"]:
@@ -183,13 +178,11 @@ def make_stage(config: Config, assets: Assets) -> Stage:
 
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
-    obstacles = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
+    world = World.of(scenery, fallback_z=fallback_z)
+    ground, obstacles = world.ground, world.obstacles
+    assert ground is not None
+    terrain = Terrain.flat(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh)
     solid = ~scenery.instance_gives_way
-    # The fallback height is given in the file's coordinates, all else is relative to the origin.
-    ground = scenery.ground
-    plane_z = fallback_z - float(scenery.origin[2])
-    terrain = Terrain(ground) if ground is not None else Terrain.flat(plane_z)
-    occluder: Occluder = RayCaster(ground) if ground is not None else Plane(plane_z)
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
@@ -198,8 +191,7 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     return Site(
         name=scenery.name,
         terrain=terrain,
-        ground=occluder,
-        obstacles=obstacles,
+        world=world,
         standing_room=Obstacles(obstacles, solid=solid),
         camera_room=CameraSpots(terrain, obstacles, solid=solid),
         bounds=bounds,

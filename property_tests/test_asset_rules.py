@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from assets.naming import GROUND, GUN, HELPERS, TURRET, says, words
 from geometry.transforms import apply, rigid, rotation_z
-from reading.cleanup import Link, Piece, vehicle_roles
 from reading.parts import find_parts
+from reading.roles import Link, Piece, vehicle_roles
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
 coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))

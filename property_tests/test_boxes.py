@@ -20,7 +20,7 @@ from annotate.posing import PosedParts, move
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
-from camera.target import Standing, VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
 from geometry.meshes import Mesh
 from geometry.transforms import apply, rigid, rotation_about
 
@@ -323,7 +323,7 @@ def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) ->
     # Eight rays a pixel and axis: between pixel centres the pointed end of a surface could slip through.
     fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
-    inner = mask_box(vehicle_mask(Standing(VehicleTarget(shape), pose[None], {}), fine, xywh=around))
+    inner = mask_box(vehicle_mask(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around))
     assert inner is not None
     inner /= 8.0
     low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]

@@ -12,7 +12,8 @@ from camera.intrinsics import Intrinsics
 from camera.pencils import Pencils
 from camera.shell import camera_pose
 from camera.target import VehicleTarget
-from camera.visibility import Plane, visible_fraction
+from camera.visibility import visible_fraction
+from camera.world import Plane, World
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
@@ -68,7 +69,7 @@ def test_on_an_open_plane_all_that_is_in_the_frame_is_visible(
 ) -> None:
     # Its underside rests on the plane: a millimetre above it, as rays at the seam may go either way.
     seen = visible_fraction(
-        TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, ground=Plane(-1e-3)
+        TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, world=World(Plane(-1e-3))
     )
     assert (seen.fraction == 1).all()
     assert (seen.hits > 0).all()
@@ -89,7 +90,7 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
             poses[i : i + 1],
             intrinsics=lens,
             articulation={"turret": turn},
-            obstacles=InstancedScene([CUBE], [0], walls[i : i + 1]),
+            world=World(obstacles=InstancedScene([CUBE], [0], walls[i : i + 1])),
         )
         assert seen.fraction[0] == 0
         assert seen.by_obstacles[0] == 1
@@ -104,9 +105,9 @@ def test_an_added_occluder_never_raises_the_fraction(
     options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
     poses = cameras(seed, elevation)
     free = visible_fraction(TANK, HERE, poses, **options)
-    some = visible_fraction(TANK, HERE, poses, obstacles=fewer, **options)
-    more = visible_fraction(TANK, HERE, poses, obstacles=scene, **options)
-    most = visible_fraction(TANK, HERE, poses, obstacles=scene, ground=Plane(0.2), **options)
+    some = visible_fraction(TANK, HERE, poses, world=World(obstacles=fewer), **options)
+    more = visible_fraction(TANK, HERE, poses, world=World(obstacles=scene), **options)
+    most = visible_fraction(TANK, HERE, poses, world=World(Plane(0.2), scene), **options)
     for above, below in [(free, some), (some, more), (more, most)]:
         np.testing.assert_array_equal(above.hits, below.hits)
         assert (below.fraction <= above.fraction).all()
@@ -139,8 +140,8 @@ def test_instances_hide_as_their_triangles_in_the_world_do(
     merged = RayCaster(Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3)))
     options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
     poses = cameras(seed, elevation)
-    one = visible_fraction(TANK, HERE, poses, obstacles=scene, **options)
-    other = visible_fraction(TANK, HERE, poses, ground=merged, **options)
+    one = visible_fraction(TANK, HERE, poses, world=World(obstacles=scene), **options)
+    other = visible_fraction(TANK, HERE, poses, world=World(merged), **options)
     # Rays that graze an edge may differ between float32 frames.
     np.testing.assert_allclose(one.fraction * one.hits, other.fraction * other.hits, atol=2)
 
@@ -151,7 +152,7 @@ def test_moving_the_world_changes_next_to_nothing(seed: int, elevation: float) -
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
-    here = visible_fraction(TANK, HERE, poses, intrinsics=lens, obstacles=scene, ground=Plane(0.1))
-    there = visible_fraction(TANK, shift[None], shift @ poses, intrinsics=lens, obstacles=moved, ground=Plane(50.1))
+    here = visible_fraction(TANK, HERE, poses, intrinsics=lens, world=World(Plane(0.1), scene))
+    there = visible_fraction(TANK, shift[None], shift @ poses, intrinsics=lens, world=World(Plane(50.1), moved))
     np.testing.assert_allclose(here.hits, there.hits, atol=2)
     np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)

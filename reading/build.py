@@ -13,9 +13,9 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply, rotation_z
-from reading.cleanup import Link, Piece, Role, scenery_roles, vehicle_roles
 from reading.parts import GUN_PART, TURRET_PART, Parts, find_parts
 from reading.report import PartRow
+from reading.roles import Link, Piece, Role, scenery_roles, vehicle_roles
 
 YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])

@@ -15,10 +15,10 @@ from annotate.drawing import contact_sheet
 from assets.bundle import load_scenery, load_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import Kind, World, WorldHits
 from geometry.errors import AssetError
 from geometry.files import replacing
-from geometry.instances import InstancedScene
-from geometry.rays import RayCaster
 from reading.export import export
 from reading.report import FileReport, refuse_missing
 
@@ -33,9 +33,6 @@ VIEWS = (
     ("from the front left", (-1.0, -1.0, -0.7), (0.0, 0.0, 1.0)),
     ("from above, nose up", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
 )
-Caster = Callable[
-    [Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]], tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]
-]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,52 +126,52 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
     size
         Width and height of each of the four views in pixels.
     """
-    if isinstance(asset, VehicleShape):
-        cast, bounds, names, colours = _vehicle_caster(asset)
-    else:
-        cast, bounds, names, colours = _scenery_caster(asset)
+    subject = _vehicle(asset) if isinstance(asset, VehicleShape) else _scenery(asset)
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
     for i, (title, sight, up) in enumerate(VIEWS):
-        view = _View(np.array(sight), np.array(up), bounds, size)
-        tile = Image.fromarray(view.shade(cast, colours))
+        view = _View(np.array(sight), np.array(up), subject.bounds, size)
+        tile = Image.fromarray(view.shade(subject))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
         _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         sheet.paste(tile, (i % 2 * size, i // 2 * size))
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
-    for i, name in enumerate(names):
-        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in colours[i]))
+    for i, name in enumerate(subject.names):
+        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in subject.colours[i]))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
     return sheet
 
 
-def _vehicle_caster(shape: VehicleShape) -> tuple[Caster, np.ndarray, list[str], np.ndarray]:
-    caster = RayCaster(shape.mesh)
+@dataclass(frozen=True, eq=False, slots=True)
+class _Subject:
+    """What is drawn: a world, which of the names each hit is, what is worth seeing of it, names and their colours."""
+
+    world: World
+    name_of: Callable[[WorldHits], Int[np.ndarray, " n"]]
+    bounds: Float[np.ndarray, "2 3"]
+    names: list[str]
+    colours: Float[np.ndarray, "c 3"]
+
+
+def _vehicle(shape: VehicleShape) -> _Subject:
     part = shape.vertex_part[shape.mesh.faces[:, 0]]
-
-    def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        hits = caster.cast(origins, directions)
-        return hits.distance, np.where(hits.hit, part[hits.face], -1)
-
-    return cast, shape.mesh.bounds, list(shape.part_names), COLOURS
+    world = World(vehicles=[PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})])
+    return _Subject(world, lambda hits: part[hits.face], shape.mesh.bounds, list(shape.part_names), COLOURS)
 
 
-def _scenery_caster(scenery: Scenery) -> tuple[Caster, np.ndarray, list[str], np.ndarray]:
-    ground = RayCaster(scenery.ground) if scenery.ground else None
-    things = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
-    bounds = _worth_seeing(scenery, things.bounds)
-
-    def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        hits = things.cast(origins, directions)
-        distance, what = hits.distance, np.where(hits.hit, 1, -1)
-        if ground:
-            below = ground.cast(origins, directions)
-            nearer = below.distance < distance
-            distance, what = np.where(nearer, below.distance, distance), np.where(nearer, 0, what)
-        return distance, what
-
-    names = [f"ground ({len(scenery.ground_names)})" if scenery.ground else "no ground"]
-    return cast, bounds, [*names, f"obstacles ({len(scenery.instance_names)})"], np.stack([COLOURS[3], OBSTACLE])
+def _scenery(scenery: Scenery) -> _Subject:
+    world = World.of(scenery)
+    names = [
+        f"ground ({len(scenery.ground_names)})" if scenery.ground else "no ground",
+        f"obstacles ({len(scenery.instance_names)})",
+    ]
+    return _Subject(
+        world,
+        lambda hits: (hits.kind == Kind.OBSTACLE).astype(int),
+        _worth_seeing(scenery, world.obstacles.bounds),
+        names,
+        np.stack([COLOURS[3], OBSTACLE]),
+    )
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
@@ -207,24 +204,19 @@ class _View:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a metre
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def shade(self, cast: Caster, colours: Float[np.ndarray, "c 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    def shade(self, subject: _Subject) -> UInt8[np.ndarray, "h w 3"]:
         """The picture: a colour each, shaded by how the surface turns from the light."""
         centre = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(centre, -centre)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
         origins = start.reshape(-1, 3)
-        distance, what = cast(origins, np.broadcast_to(self.sight, origins.shape).copy())
-        deep = np.where(np.isfinite(distance), distance, 2 * self.depth).reshape(self.size, self.size)
-        across, down = np.gradient(deep, axis=1) * self.scale, -np.gradient(deep, axis=0) * self.scale
-        normal = -self.sight + across[..., None] * self.right + down[..., None] * self.up
-        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+        hits = subject.world.nearest(origins, np.broadcast_to(self.sight, origins.shape))
         # From over the viewer's left shoulder, so that no side is dark.
         light = 0.6 * self.up - 0.6 * self.sight - 0.4 * self.right
-        lit = 0.35 + 0.65 * np.clip(normal @ light / np.linalg.norm(light), 0.0, 1.0)
-        image = np.where((what >= 0)[:, None], colours[np.maximum(what, 0) % len(colours)], PAPER)
-        image = image.reshape(self.size, self.size, 3)
-        shaded = np.where((what >= 0).reshape(self.size, self.size)[..., None], image * lit[..., None], image)
-        return shaded.astype(np.uint8)
+        lit = 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)
+        colours = subject.colours[subject.name_of(hits) % len(subject.colours)] * lit[:, None]
+        image = np.where(hits.hit[:, None], colours, PAPER)
+        return image.reshape(self.size, self.size, 3).astype(np.uint8)
 
     def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
         """Where a point of the world is in the picture."""

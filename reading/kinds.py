@@ -9,7 +9,7 @@ import numpy as np
 from assets.naming import VEHICLE, says
 from geometry.errors import AssetError
 from reading.build import Options
-from reading.cleanup import FLAT, Piece, scenery_roles, vehicle_roles
+from reading.roles import FLAT, Piece, scenery_roles, vehicle_roles
 
 BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from assets.naming import GUN, LAUNCHER, NOT_GUN, NOT_LAUNCHER, PIVOT, TURRET, says, words
 from geometry.transforms import apply
-from reading.cleanup import Link, Piece
+from reading.roles import Link, Piece
 
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}

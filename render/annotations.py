@@ -13,11 +13,9 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
-from camera.target import Standing, VehicleTarget
-from camera.visibility import Occluder
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import World
 from dataset.planned import IMAGE_KEYS, LABEL_KEYS, labelled
-from geometry.instances import InstancedScene
-from geometry.rays import RayCaster
 
 
 def targets(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -54,36 +52,30 @@ class Segmenter:
     def __init__(self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery]) -> None:
         self._vehicles, self._sceneries = vehicles, sceneries
         self._targets: dict[str, VehicleTarget] = {}
-        self._occluders: tuple[str, list[Occluder]] = ("", [])  # of the scenery last asked for: rows come sorted
+        self._world: tuple[str, World] = ("", World())  # the scenery last asked for: rows come sorted
 
     def segmentations(self, row: Mapping[str, Any]) -> list[dict[str, Any]]:
         """`segmentation` (compressed run lengths) and `area` (pixels) of each labelled vehicle of a row."""
         camera = Camera(
             Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"])
         )
-        standing = [(target, self._standing(target)) for target in targets(row)]
-        occluders = self._hiding(row["scenery"])
+        posed = [(target, self._posed(target)) for target in targets(row)]
+        scenery = self._scenery(row["scenery"])
         found = []
         for target in labelled(row):
-            (vehicle,) = (mine for whose, mine in standing if whose is target)
-            others = [other for whose, other in standing if whose is not target]
-            mask = vehicle_mask(vehicle, camera, xywh=target["bbox"], occluders=occluders, others=others)
+            (vehicle,) = (mine for whose, mine in posed if whose is target)
+            others = [other for whose, other in posed if whose is not target]
+            mask = vehicle_mask(vehicle, camera, xywh=target["bbox"], world=scenery.with_vehicles(others))
             found.append({"segmentation": encode(mask), "area": area(mask)})
         return found
 
-    def _standing(self, target: Mapping[str, Any]) -> Standing:
+    def _posed(self, target: Mapping[str, Any]) -> PosedVehicle:
         name = target["vehicle"]
         if name not in self._targets:
             self._targets[name] = VehicleTarget(self._vehicles[name])
-        return Standing(self._targets[name], np.array(target["world_from_vehicle"])[None], target["articulation"])
+        return PosedVehicle(self._targets[name], np.array(target["world_from_vehicle"])[None], target["articulation"])
 
-    def _hiding(self, name: str) -> list[Occluder]:
-        if self._occluders[0] != name:
-            scenery = self._sceneries[name]
-            found: list[Occluder] = [
-                InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
-            ]
-            if scenery.ground is not None:
-                found.append(RayCaster(scenery.ground))
-            self._occluders = name, found
-        return self._occluders[1]
+    def _scenery(self, name: str) -> World:
+        if self._world[0] != name:
+            self._world = name, World.of(self._sceneries[name])
+        return self._world[1]

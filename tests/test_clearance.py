@@ -5,7 +5,7 @@ import pytest
 
 from assets.vehicle import VehicleShape
 from camera.clearance import CameraSpots, Spot
-from camera.target import Standing, VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_z
@@ -90,7 +90,7 @@ def test_no_surface_is_nearer_than_the_clearance() -> None:
 def test_cameras_keep_clear_of_vehicles(position: tuple, verdict: Spot) -> None:
     at = rigid(rotation_z(1.0), [100.0, 200, 0])
     place = at[:3, :3] @ position + at[:3, 3]
-    vehicle = Standing(CRATE, at[None], {})
+    vehicle = PosedVehicle(CRATE, at[None], {})
     spots = CameraSpots(Terrain.flat(0.0), NOTHING)
     assert judge(spots, *place, vehicles=[vehicle], vehicle_clearance=1.0) == verdict
 

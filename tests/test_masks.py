@@ -9,8 +9,8 @@ from annotate.masks import area, decode, encode, iou, mask_box, vehicle_mask
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
-from camera.target import Standing, VehicleTarget
-from camera.visibility import Plane
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import Plane, World
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
 from geometry.transforms import rigid
@@ -23,7 +23,7 @@ AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 CAMERA = Camera(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
 SHAPE = VehicleShape("cube", Mesh(CUBE, FACES), np.zeros(8, dtype=int), ("hull",), np.array([-1]), np.zeros((1, 3)),
                      np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
-HERE = Standing(VehicleTarget(SHAPE), np.eye(4)[None], {})
+HERE = PosedVehicle(VehicleTarget(SHAPE), np.eye(4)[None], {})
 
 
 def square(x: int, y: int, w: int, h: int) -> np.ndarray:
@@ -47,21 +47,21 @@ def test_only_the_box_is_looked_at_and_nothing_is_lost():
 
 def test_what_stands_in_front_hides_and_what_stands_behind_does_not():
     wall = CUBE * [1.0, 0.1, 1.0] + [1.0, -3.0, 0.0]
-    assert np.array_equal(vehicle_mask(HERE, CAMERA, occluders=[RayCaster(Mesh(wall, FACES))]), square(75, 25, 25, 50))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(RayCaster(Mesh(wall, FACES)))), square(75, 25, 25, 50))
     behind = RayCaster(Mesh(wall + np.array([0.0, 9.0, 0.0]), FACES))
-    assert np.array_equal(vehicle_mask(HERE, CAMERA, occluders=[behind]), square(75, 25, 50, 50))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(behind)), square(75, 25, 50, 50))
 
 
 def test_ground_hides_what_sinks_into_it():
     above = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -5.0, 0.5]))
-    _, y, _, h = mask_box(vehicle_mask(HERE, above, occluders=[Plane(0.0)]))
+    _, y, _, h = mask_box(vehicle_mask(HERE, above, world=World(Plane(0.0))))
     # The ground at the near face, 0.5 m below the camera and 4 m away, is 12.5 pixels below the middle.
     assert abs(y + h - 62.5) <= 0.5
 
 
 def test_another_vehicle_hides():
-    beside = Standing(HERE.target, rigid(np.eye(3), [1.0, -2.2, 0.0])[None], {})
-    hidden = vehicle_mask(HERE, CAMERA, others=[beside])
+    beside = PosedVehicle(HERE.target, rigid(np.eye(3), [1.0, -2.2, 0.0])[None], {})
+    hidden = vehicle_mask(HERE, CAMERA, world=World(vehicles=[beside]))
     assert np.array_equal(hidden, square(75, 25, 25, 50))
 
 
@@ -74,7 +74,7 @@ def test_nothing_nearer_than_the_near_plane_is_seen():
 
 
 def test_out_of_the_image_the_mask_is_empty():
-    assert area(vehicle_mask(Standing(HERE.target, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA)) == 0
+    assert area(vehicle_mask(PosedVehicle(HERE.target, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA)) == 0
     assert area(vehicle_mask(HERE, CAMERA, xywh=[10.2, 10.2, 0.2, 0.2])) == 0
 
 

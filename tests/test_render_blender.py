@@ -16,10 +16,9 @@ from PIL import Image
 from annotate.masks import iou, mask_box, vehicle_mask
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
-from camera.target import Standing, VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import World
 from geometry.errors import ConfigError
-from geometry.instances import InstancedScene
-from geometry.rays import RayCaster
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.plan_file import Plan
@@ -96,7 +95,7 @@ def camera_of(row):
 
 def standing(assets, target):
     shape = assets.vehicles[target["vehicle"]].shape
-    return Standing(VehicleTarget(shape), np.array(target["world_from_vehicle"])[None], target["articulation"])
+    return PosedVehicle(VehicleTarget(shape), np.array(target["world_from_vehicle"])[None], target["articulation"])
 
 
 def pixels(path):
@@ -142,13 +141,9 @@ def test_what_is_planned_is_in_the_picture(dataset, plan, assets):
     for row in plan:
         camera = camera_of(row)
         expected = np.zeros((row["height"], row["width"]), dtype=bool)
-        site = assets.sceneries[row["scenery"]].scenery
-        hiding = [
-            RayCaster(site.ground),
-            InstancedScene(site.obstacle_meshes, site.instance_mesh, site.world_from_instance),
-        ]
+        world = World.of(assets.sceneries[row["scenery"]].scenery)
         for target in targets(row):
-            expected |= vehicle_mask(standing(assets, target), camera, occluders=hiding)
+            expected |= vehicle_mask(standing(assets, target), camera, world=world)
         # Antialiased edges: a pixel less or more all around.
         assert iou(pink(pixels(dataset / row["file_name"])), expected) > 0.8
 
@@ -354,7 +349,7 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     assert talk.ask(mask_job(row, assets, tmp_path / "m.npy"))["done"] == "mask"
     talk.worker.stop()
     seen = np.load(tmp_path / "m.npy")[1] == 1
-    expected = vehicle_mask(Standing(target, up[None], {}), camera_of(row))
+    expected = vehicle_mask(PosedVehicle(target, up[None], {}), camera_of(row))
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh, merge
-from placement.certificate import EMPTY, SINGLE, UNKNOWN, SheetMap, unbalanced
 from placement.exact import ExactGround
 from placement.ground import Ground
+from placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap, unbalanced
 from placement.terrain import Terrain
 from property_tests.top_hits_oracle import exact_tops
 

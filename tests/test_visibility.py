@@ -7,8 +7,9 @@ from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
 from camera.shell import camera_pose
-from camera.target import Standing, VehicleTarget, points_around
-from camera.visibility import Plane, error_bound, jittered, visible_fraction
+from camera.target import PosedVehicle, VehicleTarget, points_around
+from camera.visibility import error_bound, jittered, visible_fraction
+from camera.world import Plane, World
 from geometry.hulls import extreme_points
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
@@ -63,13 +64,15 @@ def scene_of(*meshes: Mesh) -> InstancedScene:
 
 
 def test_nothing_in_the_way_is_all_visible() -> None:
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=Plane(0.0), obstacles=scene_of())
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(Plane(0.0), scene_of()))
     assert seen.fraction[0] == 1
     assert seen.by_ground[0] == seen.by_obstacles[0] == seen.by_vehicles[0] == 0
 
 
 def test_behind_a_wall_nothing_is_visible() -> None:
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, obstacles=scene_of(wall((-50, 50), (-50, 50))))
+    seen = visible_fraction(
+        CRATE, HERE, FRONT, intrinsics=VGA, world=World(obstacles=scene_of(wall((-50, 50), (-50, 50))))
+    )
     assert seen.fraction[0] == 0
     assert seen.by_obstacles[0] == 1
 
@@ -77,7 +80,7 @@ def test_behind_a_wall_nothing_is_visible() -> None:
 def test_what_stands_behind_the_target_or_behind_the_camera_hides_nothing() -> None:
     everywhere = ((-50.0, 50.0), (-50.0, 50.0))
     scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR / 2))
-    assert visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, obstacles=scene).fraction[0] == 1
+    assert visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(obstacles=scene)).fraction[0] == 1
 
 
 def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_then_vehicles() -> None:
@@ -87,10 +90,8 @@ def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_t
     ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
     side = scene_of(wall((-50, -0.5), (-50, 50)))
     # ... and its right third behind another crate.
-    other = Standing(CRATE, rigid(rotation_z(0.0), [10.0, 2.0, 0])[None], {})
-    seen = visible_fraction(
-        CRATE, HERE, far, intrinsics=lens, ground=ridge, obstacles=side, others=[other], rays=10_000
-    )
+    other = PosedVehicle(CRATE, rigid(rotation_z(0.0), [10.0, 2.0, 0])[None], {})
+    seen = visible_fraction(CRATE, HERE, far, intrinsics=lens, world=World(ridge, side, [other]), rays=10_000)
     shares = [seen.fraction[0], seen.by_ground[0], seen.by_obstacles[0], seen.by_vehicles[0]]
     # Perspective at 2 km shifts these edges by less than 1 %.
     np.testing.assert_allclose(shares, [0.8 / 3, 0.2, 0.8 / 3, 0.8 / 3], atol=0.006)
@@ -146,7 +147,7 @@ def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
         pose[None],
         intrinsics=VGA,
         articulation=articulation,
-        ground=RayCaster(SCENES[name]),
+        world=World(RayCaster(SCENES[name])),
         rays=20_000,
     )
     assert 0.1 < truth < 0.95
@@ -162,8 +163,10 @@ def test_the_stated_error_covers_and_is_met_by_dust() -> None:
     vertices = (squares[None] + np.insert(grid, 0, 0, axis=1)[:, None] + [0, -1.5, -0.5]).reshape(-1, 3)
     quads = np.arange(len(vertices)).reshape(-1, 4)
     dust = RayCaster(Mesh(vertices, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])))
-    truth = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=dust, rays=100_000).fraction[0]
-    views = [visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=dust, rays=64, seed=s) for s in range(250)]
+    truth = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(dust), rays=100_000).fraction[0]
+    views = [
+        visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(dust), rays=64, seed=s) for s in range(250)
+    ]
     off = np.array([v.fraction[0] for v in views]) - truth
     hits = np.mean([v.hits[0] for v in views])
     assert off.std() == pytest.approx(math.sqrt(truth * (1 - truth) / hits), rel=0.15)
@@ -176,9 +179,9 @@ def test_the_stated_error_covers_and_is_met_by_dust() -> None:
 
 def test_edges_that_are_lines_do_several_times_better_than_the_bound() -> None:
     ground = RayCaster(SCENES["a corner"])
-    truth = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=ground, rays=100_000).fraction[0]
+    truth = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, world=World(ground), rays=100_000).fraction[0]
     off = [
-        visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=ground, rays=256, seed=s).fraction[0] - truth
+        visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, world=World(ground), rays=256, seed=s).fraction[0] - truth
         for s in range(60)
     ]
     assert np.std(off) < 0.5 * 0.5 / math.sqrt(256)
@@ -211,7 +214,7 @@ def test_an_answer_does_not_depend_on_company_or_threads(articulation: dict) -> 
     rng = np.random.default_rng(0)
     cameras = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))
     scene = scene_of(box([8, -4, 0], [9, 1, 3]), box([-9, -4, 0], [-8, 4, 1]))
-    options = {"intrinsics": VGA, "ground": Plane(0.3), "obstacles": scene}
+    options = {"intrinsics": VGA, "world": World(Plane(0.3), scene)}
     turned = [articulation] * n
     many = visible_fraction(TANK, HERE, cameras, articulation=turned, threads=3, **options)
     for i in (0, 1, 300, 699):
@@ -225,14 +228,16 @@ def test_a_camera_each_with_a_vehicle_each() -> None:
     n = 5
     vehicles = rigid(rotation_z(np.arange(n)), np.arange(n)[:, None] * [100.0, 50, 0])
     cameras = vehicles @ FRONT
-    many = visible_fraction(CRATE, vehicles, cameras, intrinsics=[VGA] * n, ground=Plane(1.0))
+    many = visible_fraction(CRATE, vehicles, cameras, intrinsics=[VGA] * n, world=World(Plane(1.0)))
     # The same view of the same crate n times: only rounding differs.
     np.testing.assert_allclose(many.fraction, np.full(n, many.fraction[0]), atol=0.01)
 
 
 def test_far_targets_smaller_than_a_pixel_are_seen_like_near_ones() -> None:
     cameras = camera_pose([0, 0, 1.0], [3000.0, 300_000.0], 0.0, 0.0)
-    seen = visible_fraction(CRATE, HERE, cameras, intrinsics=VGA, obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    seen = visible_fraction(
+        CRATE, HERE, cameras, intrinsics=VGA, world=World(obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    )
     assert seen.area[1] < 0.01
     np.testing.assert_allclose(seen.fraction, 0.5, atol=0.05)
     assert (seen.hits > 200).all()
@@ -241,7 +246,9 @@ def test_far_targets_smaller_than_a_pixel_are_seen_like_near_ones() -> None:
 @pytest.mark.parametrize("fov_deg", [0.1, 179])
 def test_extreme_lenses(fov_deg: float) -> None:
     lens = Intrinsics(640, 480, math.radians(fov_deg))
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=lens, obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    seen = visible_fraction(
+        CRATE, HERE, FRONT, intrinsics=lens, world=World(obstacles=scene_of(wall((-50, 0), (-50, 50))))
+    )
     assert seen.fraction[0] == pytest.approx(0.5, abs=0.05)
 
 
@@ -249,7 +256,7 @@ def test_targets_out_of_the_frame_have_no_fraction() -> None:
     away = FRONT.copy()
     away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned about
     aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
-    seen = visible_fraction(CRATE, HERE, np.stack([away[0], aside]), intrinsics=VGA, ground=Plane(0.0))
+    seen = visible_fraction(CRATE, HERE, np.stack([away[0], aside]), intrinsics=VGA, world=World(Plane(0.0)))
     assert np.isnan(seen.fraction).all()
     assert np.isnan(seen.error()).all()
     assert seen.hits.tolist() == [0, 0]
@@ -268,12 +275,12 @@ def test_cameras_inside_the_vehicle_or_with_it_across_the_near_plane() -> None:
 def test_straight_above() -> None:
     above = camera_pose([0, 0, 1.0], 20.0, 0.0, math.pi / 2)[None]
     lid = scene_of(Mesh(np.array([[-9.0, 0, 5], [9, 0, 5], [9, 9, 5], [-9, 9, 5]]), np.array([[0, 1, 2], [0, 2, 3]])))
-    seen = visible_fraction(CRATE, HERE, above, intrinsics=VGA, ground=Plane(0.0), obstacles=lid, rays=4096)
+    seen = visible_fraction(CRATE, HERE, above, intrinsics=VGA, world=World(Plane(0.0), lid), rays=4096)
     assert seen.fraction[0] == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_vehicle_sunk_in_the_ground_is_hidden_by_it() -> None:
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, ground=Plane(0.5), rays=4096)
+    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(Plane(0.5)), rays=4096)
     assert seen.by_ground[0] == pytest.approx(0.25, abs=0.02)
 
 
@@ -281,16 +288,16 @@ def test_map_coordinates_change_nothing() -> None:
     far = np.array([500_000.0, 5_400_000.0, 100.0])
     shift = rigid(np.eye(3), far)
     half = wall((-50, 0.3), (-50, 50))
-    near = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, ground=RayCaster(half))
+    near = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, world=World(RayCaster(half)))
     there = visible_fraction(
-        TANK, shift[None], shift @ FRONT, intrinsics=VGA, ground=RayCaster(Mesh(half.vertices + far, half.faces))
+        TANK, shift[None], shift @ FRONT, intrinsics=VGA, world=World(RayCaster(Mesh(half.vertices + far, half.faces)))
     )
     assert there.fraction[0] == pytest.approx(near.fraction[0], abs=0.02)
     assert there.hits[0] == pytest.approx(near.hits[0], abs=2)
 
 
 def test_no_cameras_is_legal() -> None:
-    seen = visible_fraction(CRATE, HERE, np.zeros((0, 4, 4)), intrinsics=VGA, ground=Plane(0.0), obstacles=scene_of())
+    seen = visible_fraction(CRATE, HERE, np.zeros((0, 4, 4)), intrinsics=VGA, world=World(Plane(0.0), scene_of()))
     assert seen.fraction.shape == (0,)
 
 

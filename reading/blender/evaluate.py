@@ -17,7 +17,7 @@ from geometry.transforms import apply
 from reading.blender.capture import OUR_CAMERA, visit_render
 from reading.blender.poses import Poses
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
-from reading.cleanup import Link, Piece
+from reading.roles import Link, Piece
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"

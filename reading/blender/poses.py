@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from reading.cleanup import Link
+from reading.roles import Link
 
 AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
 

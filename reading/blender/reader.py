@@ -25,10 +25,10 @@ from reading.blender.importers import open_file
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from reading.build import Options, build_scenery, build_vehicle, metres_from_file
-from reading.cleanup import Piece
 from reading.doubts import scenery_doubts, vehicle_doubts
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.report import FileReport, Missing, Row, gathered
+from reading.roles import Piece
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 

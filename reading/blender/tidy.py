@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from reading.blender.frames import pose as set_pose
 from reading.blender.tidy_properties import PART, REST, TIDY
-from reading.cleanup import Piece
+from reading.roles import Piece
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"

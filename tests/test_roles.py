@@ -6,10 +6,10 @@ import pytest
 from assets.naming import GROUND, GUN, HELPERS, says, words
 from geometry.errors import AssetError
 from reading.build import Options, build_scenery
-from reading.cleanup import Link, Piece, scenery_roles, vehicle_roles
 from reading.doubts import vehicle_doubts
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.parts import find_parts
+from reading.roles import Link, Piece, scenery_roles, vehicle_roles
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

@@ -1,0 +1,264 @@
+"""A world as rays meet it: ground, obstacles and posed vehicles, asked as one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from numpy.typing import ArrayLike
+
+from assets.scenery import Scenery
+from camera.beams import hidden_in_beams
+from camera.pencils import Pencils, box_at_unit_depth
+from camera.target import PosedVehicle
+from geometry.instances import InstancedScene, InstanceHits
+from geometry.rays import RayCaster, RayHits, checked_rays
+from geometry.transforms import apply, invert_rigid
+
+# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
+# stay in cache.
+BATCH = 4095
+
+
+class Kind(IntEnum):
+    """What a ray meets."""
+
+    NOTHING = 0
+    GROUND = 1
+    OBSTACLE = 2
+    VEHICLE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """The endless ground at one height, for sceneries without ground; it is one face."""
+
+    z: float
+
+    def cast(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> RayHits:
+        """Where each ray meets the plane; arguments as for `RayCaster.cast`."""
+        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = (self.z - o[:, 2]) / d[:, 2] * np.linalg.norm(d, axis=1)
+        met = (at > 0.0) & (at <= max_distance) & (at < np.inf)
+        return RayHits(np.where(met, at, np.inf), np.where(met, 0, -1))
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether the plane lies along each ray."""
+        return self.cast(origins, directions, max_distance=max_distance).hit
+
+    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Upwards."""
+        return np.tile([0.0, 0.0, 1.0], (len(face), 1))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class WorldHits:
+    """What n rays met first.
+
+    Parameters
+    ----------
+    distance
+        (n,) metres from the origin; inf on a miss.
+    kind
+        (n,) a code of `Kind`.
+    which
+        (n,) index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss.
+    face
+        (n,) face in the mesh of the ground, of the instance or of the vehicle's shape; -1 on a miss.
+    normal
+        (n, 3) unit, on the side of the face that the ray comes from; nan on a miss and for faces without area.
+    """
+
+    distance: Float[np.ndarray, " n"]
+    kind: UInt8[np.ndarray, " n"]
+    which: Int[np.ndarray, " n"]
+    face: Int[np.ndarray, " n"]
+    normal: Float[np.ndarray, "n 3"]
+
+    @property
+    def hit(self) -> Bool[np.ndarray, " n"]:
+        """Whether each ray met anything."""
+        return self.face >= 0
+
+
+NO_OBSTACLES = InstancedScene([], [], [])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class World:
+    """Ground, obstacles and vehicles. What is left out is not there.
+
+    Parameters
+    ----------
+    ground
+        A mesh, or the endless plane.
+    obstacles
+        All that is no ground and no vehicle.
+    vehicles
+        Each in one pose; or, for `visible_fraction`, in one for each camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> world = World(ground=Plane(0.0))
+    >>> hits = world.nearest([[0.0, 0.0, 2.0]], [[0.0, 0.0, -1.0]])
+    >>> float(hits.distance[0]), Kind(hits.kind[0]).name
+    (2.0, 'GROUND')
+    """
+
+    ground: RayCaster | Plane | None = None
+    obstacles: InstancedScene = NO_OBSTACLES
+    vehicles: Sequence[PosedVehicle] = ()
+
+    @classmethod
+    def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> World:
+        """A scenery without vehicles.
+
+        Parameters
+        ----------
+        scenery
+            The scenery.
+        fallback_z
+            Height of the plane that stands in for missing ground, in the file's coordinates. None: no plane.
+        """
+        ground: RayCaster | Plane | None = None
+        if scenery.ground is not None:
+            ground = RayCaster(scenery.ground)
+        elif fallback_z is not None:
+            ground = Plane(fallback_z - float(scenery.origin[2]))
+        return cls(ground, InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance))
+
+    def with_vehicles(self, vehicles: Sequence[PosedVehicle]) -> World:
+        """The same ground and obstacles with these vehicles."""
+        return replace(self, vehicles=vehicles)
+
+    def rows(self, index: Int[np.ndarray, " k"]) -> World:
+        """The same for some of the cameras that vehicles have a pose for."""
+        return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
+
+    def nearest(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> WorldHits:
+        """What each ray meets first; of equals ground, then obstacles, then vehicles. Arguments as for `occluded`."""
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        n = len(start)
+        hits = WorldHits(
+            np.full(n, np.inf), np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1), np.full((n, 3), np.nan)
+        )
+        for kind, i, thing in self._things():
+            met = thing.cast(start, along, max_distance=np.minimum(reach, hits.distance), threads=threads)
+            closer = np.flatnonzero(met.distance < hits.distance)
+            face = met.face[closer]
+            hits.distance[closer], hits.kind[closer], hits.face[closer] = met.distance[closer], kind, face
+            if isinstance(met, InstanceHits):
+                assert isinstance(thing, InstancedScene)
+                hits.which[closer] = met.instance[closer]
+                hits.normal[closer] = thing.normals(met.instance[closer], face)
+            else:
+                assert not isinstance(thing, InstancedScene)
+                hits.which[closer], hits.normal[closer] = i, thing.normals(face)
+        hits.normal[np.einsum("ij,ij->i", hits.normal, along) > 0.0] *= -1.0
+        return hits
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether anything lies along each ray.
+
+        Parameters
+        ----------
+        origins
+            (n, 3) metres, in the world.
+        directions
+            (n, 3), of any length but zero.
+        max_distance
+            How far to look, in metres; a number or (n,).
+        threads
+            How many threads share the work.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not match, a number is not finite, a direction is zero or a vehicle has several poses.
+        """
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        blocked = np.zeros(len(start), dtype=bool)
+        for _, _, thing in self._things():
+            left = np.flatnonzero(~blocked)
+            blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], threads=threads)
+        return blocked
+
+    def hiding(
+        self,
+        pencils: Pencils,
+        world_from_camera: Float[np.ndarray, "n 4 4"],
+        *,
+        which: Int[np.ndarray, " k"],
+        reach: Float[np.ndarray, " k"],
+    ) -> UInt8[np.ndarray, " k"]:
+        """What is in the way of rays of n cameras: the first of ground, obstacles and vehicles that is.
+
+        The same answer as `occluded` gives ray by ray, and several times as fast.
+
+        Parameters
+        ----------
+        pencils
+            The rays of n cameras.
+        world_from_camera
+            (n, 4, 4) their poses.
+        which
+            (k,) ascending indices of the rays that are asked for.
+        reach
+            (k,) how far each looks, in metres from the near plane.
+
+        Returns
+        -------
+        Codes of `Kind`.
+        """
+        kind = np.zeros(len(which), dtype=np.uint8)
+        if self.ground is not None:
+            for i in range(0, len(which), BATCH):
+                some = slice(i, i + BATCH)
+                rays = pencils.rays(world_from_camera, which[some])
+                kind[some][self.ground.occluded(*rays, max_distance=reach[some])] = Kind.GROUND
+        left = np.flatnonzero(kind == Kind.NOTHING)
+        hidden = hidden_in_beams(self.obstacles, pencils, world_from_camera, which=which[left], reach=reach[left])
+        kind[left[hidden]] = Kind.OBSTACLE
+        for vehicle in self.vehicles:
+            left = np.flatnonzero(kind == Kind.NOTHING)
+            hidden = _hidden_by(vehicle, pencils, world_from_camera, which=which[left], reach=reach[left])
+            kind[left[hidden]] = Kind.VEHICLE
+        return kind
+
+    def _things(self) -> Iterator[tuple[Kind, int, RayCaster | Plane | InstancedScene | PosedVehicle]]:
+        if self.ground is not None:
+            yield Kind.GROUND, 0, self.ground
+        yield Kind.OBSTACLE, 0, self.obstacles
+        for i, vehicle in enumerate(self.vehicles):
+            yield Kind.VEHICLE, i, vehicle
+
+
+def _hidden_by(
+    vehicle: PosedVehicle,
+    pencils: Pencils,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    *,
+    which: Int[np.ndarray, " k"],
+    reach: Float[np.ndarray, " k"],
+) -> Bool[np.ndarray, " k"]:
+    hidden, every = np.zeros(len(which), dtype=bool), np.arange(len(world_from_camera))
+    for part, camera_from_part in vehicle.seen_from(world_from_camera):
+        box = box_at_unit_depth(apply(camera_from_part, part.around))
+        asked = np.flatnonzero(~hidden & pencils.inside(box, every).flat[which])
+        if len(asked):
+            rays = pencils.rays(invert_rigid(camera_from_part), which[asked])
+            hidden[asked] = part.caster.occluded(*rays, max_distance=reach[asked])
+    return hidden
