@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from camera.intrinsics import Lenses, Optics, lenses
 from camera.projection import directions, project
 from geometry.arrays import checked
-from geometry.transforms import tilt_to
+from geometry.portable import exp, hypot, log
+from geometry.transforms import rotate, tilt_to
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 ROUNDS = 20
@@ -51,10 +52,10 @@ def turned(world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike) -
     out = np.array(np.broadcast_to(pose, (*lead, 4, 4)))
     rotation = np.array(out[..., :3, :3])
     seen = np.broadcast_to(seen, (*lead, 3))
-    flat = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
+    flat = hypot(rotation[..., 0, 2], rotation[..., 1, 2])
     steep = flat <= lens.sin_half_fov_x
     level = np.asarray(~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
-    smallest = rotation @ np.swapaxes(tilt_to(seen), -1, -2)
+    smallest = rotate(tilt_to(seen), rotation)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
     return out
 
@@ -64,17 +65,16 @@ def _panned(
 ) -> Float[np.ndarray, "... 3 3"]:
     """Axes of the level camera in which the old forward direction has camera coordinates `seen`."""
     right, forward = rotation[..., :, 0], rotation[..., :, 2]
-    # NumPy 1.26's arctan2 of strided arrays rounds differently from run to run, as memory happens to lie.
-    seen_x, seen_y, seen_z = np.ascontiguousarray(np.moveaxis(seen, -1, 0))
-    flat, rise = np.hypot(forward[..., 0], forward[..., 1]), np.ascontiguousarray(forward[..., 2])
+    seen_x, seen_y, seen_z = np.moveaxis(seen, -1, 0)
+    flat, rise = hypot(forward[..., 0], forward[..., 1]), forward[..., 2]
     # With the pitch p, seen's height above the horizon is seen_z sin p - seen_y cos p, which must be `rise`. The cosine
     # is taken from the horizontal parts, since sqrt(1 - sin^2) would lose half the digits in a steep view.
     cosine = np.sqrt(np.where(possible, (flat - np.abs(seen_x)) * (flat + np.abs(seen_x)), 1.0))
-    pitch = np.arctan2(seen_y, seen_z) + np.arctan2(rise, cosine)
-    cp, sp = np.cos(pitch), np.sin(pitch)
+    # The pitch is the sum of two angles, that of (seen_z, seen_y) and that of (cosine, rise).
+    along, up = seen_z * cosine - seen_y * rise, seen_y * cosine + seen_z * rise
+    cp, sp = _unit(along, up)
     # The old heading lies to the right of the new one by this angle.
-    aside = np.arctan2(seen_x, seen_z * cp + seen_y * sp)
-    ca, sa = np.cos(aside), np.sin(aside)
+    ca, sa = _unit(seen_z * cp + seen_y * sp, seen_x)
     old_x, old_y = -right[..., 1], right[..., 0]
     x, y, zero = ca * old_x - sa * old_y, sa * old_x + ca * old_y, np.zeros_like(cp)
     axes = [
@@ -83,6 +83,13 @@ def _panned(
         np.stack([cp * x, cp * y, sp], -1),
     ]
     return np.stack(axes, -1)
+
+
+def _unit(x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of the angle of (x, y)."""
+    length = hypot(x, y)
+    length = np.where(length > 0.0, length, 1.0)
+    return x / length, y / length
 
 
 def frame_target(
@@ -199,7 +206,7 @@ def _draw_cuts(
     room = np.abs(size - extent)
     most_area = most.prod(axis=1)
     keep = np.clip(share, 1e-6, most_area)
-    ratio = np.log(most_area / keep)
+    ratio = log(most_area / keep)
     weights = np.stack(
         [
             2.0 * room[:, 1] * extent[:, 0] / most[:, 1],
@@ -218,7 +225,7 @@ def _draw_cuts(
     inside[kind == 0, 0] = (keep / most[:, 1])[kind == 0]
     inside[kind == 1, 1] = (keep / most[:, 0])[kind == 1]
     both = kind == 2
-    across = most[:, 0] * np.exp(-ratio * depth)
+    across = most[:, 0] * exp(-ratio * depth)
     inside[both, 0] = across[both]
     inside[both, 1] = (keep / across)[both]
     inside[keep >= most_area] = math.nan

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.portable import hypot, tan
 
 WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
 
@@ -68,7 +69,7 @@ class Intrinsics:
     def f_px(self) -> float:
         """Focal length in pixels (eq 4)."""
         # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
-        return self.width / 2.0 / math.tan(self.fov_x / 2.0)
+        return self.width / 2.0 / tan(self.fov_x / 2.0)
 
     @property
     def centre(self) -> Float[np.ndarray, "2"]:
@@ -123,7 +124,7 @@ class Lenses:
     def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:
         """Sine of half the horizontal field of view."""
         half = self.size[..., 0] / 2.0
-        return np.asarray(half / np.hypot(half, self.f))
+        return np.asarray(half / hypot(half, self.f))
 
 
 Optics = Intrinsics | Sequence[Intrinsics] | Lenses

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from camera.projection import NEAR
+from geometry.transforms import rotate
 
 
 class Pencils:
@@ -25,7 +26,6 @@ class Pencils:
         self, low: Float[np.ndarray, "n 2"], extent: Float[np.ndarray, "n 2"], pattern: Float[np.ndarray, "r 2"]
     ) -> None:
         self.low, self.extent, self.pattern = low, extent, pattern
-        self._weights = np.concatenate([np.ones((len(pattern), 1)), pattern], axis=1)
         # A direction with z = 1 is (1, u, v) of the pattern times these rows.
         self._rows = np.zeros((len(low), 3, 3))
         self._rows[:, 0, :2] = low
@@ -40,14 +40,20 @@ class Pencils:
         view = which // r
         begin, end = (int(view[0]), int(view[-1]) + 1) if len(which) else (0, 0)
         frames = frame_from_camera[begin:end]
-        turned = self._rows[begin:end] @ np.swapaxes(frames[:, :3, :3], -1, -2)
-        along = (self._weights @ turned).reshape(-1, 3)[which - begin * r]
+        turned = rotate(frames[:, :3, :3], self._rows[begin:end])
+        u, v = np.ascontiguousarray(self.pattern.T)
+        every = np.empty((3, end - begin, r))
+        for axis, out in enumerate(every):
+            np.multiply(turned[:, 1, axis, None], u, out=out)
+            out += turned[:, 2, axis, None] * v
+            out += turned[:, 0, axis, None]
+        along = np.ascontiguousarray(every.reshape(3, -1)[:, which - begin * r].T)
         return frames[view - begin, :3, 3] + NEAR * along, along
 
     def edges(self, frame_from_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 3"]:
         """Directions of unit depth along the four edges of each pencil, in order around it."""
-        around = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
-        return around @ (self._rows @ np.swapaxes(frame_from_camera[:, :3, :3], -1, -2))
+        low, across, down = np.moveaxis(rotate(frame_from_camera[:, :3, :3], self._rows), 1, 0)
+        return np.stack([low, low + across, low + across + down, low + down], 1)
 
     def inside(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, "p r"]:
         """Which rays of a box's camera go through it; low and high corners, at unit depth."""

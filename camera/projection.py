@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from camera.intrinsics import Intrinsics, Optics, lenses
 from geometry.arrays import checked
-from geometry.transforms import apply, invert_rigid
+from geometry.transforms import apply, invert_rigid, rotate
 
 NEAR = 0.1  # metres along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
 
@@ -125,4 +125,4 @@ class Camera:
         """World unit directions of the rays through `pixels` (n, 2); all start at `position`."""
         through = directions(self.intrinsics, pixels)
         through /= np.linalg.norm(through, axis=-1, keepdims=True)
-        return through @ self.world_from_camera[:3, :3].T
+        return rotate(self.world_from_camera[:3, :3], through)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.portable import arcsin, sin, sin_cos
 from geometry.transforms import rigid
 
 
@@ -53,7 +54,7 @@ def shell_axes(
     if (np.abs(e) > math.pi / 2).any():
         raise ValueError(f"elevation: expected radians from -pi/2 to pi/2, got {float(e.flat[np.abs(e).argmax()])}")
     a, e = np.broadcast_arrays(a, e)
-    ca, sa, ce, se = np.cos(a), np.sin(a), np.cos(e), np.sin(e)
+    (sa, ca), (se, ce) = sin_cos(a), sin_cos(e)
     outward = np.stack([ce * ca, ce * sa, se], -1)
     right = np.stack([-sa, ca, np.zeros_like(a)], -1)
     down = np.stack([se * ca, se * sa, -ce], -1)
@@ -91,5 +92,6 @@ def draw_elevation(
         return rng.uniform(low, high, n)
     if uniform_in == "sphere":
         # arcsin may round past the bounds by an ulp.
-        return np.clip(np.arcsin(rng.uniform(math.sin(low), math.sin(high), n)), low, high)
+        least, greatest = sin([low, high]).tolist()
+        return np.clip(arcsin(rng.uniform(least, greatest, n)), low, high)
     raise ValueError(f"uniform_in: expected 'angle' or 'sphere', got {uniform_in!r}")

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from camera.intrinsics import Optics, lenses
 from camera.projection import project
 from geometry.arrays import checked
+from geometry.portable import hypot
+from geometry.transforms import rotate
 
 Measure = Literal["height", "width", "diagonal", "area"]
 
@@ -83,12 +85,12 @@ def solve_distance(
         raise ValueError(f"pixels: expected positive sizes, got {float(wanted.min())}")
     if len(points) not in (1, m):
         raise ValueError(f"points_world: expected 1 or {m} sets of points, got {len(points)}")
-    rotation = poses[:, :3, :3]
-    ray = ((middle - poses[:, :3, 3])[:, None] @ rotation)[:, 0]
+    camera_axes = np.swapaxes(poses[:, :3, :3], -1, -2)
+    ray = rotate(camera_axes, (middle - poses[:, :3, 3])[:, None])[:, 0]
     if (ray[:, 2] <= 0.0).any():
         raise ValueError("centre: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-    local = (points - middle[:, None]) @ rotation
+    local = rotate(camera_axes, points - middle[:, None])
     f = lenses(intrinsics).f
     # At distance D the pixel of a point is off the centre's by f * aside / (D * ray_z + depth).
     aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * f[..., None, None]
@@ -159,4 +161,4 @@ def _length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.nda
     lengths = {"width": across, "height": down}
     if measure in lengths:
         return np.asarray(lengths[measure])
-    return np.asarray(np.hypot(across, down) if measure == "diagonal" else np.sqrt(across * down))
+    return np.asarray(hypot(across, down) if measure == "diagonal" else np.sqrt(across * down))

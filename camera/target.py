@@ -14,7 +14,7 @@ from assets.vehicle import Articulation, VehicleShape
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster, RayHits, checked_rays
-from geometry.transforms import apply, invert_rigid
+from geometry.transforms import apply, compose, invert_rigid
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
 
@@ -76,7 +76,7 @@ class VehicleTarget:
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
             return [(part, camera_from_vehicle) for part in self.at_rest]
-        return [(part, camera_from_vehicle @ poses[..., part.index, :, :]) for part in self.parts]
+        return [(part, compose(camera_from_vehicle, poses[..., part.index, :, :])) for part in self.parts]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -108,7 +108,7 @@ class PosedVehicle:
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
     ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
         """The parts to cast against and where each is in the cameras' frames."""
-        camera_from_vehicle = invert_rigid(world_from_camera) @ self.world_from_vehicle
+        camera_from_vehicle = compose(invert_rigid(world_from_camera), self.world_from_vehicle)
         return self.target.placed(camera_from_vehicle, self.articulation)
 
     def cast(
@@ -172,12 +172,13 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
         return vertices
     normals = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), -1).reshape(-1, 3) / (high - low)
     normals = normals[np.any(normals != 0.0, axis=1)]
-    middle = (low + high) / 2.0
+    # About a point inside, so that SciPy finds 0 for the products with it, however BLAS sums them up.
+    middle = vertices.mean(axis=0)
+    x, y, z = (vertices - middle).T
     # Relative to the box's size, and out by a rounding error or two.
-    offset = ((vertices - middle) @ normals.T).max(axis=0) + 1e-9
-    inside = vertices.mean(axis=0) - middle
+    offset = np.array([(a * x + b * y + c * z).max() for a, b, c in normals]) + 1e-9
     try:
-        corners = HalfspaceIntersection(np.c_[normals, -offset], inside).intersections
+        corners = HalfspaceIntersection(np.c_[normals, -offset], np.zeros(3)).intersections
     except QhullError:
         return vertices
     return corners + middle

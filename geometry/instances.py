@@ -19,7 +19,7 @@ from geometry.boxtree import BoxTree
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh, unit_normals
 from geometry.rays import RayCaster, checked_rays
-from geometry.transforms import apply
+from geometry.transforms import apply, invert_affine
 
 RAYS = 1 << 16  # rays whose crossings are held at a time
 # Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
@@ -95,7 +95,7 @@ class InstancedScene:
             self.traced[i] = len(self.traced_meshes)
             self.traced_meshes.append(Mesh(apply(poses[i], mesh.vertices), mesh.faces, mesh.name))
             self.world_from_traced[i] = np.eye(4)
-        self.traced_from_world = np.linalg.inv(self.world_from_traced)
+        self.traced_from_world = invert_affine(self.world_from_traced)
         used = set(self.traced.tolist())
         self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
         self._tree = BoxTree(_padded(self.bounds))

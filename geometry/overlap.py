@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from geometry.boxtree import BoxTree
 from geometry.instances import InstancedScene
-from geometry.transforms import apply, invert_rigid
+from geometry.transforms import apply, compose, invert_rigid, rotate
 
 PAIRS = 1 << 16  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -136,10 +136,10 @@ class SceneTouch:
         if traced not in self._trees:
             corners = mesh.triangles
             self._trees[traced] = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
-        mesh_from_box = self._scene.traced_from_world[instance] @ world_from_box[box]
+        mesh_from_box = compose(self._scene.traced_from_world[instance], world_from_box[box])
         corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
         pair, face = self._trees[traced].overlapping(corners.min(axis=1), corners.max(axis=1))
-        box_from_mesh = invert_rigid(world_from_box[box]) @ self._scene.world_from_traced[instance]
+        box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_traced[instance])
         for i in range(0, len(pair), PAIRS):
             which = pair[i : i + PAIRS]
             triangles = apply(box_from_mesh[which], mesh.vertices[mesh.faces[face[i : i + PAIRS]]])
@@ -147,7 +147,7 @@ class SceneTouch:
 
     def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         axes = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])
-        directions = axes @ np.swapaxes(world_from_box[:, :3, :3], 1, 2)
+        directions = rotate(world_from_box[:, :3, :3], axes)
         origins = np.repeat(world_from_box[:, :3, 3], len(axes), axis=0)
         met = self._scene.cast(origins, directions.reshape(-1, 3)).instance.reshape(-1, len(axes))
         return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._solid)

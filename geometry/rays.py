@@ -9,6 +9,7 @@ building does not, and a mesh added after the first run() is ignored.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ class RayCaster:
     def __init__(self, mesh: Mesh) -> None:
         low, high = bounds_within_reach(mesh)
         self._centre = 0.5 * (low + high)
-        self._radius = 0.5 * float(np.linalg.norm(high - low))
+        self._radius = 0.5 * math.sqrt(sum(side * side for side in (high - low).tolist()))
         self._top = np.float32((high - self._centre)[2])
         self.mesh = mesh
         self._scene = EmbreeScene(robust=True)

@@ -1,6 +1,7 @@
 """Rigid and affine transforms as 4x4 float64 matrices named `b_from_a`: they take coordinates of a to b.
 
-Every function works on stacks, with any leading axes. Rotations follow the right-hand rule.
+Every function works on stacks, with any leading axes. Rotations follow the right-hand rule. Products are sums that are
+written out: a matrix product of BLAS rounds differently on another processor, or with another number of rows.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.portable import sin, sin_cos
 
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
@@ -24,7 +26,38 @@ def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 
     """
     matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
     points = checked(points_a, "points_a", ("...", "n", 3), finite=False)
-    return points @ np.swapaxes(matrix[..., :3, :3], -1, -2) + matrix[..., None, :3, 3]
+    moved = rotate(matrix[..., :3, :3], points)
+    moved += matrix[..., None, :3, 3]
+    return moved
+
+
+def rotate(
+    b_from_a: Float[np.ndarray, "... 3 3"], vectors_a: Float[np.ndarray, "... n 3"]
+) -> Float[np.ndarray, "... n 3"]:
+    """Vectors of frame a in frame b: `vectors_a @ b_from_a.T`, for inner loops, without checks."""
+    lead = np.broadcast_shapes(b_from_a.shape[:-2], vectors_a.shape[:-2])
+    turned = np.empty((*lead, *vectors_a.shape[-2:]))
+    x, y, z = (vectors_a[..., i] for i in range(3))
+    for i in range(3):
+        row = b_from_a[..., i, 0, None] * x
+        row = row + b_from_a[..., i, 1, None] * y
+        row += b_from_a[..., i, 2, None] * z
+        turned[..., i] = row
+    return turned
+
+
+def compose(
+    c_from_b: Float[np.ndarray, "... 4 4"], b_from_a: Float[np.ndarray, "... 4 4"]
+) -> Float[np.ndarray, "... 4 4"]:
+    """`c_from_a` of affine transforms, without checks; leading axes broadcast."""
+    composed = np.zeros(np.broadcast_shapes(c_from_b.shape, b_from_a.shape))
+    top = composed[..., :3, :]
+    np.multiply(c_from_b[..., :3, 0:1], b_from_a[..., 0:1, :], out=top)
+    for i in (1, 2):
+        top += c_from_b[..., :3, i : i + 1] * b_from_a[..., i : i + 1, :]
+    top[..., 3] += c_from_b[..., :3, 3]
+    composed[..., 3, 3] = 1.0
+    return composed
 
 
 def invert_rigid(b_from_a: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
@@ -33,7 +66,19 @@ def invert_rigid(b_from_a: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
     inverse = np.zeros_like(matrix)
     rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
     inverse[..., :3, :3] = rotation
-    inverse[..., :3, 3] = -(rotation @ matrix[..., :3, 3, None])[..., 0]
+    inverse[..., :3, 3] = -rotate(rotation, matrix[..., None, :3, 3])[..., 0, :]
+    inverse[..., 3, 3] = 1.0
+    return inverse
+
+
+def invert_affine(b_from_a: Float[np.ndarray, "... 4 4"]) -> Float[np.ndarray, "... 4 4"]:
+    """`a_from_b` of affine transforms that flatten nothing, by cofactors, without checks."""
+    x, y, z = (b_from_a[..., :3, i] for i in range(3))
+    yz = np.cross(y, z)
+    volume = x[..., 0] * yz[..., 0] + x[..., 1] * yz[..., 1] + x[..., 2] * yz[..., 2]
+    inverse = np.zeros_like(b_from_a)
+    inverse[..., :3, :3] = np.stack([yz, np.cross(z, x), np.cross(x, y)], -2) / volume[..., None, None]
+    inverse[..., :3, 3] = -rotate(inverse[..., :3, :3], b_from_a[..., None, :3, 3])[..., 0, :]
     inverse[..., 3, 3] = 1.0
     return inverse
 
@@ -69,13 +114,15 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 
         -2,
     )
     # 1 - cos would lose half the digits of small angles.
-    return np.eye(3) + np.sin(theta) * cross + 2.0 * np.sin(theta / 2) ** 2 * (cross @ cross)
+    half = sin(theta / 2)
+    # `rotate` multiplies by the transposed matrix, which of `-cross` is `cross`.
+    return np.eye(3) + sin(theta) * cross + 2.0 * (half * half) * rotate(-cross, cross)
 
 
 def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Rotation by `angle` radians (...) about +z, counter-clockwise seen from above."""
     theta = checked(angle, "angle", ("...",))
-    c, s, zero, one = np.cos(theta), np.sin(theta), np.zeros_like(theta), np.ones_like(theta)
+    (s, c), zero, one = sin_cos(theta), np.zeros_like(theta), np.ones_like(theta)
     return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
 
 
@@ -119,7 +166,7 @@ def facing(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     z_axis = checked(up, "up", ("...", 3))
     if (z_axis[..., 2] <= 0).any():
         raise ValueError("up: expected directions with z > 0, where every heading has one direction across them")
-    c, s = np.cos(theta), np.sin(theta)
+    s, c = sin_cos(theta)
     nx, ny, nz = z_axis[..., 0], z_axis[..., 1], z_axis[..., 2]
     x_axis = np.stack([c * nz, s * nz, -(c * nx + s * ny)], -1)
     x_axis /= np.sqrt((x_axis**2).sum(-1, keepdims=True))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.meshes import Mesh
+from geometry.portable import hypot
 from geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
@@ -193,7 +194,7 @@ def spots(footprint: Underside, n: int) -> Spots:
             away.append((np.clip(at, cell, cell + 1) - at) * step[axis])
             near.append(cell)
         heights = footprint.heights[np.ix_(*near)]
-        a, b = np.unravel_index(np.argmin(heights + LEAN * np.hypot(away[0][:, None], away[1])), heights.shape)
+        a, b = np.unravel_index(np.argmin(heights + LEAN * hypot(away[0][:, None], away[1])), heights.shape)
         height[k] = heights[a, b]
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]

@@ -17,7 +17,7 @@ from assets.vehicle import VehicleShape
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
 from geometry.overlap import PAIRS, SceneTouch, boxes_touch
-from geometry.transforms import invert_rigid, rigid
+from geometry.transforms import compose, invert_rigid, rigid
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -143,14 +143,14 @@ def clear_of_vehicles(
     for i in range(0, len(known), block):
         rows = known[i : i + block]
         half, world_from_mine = _grown(mine, poses[rows], clearance)
-        world_from_theirs = others[rows][:, :, None] @ theirs.vehicle_from_box
+        world_from_theirs = compose(others[rows][:, :, None], theirs.vehicle_from_box)
         # Axes: row, other, box of mine, box of theirs.
         shape = (len(rows), m, b, c)
         mine_from_world = invert_rigid(world_from_mine.reshape(len(rows), 1, b, 1, 4, 4))
         touch = boxes_touch(
             np.broadcast_to(half.reshape(len(rows), 1, b, 1, 3), (*shape, 3)).reshape(-1, 3),
             np.broadcast_to(theirs.half, (*shape, 3)).reshape(-1, 3),
-            (mine_from_world @ world_from_theirs[:, :, None]).reshape(-1, 4, 4),
+            compose(mine_from_world, world_from_theirs[:, :, None]).reshape(-1, 4, 4),
         )
         clear[rows] = ~touch.reshape(len(rows), -1).any(axis=1)
     return clear
@@ -173,7 +173,7 @@ def _boxed(bounds: Float[np.ndarray, "b 2 3"], vehicle_from_part: Float[np.ndarr
     if (bounds[:, 0] > bounds[:, 1]).any():
         raise ValueError(f"extent: expected the lowest corner first and no size below 0, got {bounds.tolist()}")
     part_from_box = rigid(np.eye(3), bounds.mean(axis=1))
-    poses = part_from_box if vehicle_from_part is None else vehicle_from_part @ part_from_box
+    poses = part_from_box if vehicle_from_part is None else compose(vehicle_from_part, part_from_box)
     return Extent((bounds[:, 1] - bounds[:, 0]) / 2, poses)
 
 
@@ -185,5 +185,5 @@ def _grown(
         raise ValueError(f"clearance: expected metres of 0 or more, got {clearance}")
     half = extent.half + clearance * np.array([1.0, 1.0, 0.5])
     raised = rigid(np.eye(3), [0.0, 0.0, clearance / 2])
-    poses = world_from_vehicle[:, None] @ (extent.vehicle_from_box @ raised)
+    poses = compose(world_from_vehicle[:, None], compose(extent.vehicle_from_box, raised))
     return np.tile(half, (len(world_from_vehicle), 1)), poses.reshape(-1, 4, 4)

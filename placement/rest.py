@@ -81,7 +81,7 @@ def least_squares(
     sxz, syz = (wx * dz).sum(axis=1), (wy * dz).sum(axis=1)
     determinant = sxx * syy - sxy**2
     # Hits on one line carry no plane; the threshold is far below any footprint that has an area.
-    found = determinant > 1e-9 * np.ptp(x) ** 2 * np.ptp(y) ** 2
+    found = determinant > 1e-9 * (np.ptp(x) * np.ptp(x)) * (np.ptp(y) * np.ptp(y))
     with np.errstate(divide="ignore", invalid="ignore"):
         gx, gy = (sxz * syy - syz * sxy) / determinant, (syz * sxx - sxz * sxy) / determinant
     return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found, np.full(len(found), np.nan))

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.portable import arctan2, hypot, sin_cos
 from geometry.transforms import facing, rigid
 from placement.footprint import Spots, Underside, contact_spots, plate_spots, spots
 from placement.rest import Rest, averaged, least_squares, support
@@ -236,7 +237,7 @@ def _settle_block(
     on = out.verdict[rows] == Verdict.OK
     rows, height, gradient = rows[on], rest.height[on], rest.gradient[on]
     # The gradient is that of a frame turned by the heading.
-    cos, sin = np.cos(yaw[rows]), np.sin(yaw[rows])
+    sin, cos = sin_cos(yaw[rows])
     gx, gy = cos * gradient[:, 0] - sin * gradient[:, 1], sin * gradient[:, 0] + cos * gradient[:, 1]
     length = np.sqrt(1.0 + gx**2 + gy**2)
     normal = np.stack([-gx / length, -gy / length, 1.0 / length], axis=1)
@@ -261,7 +262,7 @@ def _rest(
     options: _Options,
 ) -> tuple[Rest, Float[np.ndarray, " k"]]:
     """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
-    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    sin, cos = (part[:, None] for part in sin_cos(yaw))
     x, y = options.samples.xy.T
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
     hits = terrain.top_hits(points.reshape(-1, 2), method=options.method)
@@ -300,5 +301,4 @@ def _contact(
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
     """Angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
-    # A copy, since NumPy 1.26's arctan2 of strided arrays rounds differently from run to run, as memory happens to lie.
-    return np.arctan2(np.hypot(normal[:, 0], normal[:, 1]), normal[:, 2].copy())
+    return arctan2(hypot(normal[:, 0], normal[:, 1]), normal[:, 2])

@@ -90,7 +90,8 @@ def _starts(
     samples_xy, centre = np.frombuffer(samples).reshape(-1, 2), np.array([[x, y]])
     m = len(samples_xy)
     spread = np.rint(np.linspace(0, m - 1, min(m, STARTS))).astype(int)
-    outermost = [np.argmax(samples_xy @ d) for d in ((-1, -1.1), (1, -1.1), (1, 1.1), (-1, 1.1))] if m else spread
+    corner = ((-1, -1.1), (1, -1.1), (1, 1.1), (-1, 1.1))
+    outermost = [np.argmax(a * samples_xy[:, 0] + b * samples_xy[:, 1]) for a, b in corner] if m else spread
     few = np.unique([*outermost, *spread])
     corners = np.array(list(combinations(range(len(few)), 3)), dtype=int).reshape(-1, 3)
     area = opposite(samples_xy[few[corners]], centre).sum(axis=1)

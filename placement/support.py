@@ -8,16 +8,18 @@ dual says the same: of all triangles of samples around the centre, the one that 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from geometry.portable import hypot
 from placement.simplex import above_planes, highest_triangles, opposite, planes
 
 # A centre exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
 # the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.
-NUDGE = np.array([1.0e-6, 1.0e-6 * (5**0.5 - 1) / 2])
+NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
 TIED = 1e-4  # a sample that carries less than this share of the weight carries nothing: the centre is on an edge
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
@@ -75,7 +77,7 @@ def support_plane(
     plane = planes(corners, np.take_along_axis(heights, basis, axis=1))
     weight = np.abs(opposite(corners, np.zeros((1, 2))))
     side = corners[:, (1, 2, 0)] - corners[:, (2, 0, 1)]
-    margin[rows] = (weight / np.hypot(side[..., 0], side[..., 1])).min(axis=1)
+    margin[rows] = (weight / hypot(side[..., 0], side[..., 1])).min(axis=1)
     idle = weight < TIED * weight.sum(axis=1, keepdims=True)
     ties = idle.sum(axis=1)
     edge, one = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)

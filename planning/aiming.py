@@ -13,6 +13,7 @@ from camera.framing import frame_target
 from camera.intrinsics import Intrinsics, Optics, lenses
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
+from geometry.portable import sin_cos
 from planning.draws import Draws, Purpose, StackedGenerator, between
 from planning.refusal import Refusal
 from planning.schema import CameraSection, RenderSection
@@ -244,7 +245,8 @@ def baseline_distance(
     size: float, fov_x_deg: Float[np.ndarray, " n"], fraction: Float[np.ndarray, " n"], render: RenderSection
 ) -> Float[np.ndarray, " n"]:
     """D of equation 6, for every field of view and target fraction: `Intrinsics.distance_for` on stacks."""
-    f_px = render.width / 2.0 / np.tan(np.radians(fov_x_deg) / 2.0)
+    sine, cosine = sin_cos(np.radians(fov_x_deg) / 2.0)
+    f_px = render.width / 2.0 * cosine / sine
     return size * f_px / (render.height * fraction)
 
 

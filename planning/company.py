@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int
 
+from geometry.portable import sin_cos
 from planning.draws import Draws, Purpose, between
 from planning.placing import Stands, clear_of_vehicle, nowhere, stand
 from planning.refusal import Refusal
@@ -122,7 +123,7 @@ class Company:
                 Purpose.COMPANION, self.position[at] * _MOST + j, place_try[one] * TRIES + attempt, count=3
             )
             distance, bearing = between(*limits.companion_distance, uniform[:, 0]), 2.0 * math.pi * uniform[:, 1]
-            xy = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+            xy = distance[:, None] * np.stack(sin_cos(bearing)[::-1], axis=1)
             xy += target.world_from_vehicle[one, :2, 3]
             turned = [slot.articulation[i] for i in at.tolist()]
             stands = stand(self.site, self.models[m], limits, xy, 2.0 * math.pi * uniform[:, 2] - math.pi, turned)

@@ -24,7 +24,7 @@ def image_size(measure: Measure, render: RenderSection) -> float:
     sizes = {
         "height": render.height,
         "width": render.width,
-        "diagonal": math.hypot(render.width, render.height),
+        "diagonal": math.sqrt(render.width * render.width + render.height * render.height),
         "area": render.width * render.height,
     }
     return float(sizes[measure])

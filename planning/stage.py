@@ -16,7 +16,7 @@ from camera.clearance import CameraSpots
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import Plane, World
 from geometry.errors import ConfigError
-from geometry.transforms import apply, rigid
+from geometry.transforms import apply, compose, rigid
 from placement.footprint import Underside, underside
 from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
@@ -126,7 +126,7 @@ class Placed:
     @property
     def centres(self) -> Float[np.ndarray, "n 3"]:
         """Centres of the bounding boxes, in the world."""
-        return self.world_from_vehicle[:, :3, :3] @ self.model.centre + self.world_from_vehicle[:, :3, 3]
+        return apply(self.world_from_vehicle, self.model.centre[None])[:, 0]
 
     def corners(self) -> Float[np.ndarray, "n k 3"]:
         """Corners of the boxes of all parts, turned and placed: no vertex of the vehicle is outside their hull."""
@@ -141,7 +141,7 @@ class Placed:
     def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
         """Where each part at rest goes."""
         vehicle_from_parts = self.model.shape.vehicle_from_parts(self.articulation)[:, self.model.corner_part]
-        return self.world_from_vehicle[:, None] @ vehicle_from_parts
+        return compose(self.world_from_vehicle[:, None], vehicle_from_parts)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

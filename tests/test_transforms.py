@@ -3,7 +3,18 @@ import math
 import numpy as np
 import pytest
 
-from geometry.transforms import apply, facing, invert_rigid, rigid, rotation_about, rotation_z, tilt_to
+from geometry.transforms import (
+    apply,
+    compose,
+    facing,
+    invert_affine,
+    invert_rigid,
+    rigid,
+    rotate,
+    rotation_about,
+    rotation_z,
+    tilt_to,
+)
 
 
 def some_rotations(n=20, seed=0):
@@ -77,3 +88,22 @@ def test_facing_keeps_the_heading_where_the_smallest_tilt_does_not():
 def test_a_wrong_call_names_the_argument(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_products_written_out_are_those_of_matrices():
+    rng = np.random.default_rng(5)
+    c_from_b, b_from_a = np.tile(np.eye(4), (2, 7, 1, 1))
+    c_from_b[:, :3], b_from_a[:, :3] = rng.normal(size=(2, 7, 3, 4))
+    assert np.allclose(compose(c_from_b, b_from_a), c_from_b @ b_from_a, rtol=0, atol=1e-14)
+    assert np.allclose(invert_affine(b_from_a) @ b_from_a, np.eye(4), rtol=0, atol=1e-12)
+    vectors = rng.normal(size=(7, 5, 3))
+    turned = np.einsum("nij,nkj->nki", b_from_a[:, :3, :3], vectors)
+    assert np.allclose(rotate(b_from_a[:, :3, :3], vectors), turned, rtol=0, atol=1e-14)
+
+
+def test_a_row_does_not_depend_on_the_others():
+    rng = np.random.default_rng(6)
+    pose, points = rng.normal(size=(4, 4)), rng.normal(size=(100, 3))
+    assert all(
+        np.array_equal(apply(pose, points)[i : i + n], apply(pose, points[i : i + n])) for i, n in ((0, 1), (7, 3))
+    )
