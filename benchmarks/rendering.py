@@ -23,8 +23,10 @@ from demo.project import create_project
 from planning.config import load_config, parse_config
 from planning.loading import load_assets
 from planning.plan_file import Plan
+from planning.row import Row
 from planning.write import write_plan
-from render.jobs import RenderAssets, job, render_assets
+from render.jobs import RenderAssets, render_assets, render_job
+from render.messages import Settings, to_json
 from render.process import WorkerProcess, worker_command
 from render.todo import sort_key
 
@@ -89,7 +91,11 @@ def planned(
     return plan, render_assets(plan)
 
 
-def _in_order(plan: Plan) -> list[dict[str, Any]]:
+def _job(row: Row, assets: RenderAssets, settings: dict[str, Any], output: Path) -> dict[str, Any]:
+    return to_json(render_job(row, assets, Settings(**settings), output))
+
+
+def _in_order(plan: Plan) -> list[Row]:
     """As the supervisor sorts them."""
     return sorted(plan, key=sort_key)
 
@@ -106,7 +112,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     size = (160, 90) if quick else (480, 270)
     plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
     settings = {**FAST, "samples": FEW} if quick else FAST
-    jobs = [job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
+    jobs = [_job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
     start = time.perf_counter()
     talk = Talk(folder)
     started = time.perf_counter() - start
@@ -144,7 +150,7 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     rows = _in_order(plan)[:4]
     talk = Talk(folder)
     parts = [
-        talk.ask(job(row, assets, {**PAPER, "samples": samples}, folder / "l.png"))["seconds"]
+        talk.ask(_job(row, assets, {**PAPER, "samples": samples}, folder / "l.png"))["seconds"]
         for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
     ]
     talk.worker.stop()
@@ -167,9 +173,9 @@ def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
     talk = Talk(folder)
     held, vehicles = [], []
     for row in _in_order(plan):
-        talk.ask(job(row, assets, {**PAPER, "samples": 1}, folder / "m.png"))
+        talk.ask(_job(row, assets, {**PAPER, "samples": 1}, folder / "m.png"))
         held.append(talk.worker.memory / 2**20)
-        vehicles.append(row["vehicle"])
+        vehicles.append(row.vehicle)
     talk.worker.stop()
     early = held[19]
     return {"megabytes": held, "vehicles": vehicles, "growth": held[-1] / early - 1, "most": max(held[19:]) / early - 1}

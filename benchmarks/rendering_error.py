@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from msgspec.structs import replace as altered
 from PIL import Image
 
-from render.jobs import RenderAssets, job
+from planning.row import Row
+from render.jobs import RenderAssets, render_job
+from render.messages import Settings, to_json
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}
@@ -27,7 +30,6 @@ VARIANTS = {
 DEFAULT = "128 samples, denoised"
 
 Ask = Callable[[dict[str, Any]], dict[str, Any]]
-Row = dict[str, Any]
 
 
 def measure(
@@ -38,22 +40,22 @@ def measure(
     found: dict[str, dict[str, dict[str, float]]] = {}
 
     def picture(row: Row, assets: RenderAssets, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        answer = ask(job(row, assets, settings, folder / "e.png"))
+        answer = ask(to_json(render_job(row, assets, Settings(**settings), folder / "e.png")))
         with Image.open(folder / "e.png") as image:
             return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
 
     for where, row, assets in pictures:
         truth, _ = picture(row, assets, {**PAPER, "samples": reference_samples, "denoise": False})
-        x, y, w, h = row["bbox"]
+        x, y, w, h = row.bbox
         box = np.s_[int(y) : int(np.ceil(y + h)), int(x) : int(np.ceil(x + w))]
         points = {}
         for name in rng.permutation(list(VARIANTS)):
-            seen, seconds = picture({**row, "sample_seed": 7}, assets, VARIANTS[str(name)])
+            seen, seconds = picture(altered(row, sample_seed=7), assets, VARIANTS[str(name)])
             points[str(name)] = {
                 "seconds": seconds, "frame": _rmse(seen, truth), "box": _rmse(seen[box], truth[box])
             }  # fmt: skip
         found[where] = {name: points[name] for name in VARIANTS}
-    size = [pictures[0][1]["width"], pictures[0][1]["height"]]
+    size = [pictures[0][1].width, pictures[0][1].height]
     return {"size": size, "reference_samples": reference_samples, "pictures": found}
 
 

@@ -9,33 +9,12 @@ from typing import Any
 import orjson
 
 from dataset.records import Finding
-from dataset.runs import Run, find_run, plan_key
-from geometry.errors import DatasetError
+from dataset.runs import find_run, plan_key
+from planning.plan_file import read_plan
+from planning.row import PlannedVehicle, Row, encode, fields
 
-# What goes from a plan's rows into a dataset, unchanged and in this order.
-IMAGE_KEYS = (
-    "width",
-    "height",
-    "scenery",
-    "position",
-    "shot",
-    "world_from_camera",
-    "fov_x_deg",
-    "hdri",
-    "hdri_yaw_deg",
-    "strength",
-    "weather",
-    "sample_seed",
-)
-LABEL_KEYS = (
-    "bbox",
-    "vehicle",
-    "world_from_vehicle",
-    "articulation",
-    "bbox_amodal",
-    "visible_fraction",
-    "truncated_fraction",
-)
+IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
+LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
 LONGEST = 120  # characters of a value in a finding
 
 
@@ -54,18 +33,11 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
 
     Raises
     ------
-    DatasetError
-        If the file is no plan.
+    ConfigError
+        If the file is no plan, or a line of it is no row.
     """
-    try:
-        with plan.open("rb") as file:
-            header = orjson.loads(file.readline())
-        if "hulldown_plan" not in header:
-            raise KeyError("hulldown_plan")
-        planned, key = int(header["images"]), plan_key(plan)
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise _no_plan(plan, error) from error
-    run = find_run(coco, key)
+    rows = read_plan(plan)
+    run = find_run(coco, plan_key(plan))
     if run is None:
         yield Finding("error", plan.name, "nothing here was rendered from this file, as it is now")
         return
@@ -73,44 +45,34 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
     images = {image["id"]: image for image in coco["images"] if run.has_image(image["id"])}
     boxes = {box["id"]: box for box in coco["annotations"] if run.has_annotation(box["id"])}
     first, missing, example = run.annotation_offset + 1, 0, ""
-    for i, (name, wanted, targets) in enumerate(_rows(plan, run), start=run.image_offset + 1):
-        image = images.get(i)
+    for i, row in enumerate(rows, start=run.image_offset + 1):
+        image, name, labels = images.get(i), run.file_name(row.file_name), label_records(row)
         if image is None:
             missing, example = missing + 1, example or name
         else:
-            yield from _differ(name, image, wanted)
-            for k, target in enumerate(targets, start=first):
-                yield from _box_differs(name, boxes.pop(k, None), {"image_id": i, **target}, names)
-        first += len(targets)
+            yield from _differ(name, image, {"file_name": name, **image_record(row)})
+            for k, label in enumerate(labels, start=first):
+                yield from _box_differs(name, boxes.pop(k, None), {"image_id": i, **label}, names)
+        first += len(labels)
     # Left are those of images that are missing, and those that no row has.
     for box in boxes.values():
         if isinstance(i := box.get("image_id"), int) and i in images:
             name = str(images[i].get("file_name"))
             yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
     if missing:
-        yield Finding("warning", plan.name, f"{missing} of {planned} planned images are not there, such as {example}")
+        yield Finding("warning", plan.name, f"{missing} of {len(rows)} planned images are not there, such as {example}")
 
 
-def labelled(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """What the image of a row is labelled with: its target, and the companions of which something is seen."""
-    return [row, *(c for c in row["companions"] if c["bbox"] is not None and c["visible_fraction"] > 0)]
+def image_record(row: Row) -> dict[str, Any]:
+    """What a dataset says about a row's image, but for id and file name."""
+    record = orjson.loads(encode(row))
+    return {key: record[key] for key in IMAGE_KEYS}
 
 
-def _rows(plan: Path, run: Run) -> Iterator[tuple[str, dict[str, Any], list[dict[str, Any]]]]:
-    """Of each row its file name in the dataset, and what image and labels are to say."""
-    try:
-        with plan.open("rb") as file:
-            file.readline()
-            for row in map(orjson.loads, file):
-                name = run.file_name(row["file_name"])
-                labels = [{key: target[key] for key in ("category", *LABEL_KEYS)} for target in labelled(row)]
-                yield name, {"file_name": name, **{key: row[key] for key in IMAGE_KEYS}}, labels
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise _no_plan(plan, error) from error
-
-
-def _no_plan(plan: Path, error: Exception) -> DatasetError:
-    return DatasetError(f"cannot be read as a plan ({error})", path=plan, remedy="name the plan's file")
+def label_records(row: Row) -> list[dict[str, Any]]:
+    """What it says about each labelled vehicle of a row, but for ids and masks."""
+    records = [orjson.loads(encode(vehicle)) for vehicle in row.labelled]
+    return [{key: record[key] for key in ("category", *LABEL_KEYS)} for record in records]
 
 
 def _box_differs(
@@ -118,7 +80,7 @@ def _box_differs(
 ) -> Iterator[Finding]:
     what = f"{wanted['category']} {wanted['vehicle']!r}"
     if box is None:
-        yield not_annotated(name, wanted)
+        yield not_annotated(name, wanted["category"], wanted["vehicle"])
         return
     label = box.get("category_id")
     found = {**box, "category": names.get(label) if isinstance(label, int) else None}
@@ -126,9 +88,9 @@ def _box_differs(
         yield Finding(finding.severity, name, f"{what}: {finding.problem}")
 
 
-def not_annotated(name: str, target: Mapping[str, Any]) -> Finding:
+def not_annotated(name: str, category: str, vehicle: str) -> Finding:
     """A planned label is not there: a warning, since somebody may have deleted it on purpose."""
-    return Finding("warning", name, f"{target['category']} {target['vehicle']!r} is planned and has no annotation")
+    return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 
 def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:

@@ -49,6 +49,8 @@ def verify(
     ------
     DatasetError
         If there is no dataset, or it cannot be read at all.
+    ConfigError
+        If the plan is none.
     """
     folder = Path(dataset)
     coco = read_coco(folder)

@@ -16,6 +16,7 @@ from camera.visibility import visible_fraction
 from geometry.portable import sin_cos
 from planning.draws import Draws, Purpose, StackedGenerator, between
 from planning.refusal import Refusal
+from planning.row import rounded
 from planning.schema import CameraSection, RenderSection
 from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Placed, Site
@@ -110,7 +111,7 @@ def try_cameras(
     shots = no_shots(n)
     rng = StackedGenerator(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
-    shots.fov_x_deg[:] = between(*limits.fov_x_deg, uniform[:, 0])
+    shots.fov_x_deg[:] = rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0]))
     fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
@@ -159,6 +160,7 @@ def try_cameras(
             spread=limits.framing,
             truncated=limits.truncated_fraction,
         ).world_from_camera
+    poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
     shots.world_from_camera[rows] = poses
     boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, intrinsics, aimed_at.articulation)
     shots.bbox[rows], shots.bbox_amodal[rows] = boxes.xywh, boxes.amodal

@@ -17,6 +17,7 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
 from planning.plan_file import Plan
+from planning.row import Source
 from planning.schema import SceneryEntry, VehicleEntry
 from reading.build import Options
 from reading.cache import cached, sha256
@@ -174,9 +175,9 @@ def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None =
     AssetError
         If a file cannot be read.
     """
-    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header["root"]))
+    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
     # Only the folder of the config counts: what the file said is in the header.
-    config = parse_config(plan.header["config"], path=root / plan.path.name)
+    config = parse_config(plan.header.config, path=root / plan.path.name)
     library = load_library(config, progress=progress)
     refuse_changed(plan, library.assets)
     return config, library
@@ -195,12 +196,17 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
     ConfigError
         Naming the first that has.
     """
-    now = {"vehicles": assets.vehicle_files, "sceneries": assets.scenery_files, "hdris": assets.hdri_files}
-    for kind, files in now.items():
-        for name, was in plan.header[kind].items():
-            if name not in files or (was["sha256"] and was["sha256"] != files[name].sha256):
+    header = plan.header
+    now: tuple[tuple[str, Mapping[str, Source], Mapping[str, AssetFile]], ...] = (
+        ("vehicles", header.vehicles, assets.vehicle_files),
+        ("sceneries", header.sceneries, assets.scenery_files),
+        ("hdris", header.hdris, assets.hdri_files),
+    )
+    for kind, planned, files in now:
+        for name, was in planned.items():
+            if name not in files or (was.sha256 and was.sha256 != files[name].sha256):
                 raise ConfigError(
-                    f"{kind}: {name!r} ({was['path']}) is not what it was when this was planned",
+                    f"{kind}: {name!r} ({was.path}) is not what it was when this was planned",
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )

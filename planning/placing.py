@@ -13,6 +13,7 @@ from placement.limits import clear_of_vehicles
 from placement.settle import settle
 from planning.draws import Draws, Purpose, StackedGenerator
 from planning.refusal import Refusal
+from planning.row import rounded
 from planning.schema import PlacementSection
 from planning.stage import Model, Placed, Site
 
@@ -94,10 +95,11 @@ def stand(
         footprint=model.undersides[limits.contact],
     )
     refusal = settled.verdict.copy()
+    poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     rows = np.flatnonzero(refusal == Refusal.NONE)
-    placed = Placed(model, settled.world_from_vehicle[rows], [articulation[i] for i in rows.tolist()])
+    placed = Placed(model, poses[rows], [articulation[i] for i in rows.tolist()])
     refusal[rows[~clear_of_obstacles(site, placed, limits.obstacle_clearance)]] = Refusal.OBSTACLE
-    return Stands(settled.world_from_vehicle, np.degrees(settled.tilt), settled.gap, settled.penetration, refusal)
+    return Stands(poses, np.degrees(settled.tilt), settled.gap, settled.penetration, refusal)
 
 
 def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.ndarray, " n"]:

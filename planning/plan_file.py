@@ -7,55 +7,21 @@ one that would be written now is continued; every other one is replaced.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+import unicodedata
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import filelock
+import msgspec
 import numpy as np
-import orjson
 from jaxtyping import Int
 
 from geometry.errors import ConfigError
-from geometry.files import stays_inside
-from planning.row_types import misfit
+from planning.misfit import misfit
+from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
 
-FORMAT = 1
-TARGET_KEYS = (
-    "vehicle",
-    "category",
-    "world_from_vehicle",
-    "articulation",
-    "bbox",
-    "bbox_amodal",
-    "visible_fraction",
-    "truncated_fraction",
-    "slope_deg",
-    "gap",
-    "penetration",
-    "tries",
-)
-ROW_KEYS = (
-    "index",
-    "image_id",
-    "file_name",
-    "scenery",
-    "position",
-    "shot",
-    "world_from_camera",
-    "fov_x_deg",
-    "width",
-    "height",
-    "hdri",
-    "hdri_yaw_deg",
-    "strength",
-    "weather",
-    "sample_seed",
-    *TARGET_KEYS,
-    "companions",
-    "rejected",
-)
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
 
@@ -71,34 +37,33 @@ class Plan:
         Its first line: config, seed, assets, versions.
     """
 
-    def __init__(self, path: Path, header: dict[str, Any]) -> None:
+    def __init__(self, path: Path, header: Header) -> None:
         self.path, self.header = path, header
         self._starts: Int[np.ndarray, " n"] | None = None
 
     def __len__(self) -> int:
-        return int(self.header["images"])
+        return self.header.images
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        return self.rows()
-
-    def rows(self, start: int = 0) -> Iterator[dict[str, Any]]:
-        """Rows from index `start` on, one at a time.
+    def __iter__(self) -> Iterator[Row]:
+        """Rows one at a time.
 
         Raises
         ------
         ConfigError
             With the line's number, at the first line that is no row of this plan, or if lines are missing.
         """
-        i = -1
+        i, names = -1, _Names()
         with self.path.open("rb") as file:
             file.readline()
             for i, line in enumerate(file):
-                if i >= start:
-                    yield self._row(line, i)
+                row = self._row(line, i)
+                if (other := names.holder(row)) is not None:
+                    raise self._damaged(i + 2, f"has file_name {row.file_name!r:.80}, which line {other + 2} has")
+                yield row
         if i + 1 < len(self):
             raise self._too_short(i + 1)
 
-    def __getitem__(self, index: int) -> dict[str, Any]:
+    def __getitem__(self, index: int) -> Row:
         if not 0 <= index < len(self):
             raise IndexError(f"index: expected 0 to {len(self) - 1}, got {index}")
         with self.path.open("rb") as file:
@@ -114,39 +79,49 @@ class Plan:
             f"ends after {rows} of {len(self)} images", path=self.path, remedy="plan again with `hulldown plan`"
         )
 
-    def _row(self, line: bytes, index: int) -> dict[str, Any]:
+    def _row(self, line: bytes, index: int) -> Row:
         number = index + 2  # the header is line 1
         try:
-            row = orjson.loads(line)
-        except orjson.JSONDecodeError as error:
-            raise self._damaged(number, f"is no JSON ({error})") from None
-        if not isinstance(row, dict):
-            raise self._damaged(number, f"is {type(row).__name__}, not an image")
-        if lacking := [key for key in ROW_KEYS if key not in row]:
-            raise self._damaged(number, f"lacks {', '.join(lacking[:3])}")
+            row = decode_row(line)
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
+            raise self._damaged(number, misfit(line, Row, error)) from None
         if index >= len(self):
             raise self._damaged(number, f"is more than the {len(self)} images of the header")
-        if row["index"] != index:
-            raise self._damaged(number, f"has index {row['index']!r}, expected {index}")
-        if wrong := misfit(row):
-            raise self._damaged(number, wrong)
-        if row["image_id"] != index + 1:
-            raise self._damaged(number, f"has image_id {row['image_id']}, expected {index + 1}")
-        self._check_categories(row, number)
-        if not stays_inside(row["file_name"]):
-            raise self._damaged(number, f"has file_name {row['file_name']!r}, which leaves the dataset's folder")
+        if row.index != index:
+            raise self._damaged(number, f"has index {row.index}, expected {index}")
+        if row.image_id != index + 1:
+            raise self._damaged(number, f"has image_id {row.image_id}, expected {index + 1}")
+        for vehicle in row.vehicles:
+            # A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse.
+            known = self.header.vehicles.get(vehicle.vehicle)
+            if known is not None and vehicle.category != known.category:
+                what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
+                raise self._damaged(number, f"{what}, expected {known.category!r:.60}")
         return row
-
-    def _check_categories(self, row: dict[str, Any], number: int) -> None:
-        """A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse."""
-        for target in (row, *row["companions"]):
-            known = self.header["vehicles"].get(target["vehicle"])
-            if known is not None and target["category"] != known["category"]:
-                what = f"has the class {target['category']!r} for {target['vehicle']!r}, expected {known['category']!r}"
-                raise self._damaged(number, what)
 
     def _damaged(self, number: int, what: str) -> ConfigError:
         return ConfigError(f"line {number} {what}", path=self.path, remedy="plan again with `hulldown plan`")
+
+
+class _Names:
+    """The names of pictures so far; of those that a planner gave, which are one's own by their number, none is kept."""
+
+    def __init__(self) -> None:
+        self._others: dict[str, int] = {}  # rows of the other names
+        self._rows: set[int] = set()  # the same rows
+
+    def holder(self, row: Row) -> int | None:
+        """The row before that has this row's name, in capitals or not; None if there is none."""
+        name, index = row.file_name, row.index
+        if name == picture_name(index):
+            return self._others.get(name)
+        name = unicodedata.normalize("NFC", name).casefold()
+        self._rows.add(index)
+        digits = name.removeprefix("images/").removesuffix(".png")
+        planned = int(digits) - 1 if digits.isascii() and digits.isdecimal() else index
+        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned):
+            return planned
+        return other if (other := self._others.setdefault(name, index)) != index else None
 
 
 def read_plan(path: str | Path) -> Plan:
@@ -160,8 +135,10 @@ def read_plan(path: str | Path) -> Plan:
     Examples
     --------
     >>> plan = read_plan("plan.jsonl")
-    >>> len(plan)
-    22
+    >>> len(plan), plan.header.seed
+    (22, 0)
+    >>> plan[3].bbox._fields, plan[3].world_from_camera.shape
+    (('x', 'y', 'width', 'height'), (4, 4))
     """
     path = Path(path)
     try:
@@ -172,36 +149,22 @@ def read_plan(path: str | Path) -> Plan:
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
     try:
-        header = orjson.loads(line)
-        version = header["hulldown_plan"]
-    except (orjson.JSONDecodeError, KeyError, TypeError):
+        version = msgspec.json.decode(line)["hulldown_plan"]
+    except (msgspec.DecodeError, ValueError, KeyError, TypeError, RecursionError):
         raise ConfigError(
             "line 1 is no header of a plan", path=path, remedy="make a plan with `hulldown plan`"
         ) from None
     if version != FORMAT:
         raise ConfigError(
-            f"line 1 has plan format {version!r}, this is format {FORMAT}",
+            f"line 1 has plan format {version!r:.60}, this is format {FORMAT}",
             path=path,
             remedy="plan again with this version",
         )
-    wanted = {
-        "config": dict,
-        "seed": int,
-        "vehicles": dict,
-        "sceneries": dict,
-        "hdris": dict,
-        "images": int,
-        "root": str,
-    }
-    for key, kind in wanted.items():
-        if not isinstance(header.get(key), kind):
-            raise ConfigError(f"line 1 lacks {key}", path=path, remedy="plan again with `hulldown plan`")
-    return Plan(path, header)
-
-
-def encode(record: Mapping[str, Any]) -> bytes:
-    """One line: a header or a row; floats with the fewest digits that read back exactly."""
-    return orjson.dumps(record, option=orjson.OPT_APPEND_NEWLINE)
+    try:
+        return Plan(path, decode_header(line))
+    except (msgspec.DecodeError, ValueError) as error:
+        what = misfit(line, Header, error)
+        raise ConfigError(f"line 1 {what}", path=path, remedy="plan again with `hulldown plan`") from None
 
 
 class PlanWriter:
@@ -226,7 +189,7 @@ class PlanWriter:
         the folder cannot be written.
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
+    def __init__(self, path: str | Path, header: Header) -> None:
         self.path = Path(path)
         self.partial = self.path.with_name(self.path.name + ".partial")
         self._lock = filelock.FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0)

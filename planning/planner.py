@@ -6,7 +6,6 @@ Row i depends on the config, the assets and i alone. Blocks, workers and restart
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from planning.budget import make_budget
 from planning.draws import Draws, Purpose, choose
 from planning.group import Group, plan_group
 from planning.light import draw_lights, hdri_weights
-from planning.plan_file import encode
+from planning.row import Row, encode_rows
 from planning.rows import rows_of
 from planning.schema import Config
 from planning.stage import make_stage
@@ -48,12 +47,12 @@ class Planner:
         weights = {entry.name: entry.weight for entry in config.assets.sceneries}
         self._site_weights = [weights.get(name, 1.0) for name in assets.sceneries]
 
-    def rows(self, start: int, stop: int) -> list[dict[str, Any]]:
+    def rows(self, start: int, stop: int) -> list[Row]:
         """All rows of the positions from `start` to before `stop`, in order."""
         position = np.arange(start, stop)
         held = self.budget.positions(position)
         site = choose(self._site_weights, self._draws.uniform(Purpose.SCENERY, position, 0, count=1)[:, 0])
-        rows: list[dict[str, Any]] = []
+        rows: list[Row] = []
         for s, v in sorted(set(zip(site.tolist(), held.vehicle.tolist(), strict=True))):
             mine = np.flatnonzero((site == s) & (held.vehicle == v))
             group = Group(
@@ -69,17 +68,17 @@ class Planner:
                 self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
             )
             rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
-        rows.sort(key=lambda row: row["index"])
+        rows.sort(key=lambda row: row.index)
         return rows
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
         """The same as lines of a plan file, and their number."""
         rows = self.rows(start, stop)
-        return b"".join(map(encode, rows)), len(rows)
+        return encode_rows(rows), len(rows)
 
 
-def plan(config: Config, assets: Assets) -> Iterator[dict[str, Any]]:
-    """Rows of the whole plan, in order, as `plan.jsonl` holds them.
+def plan(config: Config, assets: Assets) -> Iterator[Row]:
+    """Rows of the whole plan, in order, with the numbers that `plan.jsonl` holds.
 
     Parameters
     ----------

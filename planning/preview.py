@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +17,7 @@ from camera.target import PosedVehicle
 from geometry.files import replacing
 from planning.config import parse_config
 from planning.plan_file import Plan
+from planning.row import PlannedVehicle, Row
 from planning.shading import look, paint_of, sun_of
 from planning.stage import make_stage
 
@@ -67,13 +66,13 @@ def preview_sheet(
         sheet.save(file, format="PNG")
 
 
-def caption(row: Mapping[str, Any]) -> str:
+def caption(row: Row) -> str:
     """What a picture does not say by itself."""
-    dx, dy, dz = (row["world_from_camera"][i][3] - row["world_from_vehicle"][i][3] for i in range(3))
-    fog = f", fog {row['weather']['visibility_m']:.0f} m" if row["weather"] else ""
+    distance = np.linalg.norm(row.world_from_camera[:3, 3] - row.world_from_vehicle[:3, 3])
+    fog = f", fog {row.weather.visibility_m:.0f} m" if row.weather else ""
     return (
-        f"{row['image_id']}: {row['vehicle']} in {row['scenery']}, {math.hypot(dx, dy, dz):.0f} m, "
-        f"{100 * row['visible_fraction']:.0f} % visible, {row['hdri']}{fog}"
+        f"{row.image_id}: {row.vehicle} in {row.scenery}, {distance:.0f} m, "
+        f"{100 * row.visible_fraction:.0f} % visible, {row.hdri}{fog}"
     )
 
 
@@ -89,41 +88,40 @@ class Artist:
     """
 
     def __init__(self, plan: Plan, assets: Assets) -> None:
-        stage = make_stage(parse_config(plan.header["config"], path=plan.path), assets)
+        stage = make_stage(parse_config(plan.header.config, path=plan.path), assets)
         self._models = stage.models
         self._worlds = {site.name: site.world for site in stage.sites}
-        classes = dict.fromkeys(vehicle["category"] for vehicle in plan.header["vehicles"].values())
+        classes = dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values())
         self._class_ids = {name: i + 1 for i, name in enumerate(classes)}
 
-    def picture(self, row: Mapping[str, Any], *, width: int = TILE_WIDTH) -> Image.Image:
+    def picture(self, row: Row, *, width: int = TILE_WIDTH) -> Image.Image:
         """One row at the given width, with the boxes and classes of its vehicles."""
-        scale = width / row["width"]
-        height = max(1, round(row["height"] * scale))
+        scale = width / row.width
+        height = max(1, round(row.height * scale))
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         records = [
-            {"bbox": [x * scale for x in target["bbox"]], "category_id": self._class_ids[target["category"]]}
-            for target in (row, *row["companions"])
-            if target["bbox"] is not None
+            {"bbox": [x * scale for x in vehicle.bbox], "category_id": self._class_ids[vehicle.category]}
+            for vehicle in row.vehicles
+            if vehicle.bbox is not None
         ]
         return draw(image, records, {i: name for name, i in self._class_ids.items()}, masks=False)
 
-    def shade(self, row: Mapping[str, Any], width: int, height: int) -> Float[np.ndarray, "h w 3"]:
+    def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Colours from 0 to 1, without boxes."""
-        camera = Camera(Intrinsics(width, height, math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"]))
+        camera = Camera(Intrinsics(width, height, row.intrinsics.fov_x), row.world_from_camera)
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
-        vehicles = (row, *row["companions"])
         colours = look(
-            self._worlds[row["scenery"]].with_vehicles([self._posed(vehicle) for vehicle in vehicles]),
+            self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles]),
             np.tile(camera.position, (len(along), 1)),
             along,
-            paints=[paint_of(vehicle["vehicle"]) for vehicle in vehicles],
-            sun=sun_of(row["hdri"], row["hdri_yaw_deg"]),
-            strength=row["strength"],
-            visibility_m=row["weather"]["visibility_m"] if row["weather"] else None,
+            paints=[paint_of(vehicle.vehicle) for vehicle in row.vehicles],
+            sun=sun_of(row.hdri, row.hdri_yaw_deg),
+            strength=row.strength,
+            visibility_m=row.weather.visibility_m if row.weather else None,
         )
         return colours.reshape(height, width, 3)
 
-    def _posed(self, vehicle: Mapping[str, Any]) -> PosedVehicle:
-        pose = np.array(vehicle["world_from_vehicle"])[None]
-        return PosedVehicle(self._models[vehicle["vehicle"]].target, pose, vehicle["articulation"])
+    def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
+        target = self._models[vehicle.vehicle].target
+        return PosedVehicle(target, vehicle.world_from_vehicle[None], vehicle.articulation)

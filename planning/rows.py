@@ -1,41 +1,39 @@
-"""From arrays to the rows of a plan file: plain dictionaries of numbers, strings and lists."""
+"""From arrays to the rows of a plan; poses and angles come rounded already, since all else follows from them."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
+from planning.company import Company, Slot
 from planning.group import Group, Planned
 from planning.light import Lights
 from planning.refusal import Refusal
+from planning.row import Box, PlannedVehicle, Row, Weather, picture_name, rounded
 from planning.schema import Config
 
 
-def rows_of(
-    group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]
-) -> list[dict[str, Any]]:
+def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]) -> list[Row]:
     """One row for each image of a group, in the group's order."""
     stands, shots, shape = planned.stands, planned.shots, group.model.shape
-    vehicles = stands.world_from_vehicle.tolist()
-    slope, gap, penetration = stands.slope_deg.tolist(), stands.gap.tolist(), stands.penetration.tolist()
+    slope, gap, penetration = (rounded(k, getattr(stands, k)).tolist() for k in ("slope_deg", "gap", "penetration"))
     position, tries = group.position.tolist(), planned.tries.tolist()
     kinds = [refusal.key for refusal in Refusal]
     columns = zip(
         group.owner.tolist(),
         group.shot.tolist(),
         group.image.tolist(),
-        shots.world_from_camera.tolist(),
+        shots.world_from_camera,
         shots.fov_x_deg.tolist(),
-        shots.bbox.tolist(),
-        shots.bbox_amodal.tolist(),
-        shots.visible_fraction.tolist(),
-        shots.truncated_fraction.tolist(),
+        rounded("bbox", shots.bbox).tolist(),
+        rounded("bbox_amodal", shots.bbox_amodal).tolist(),
+        rounded("visible_fraction", shots.visible_fraction).tolist(),
+        rounded("truncated_fraction", shots.truncated_fraction).tolist(),
         lights.hdri.tolist(),
-        lights.yaw_deg.tolist(),
-        lights.strength.tolist(),
-        lights.visibility_m.tolist(),
+        rounded("hdri_yaw_deg", lights.yaw_deg).tolist(),
+        rounded("strength", lights.strength).tolist(),
+        rounded("weather", lights.visibility_m).tolist(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
         _companions(group, planned),
@@ -43,37 +41,37 @@ def rows_of(
     )
     width, height = config.render.width, config.render.height
     return [
-        {
-            "index": image,
-            "image_id": image + 1,
-            "file_name": f"images/{image + 1:08d}.png",
-            "scenery": group.site.name,
-            "position": position[i],
-            "shot": shot,
-            "world_from_camera": camera,
-            "fov_x_deg": fov,
-            "width": width,
-            "height": height,
-            "hdri": hdris[hdri],
-            "hdri_yaw_deg": yaw,
-            "strength": strength,
-            "weather": None if visibility != visibility else {"visibility_m": visibility},
-            "sample_seed": seed,
-            "vehicle": shape.name,
-            "category": group.model.category,
-            "world_from_vehicle": vehicles[i],
-            "articulation": planned.articulation[i],
-            "bbox": bbox,
-            "bbox_amodal": amodal,
-            "visible_fraction": visible,
-            "truncated_fraction": truncated,
-            "slope_deg": slope[i],
-            "gap": gap[i],
-            "penetration": penetration[i],
-            "tries": tries[i],
-            "companions": companions,
-            "rejected": {kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
-        }
+        Row(
+            vehicle=shape.name,
+            category=group.model.category,
+            world_from_vehicle=stands.world_from_vehicle[i],
+            articulation=planned.articulation[i],
+            bbox=Box(*bbox),
+            bbox_amodal=Box(*amodal),
+            visible_fraction=visible,
+            truncated_fraction=truncated,
+            slope_deg=slope[i],
+            gap=gap[i],
+            penetration=penetration[i],
+            tries=tries[i],
+            index=image,
+            image_id=image + 1,
+            file_name=picture_name(image),
+            scenery=group.site.name,
+            position=position[i],
+            shot=shot,
+            world_from_camera=camera,
+            fov_x_deg=fov,
+            width=width,
+            height=height,
+            hdri=hdris[hdri],
+            hdri_yaw_deg=yaw,
+            strength=strength,
+            weather=None if visibility != visibility else Weather(visibility_m=visibility),
+            sample_seed=seed,
+            companions=companions,
+            rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
+        )
         for (
             i, shot, image, camera, fov, bbox, amodal, visible, truncated,
             hdri, yaw, strength, visibility, seed, rejected, companions,
@@ -81,28 +79,46 @@ def rows_of(
     ]  # fmt: skip
 
 
-def _companions(group: Group, planned: Planned) -> list[list[dict[str, Any]]]:
-    """For each image of a group the records of its companions."""
-    company = planned.companions
-    if not company.slots:
-        return [[] for _ in range(len(group.image))]
-    standing: list[list[dict[str, Any]]] = [[] for _ in range(len(group.position))]
-    for slot in company.slots:
-        for i in np.flatnonzero(slot.model >= 0).tolist():
-            model = company.models[int(slot.model[i])]
-            standing[i].append(
-                {
-                    "vehicle": model.shape.name,
-                    "category": model.category,
-                    "world_from_vehicle": slot.stands.world_from_vehicle[i].tolist(),
-                    "articulation": slot.articulation[i],
-                    "slope_deg": float(slot.stands.slope_deg[i]),
-                    "gap": float(slot.stands.gap[i]),
-                    "penetration": float(slot.stands.penetration[i]),
-                    "tries": int(slot.tries[i]),
-                }
-            )
+def _companions(group: Group, planned: Planned) -> list[list[PlannedVehicle]]:
+    """For each image of a group its companions: those of one slot after the other, as its camera sees them."""
+    glimpses = [seen for image in planned.glimpses for seen in image]
+    boxes, amodal = (_boxes([getattr(seen, key) for seen in glimpses]) for key in ("bbox", "bbox_amodal"))
+    visible, truncated = (
+        rounded(key, np.array([getattr(seen, key) for seen in glimpses], dtype=np.float64)).tolist()
+        for key in ("visible_fraction", "truncated_fraction")
+    )
+    seen = zip(boxes, amodal, visible, truncated, strict=True)
+    standing = [_standing(planned.companions, slot) for slot in planned.companions.slots]
     return [
-        [{**one, **asdict(seen)} for one, seen in zip(standing[i], glimpses, strict=True)]
-        for i, glimpses in zip(group.owner.tolist(), planned.glimpses, strict=True)
+        [standing[k](i, *next(seen)) for k in range(len(image))]
+        for i, image in zip(group.owner.tolist(), planned.glimpses, strict=True)
     ]
+
+
+def _standing(company: Company, slot: Slot) -> Callable[[int, Box | None, Box | None, float, float], PlannedVehicle]:
+    """What makes the record of a position's companion in this slot, once it is known what a camera sees of it."""
+    stands, model, tries = slot.stands, slot.model.tolist(), slot.tries.tolist()
+    slope, gap, penetration = (rounded(k, getattr(stands, k)).tolist() for k in ("slope_deg", "gap", "penetration"))
+
+    def record(i: int, bbox: Box | None, bbox_amodal: Box | None, visible: float, truncated: float) -> PlannedVehicle:
+        return PlannedVehicle(
+            vehicle=company.models[model[i]].shape.name,
+            category=company.models[model[i]].category,
+            world_from_vehicle=stands.world_from_vehicle[i],
+            articulation=slot.articulation[i],
+            bbox=bbox,
+            bbox_amodal=bbox_amodal,
+            visible_fraction=visible,
+            truncated_fraction=truncated,
+            slope_deg=slope[i],
+            gap=gap[i],
+            penetration=penetration[i],
+            tries=tries[i],
+        )
+
+    return record
+
+
+def _boxes(boxes: list[list[float] | None]) -> list[Box | None]:
+    numbers = rounded("bbox", np.array([box or [np.nan] * 4 for box in boxes]).reshape(-1, 4)).tolist()
+    return [None if box is None else Box(*xywh) for box, xywh in zip(boxes, numbers, strict=True)]

@@ -14,14 +14,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
-INFINITY = float("inf")
-
 
 def _range(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
     """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
-    bound = "" if highest == INFINITY else f" <= {highest:g}"
     noun = "a whole number" if kind is int else "a number"
-    allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high{bound}"
+    allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
 
     def check(value: Any) -> tuple[Any, Any] | None:
         if optional and value is None:
@@ -31,7 +28,7 @@ def _range(lowest: float, highest: float, kind: type = float, *, optional: bool 
         if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
             raise ValueError(allowed)
         # NaN fails the comparison too.
-        if not lowest <= pair[0] <= pair[1] <= highest or pair[1] == INFINITY:
+        if not lowest <= pair[0] <= pair[1] <= highest:
             raise ValueError(allowed)
         return kind(pair[0]), kind(pair[1])
 
@@ -52,7 +49,7 @@ TargetFractions = Annotated[Pair, _range(1e-4, 10.0)]
 Factors = Annotated[Pair, _range(1e-3, 1e3)]
 Lengths = Annotated[Pair, _range(0.0, 1e6)]
 Visibilities = Annotated[Pair, _range(1.0, 1e6)]
-Strengths = Annotated[Pair, _range(0.0, INFINITY)]
+Strengths = Annotated[Pair, _range(0.0, 1e9)]
 Degrees = Annotated[Pair, _range(-360.0, 360.0)]
 TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
 GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]

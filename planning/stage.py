@@ -20,6 +20,7 @@ from geometry.transforms import apply, compose, rigid
 from placement.footprint import Underside, underside
 from placement.limits import Extent, Obstacles
 from placement.terrain import Terrain
+from planning.row import rounded
 from planning.schema import Config
 
 _BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles
@@ -220,5 +221,5 @@ def _model(shape: VehicleShape, category: str) -> Model:
 def articulations(shape: VehicleShape, uniform: Float[np.ndarray, "n p"]) -> list[dict[str, float]]:
     """Angles within every part's limits, in proportion to numbers in [0, 1), one column a part."""
     low, high = shape.part_limits[:, 0], shape.part_limits[:, 1]
-    angles = np.clip(low + uniform * (high - low), low, high)[:, 1:]
+    angles = rounded("articulation", np.clip(low + uniform * (high - low), low, high)[:, 1:])
     return [dict(zip(shape.part_names[1:], row, strict=True)) for row in angles.tolist()]

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from geometry.files import replacing
 from planning.refusal import AIMING, BY_KEY, PLACING, Refusal
+from planning.row import Row
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -130,33 +131,35 @@ class Summary:
     foggy: int = 0
     histograms: dict[str, Histogram] = field(default_factory=_histograms)
 
-    def add(self, rows: list[dict[str, Any]]) -> None:
+    def add(self, rows: list[Row]) -> None:
         """Count some rows."""
-        values: dict[str, list[float]] = {key: [] for key in self.histograms}
+        if not rows:
+            return
         for row in rows:
-            _, _, w, h = row["bbox"]
-            size = next(name for name, limit in SIZES.items() if w * h < limit)
-            self.vehicles[row["category"], row["vehicle"]] += 1
-            self.sizes[row["category"], size] += 1
-            self.sceneries[row["scenery"]] += 1
-            self.hdris[row["hdri"]] += 1
-            self.positions += row["shot"] == 0
-            self.foggy += row["weather"] is not None
-            for companion in row["companions"]:
-                self.companions[companion["vehicle"]] += 1
-            for key, n in row["rejected"].items():
+            size = next(name for name, limit in SIZES.items() if row.bbox.width * row.bbox.height < limit)
+            self.vehicles[row.category, row.vehicle] += 1
+            self.sizes[row.category, size] += 1
+            self.sceneries[row.scenery] += 1
+            self.hdris[row.hdri] += 1
+            self.positions += row.shot == 0
+            self.foggy += row.weather is not None
+            for companion in row.companions:
+                self.companions[companion.vehicle] += 1
+            for key, n in row.rejected.items():
                 self.rejected[BY_KEY[key]] += n
-            camera, vehicle = row["world_from_camera"], row["world_from_vehicle"]
-            dx, dy, dz = (camera[i][3] - vehicle[i][3] for i in range(3))
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            values["distance_m"].append(distance)
-            values["elevation_deg"].append(math.degrees(math.asin(dz / distance)) if distance else 0.0)
-            values["box_px"].append(math.sqrt(w * h))
-            for key in ("slope_deg", "visible_fraction", "truncated_fraction"):
-                values[key].append(row[key])
         self.images += len(rows)
+        cameras, vehicles = (
+            np.stack([pose[:3, 3] for pose in poses])
+            for poses in ([row.world_from_camera for row in rows], [row.world_from_vehicle for row in rows])
+        )
+        away, boxes = cameras - vehicles, np.array([row.bbox for row in rows])
+        values = {
+            "distance_m": np.linalg.norm(away, axis=1),
+            "elevation_deg": np.degrees(np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))),
+            "box_px": np.sqrt(boxes[:, 2] * boxes[:, 3]),
+        }
         for key, histogram in self.histograms.items():
-            histogram.add(np.array(values[key], dtype=np.float64))
+            histogram.add(values[key] if key in values else np.array([getattr(row, key) for row in rows]))
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers."""
@@ -247,7 +250,7 @@ class Summary:
         return {"images of each class": classes, "boxes by COCO size": sizes, "refused tries": refused}
 
 
-def summarise(rows: Iterable[dict[str, Any]]) -> Summary:
+def summarise(rows: Iterable[Row]) -> Summary:
     """Count over all rows of a plan, holding few of them at a time."""
     summary, some = Summary(), []
     for row in rows:

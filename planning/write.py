@@ -16,10 +16,11 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
-from assets.library import Assets
+from assets.library import AssetFile, Assets
 from geometry.errors import ConfigError
-from planning.plan_file import FORMAT, Plan, PlanWriter, read_plan
+from planning.plan_file import Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
+from planning.row import FORMAT, Header, ScenerySource, Source, VehicleSource
 from planning.schema import Config
 
 Progress = Callable[[int, int], None]
@@ -73,32 +74,39 @@ def write_plan(
     return read_plan(path)
 
 
-def make_header(config: Config, assets: Assets, path: str | Path, *, images: int) -> dict[str, Any]:
+def make_header(config: Config, assets: Assets, path: str | Path, *, images: int) -> Header:
     """The plan's first line."""
+    none = AssetFile("")
 
-    def files(kind: str, name: str) -> dict[str, str]:
-        file = getattr(assets, kind).get(name)
-        return {"path": file.path, "sha256": file.sha256} if file else {"path": "", "sha256": ""}
+    def origin(scenery: str) -> tuple[float, float, float]:
+        x, y, z = assets.sceneries[scenery].origin.tolist()
+        return x, y, z
 
-    return {
-        "hulldown_plan": FORMAT,
-        "images": images,
-        "seed": config.seed,
-        "root": os.path.relpath(config.folder, Path(path).parent),
-        "config": config.model_dump(mode="json"),
-        "vehicles": {
-            name: {**files("vehicle_files", name), "category": assets.categories[name]} for name in assets.vehicles
+    vehicles = {name: assets.vehicle_files.get(name, none) for name in assets.vehicles}
+    sceneries = {name: assets.scenery_files.get(name, none) for name in assets.sceneries}
+    hdris = {name: assets.hdri_files.get(name, none) for name in assets.hdris}
+    return Header(
+        hulldown_plan=FORMAT,
+        images=images,
+        seed=config.seed,
+        root=os.path.relpath(config.folder, Path(path).parent),
+        config=config.model_dump(mode="json"),
+        vehicles={
+            name: VehicleSource(path=file.path, sha256=file.sha256, category=assets.categories[name])
+            for name, file in vehicles.items()
         },
-        "sceneries": {
-            name: {**files("scenery_files", name), "origin": scenery.origin.tolist()}
-            for name, scenery in assets.sceneries.items()
+        sceneries={
+            name: ScenerySource(
+                path=file.path, sha256=file.sha256, origin=tuple(assets.sceneries[name].origin.tolist())
+            )
+            for name, file in sceneries.items()
         },
-        "hdris": {name: files("hdri_files", name) for name in assets.hdris},
-        "versions": {
+        hdris={name: Source(path=file.path, sha256=file.sha256) for name, file in hdris.items()},
+        versions={
             "python": platform.python_version(),
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
-    }
+    )
 
 
 def _version(package: str) -> str:

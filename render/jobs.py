@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,8 @@ from geometry.errors import ConfigError
 from planning.config import hdri_paths
 from planning.loading import Library, load_planned_library
 from planning.plan_file import Plan
-from render.annotations import targets
+from planning.row import PlannedVehicle, Row
+from render.messages import CameraInput, LightInput, MaskJob, RenderJob, SceneryInput, Settings, VehicleInput
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
@@ -91,13 +92,8 @@ def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
     return SceneryFile(path, scenery.scenery_from_file, scenery)
 
 
-def job(
-    row: Mapping[str, Any],
-    assets: RenderAssets,
-    settings: Mapping[str, Any],
-    output: Path,
-) -> dict[str, Any]:
-    """What to tell a worker for one row.
+def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path) -> RenderJob:
+    """What to tell a worker that shall render a row.
 
     Parameters
     ----------
@@ -106,7 +102,7 @@ def job(
     assets
         The plan's files.
     settings
-        See `render.blender.cycles.configure`.
+        Cycles'.
     output
         Where the worker shall write.
 
@@ -114,58 +110,59 @@ def job(
     ------
     ConfigError
         If the row names an asset that the plan's header does not.
+    ValueError
+        If it turns a part that its vehicle does not have.
     """
-    weather = row["weather"]
-    return {
-        **_posed(row, assets),
-        "do": "render",
-        "light": {
-            "hdri": str(_named(assets.hdris, row["hdri"], "hdri", row).resolve()),
-            "yaw": math.radians(row["hdri_yaw_deg"]),
-            "strength": row["strength"],
-            "visibility": None if weather is None else weather["visibility_m"],
-        },
-        "seed": int(row["sample_seed"]) % 2**31,
-        "settings": dict(settings),
-        "output": str(output),
-    }
+    return RenderJob(
+        scenery=_scenery(row, assets),
+        vehicles=[_vehicle(vehicle, assets, row) for vehicle in row.vehicles],
+        camera=_camera(row),
+        light=LightInput(
+            hdri=str(_named(assets.hdris, row.hdri, "hdri", row).resolve()),
+            yaw=math.radians(row.hdri_yaw_deg),
+            strength=row.strength,
+            visibility=row.weather.visibility_m if row.weather else None,
+        ),
+        seed=row.sample_seed % 2**31,
+        settings=settings,
+        output=str(output),
+    )
 
 
-def mask_job(row: Mapping[str, Any], assets: RenderAssets, output: Path) -> dict[str, Any]:
-    """What to tell a worker that shall render a row's masks; see `render.blender.object_index`."""
-    return {**_posed(row, assets), "do": "mask", "output": str(output)}
+def mask_job(row: Row, assets: RenderAssets, output: Path) -> MaskJob:
+    """What to tell a worker that shall render a row's masks; parameters and errors as of `render_job`."""
+    vehicles = [_vehicle(vehicle, assets, row) for vehicle in row.vehicles]
+    return MaskJob(scenery=_scenery(row, assets), vehicles=vehicles, camera=_camera(row), output=str(output))
 
 
-def _posed(row: Mapping[str, Any], assets: RenderAssets) -> dict[str, Any]:
-    scenery = _named(assets.sceneries, row["scenery"], "scenery", row)
-    return {
-        "scenery": {
-            "path": str(scenery.path.resolve()),
-            "scenery_from_file": scenery.scenery_from_file.tolist(),
-            "standing": scenery.standing,
-        },
-        "vehicles": [_vehicle(target, assets, row) for target in targets(row)],
-        "camera": {
-            "world_from_camera": row["world_from_camera"],
-            "fov_x": math.radians(row["fov_x_deg"]),
-            "width": row["width"],
-            "height": row["height"],
-            "near": NEAR,
-        },
-    }
+def _scenery(row: Row, assets: RenderAssets) -> SceneryInput:
+    file = _named(assets.sceneries, row.scenery, "scenery", row)
+    return SceneryInput(str(file.path.resolve()), file.scenery_from_file.tolist(), file.standing)
 
 
-def _vehicle(target: Mapping[str, Any], assets: RenderAssets, row: Mapping[str, Any]) -> dict[str, Any]:
-    vehicle = _named(assets.vehicles, target["vehicle"], "vehicle", row)
-    world_from_vehicle = np.array(target["world_from_vehicle"], dtype=np.float64)
-    parts = world_from_vehicle @ vehicle.shape.vehicle_from_parts(target["articulation"])
-    return {"tidy": str(vehicle.tidy.resolve()), "world_from_parts": parts.tolist()}
+def _camera(row: Row) -> CameraInput:
+    return CameraInput(
+        world_from_camera=row.world_from_camera.tolist(),
+        fov_x=row.intrinsics.fov_x,
+        width=row.width,
+        height=row.height,
+        near=NEAR,
+    )
 
 
-def _named(known: Mapping[str, Any], name: str, kind: str, row: Mapping[str, Any]) -> Any:
+def _vehicle(vehicle: PlannedVehicle, assets: RenderAssets, row: Row) -> VehicleInput:
+    file = _named(assets.vehicles, vehicle.vehicle, "vehicle", row)
+    parts = vehicle.world_from_vehicle @ file.shape.vehicle_from_parts(vehicle.articulation)
+    return VehicleInput(str(file.tidy.resolve()), parts.tolist())
+
+
+Asset = TypeVar("Asset")
+
+
+def _named(known: Mapping[str, Asset], name: str, kind: str, row: Row) -> Asset:
     if name not in known:
         raise ConfigError(
-            f"image {row['index']}: {kind} {name!r} is not among {sorted(known)}",
+            f"image {row.index}: {kind} {name!r} is not among {sorted(known)}",
             remedy="plan again with `hulldown plan`",
         )
     return known[name]

@@ -16,14 +16,14 @@ from rich.table import Table
 from annotate.masks import mask_box
 from dataset.document import read_coco
 from dataset.entries import is_box
-from dataset.planned import labelled, not_annotated
+from dataset.planned import not_annotated
 from dataset.records import Finding
 from dataset.runs import find_run
 from dataset.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
-from render.annotations import targets
 from render.jobs import RenderAssets, mask_job, render_assets
+from render.messages import to_json
 from render.pool import Pool
 from render.todo import Outline
 
@@ -123,16 +123,16 @@ def verify_masks(
     for found in masks:
         image_id = run.image_offset + found.index + 1
         row, first_id = plan[found.index], int(first[found.index])
-        at = {id(target): i for i, target in enumerate(targets(row))}
-        for label_id, target in enumerate(labelled(row), start=first_id):
+        at = {id(target): i for i, target in enumerate(row.vehicles)}
+        for label_id, target in enumerate(row.labelled, start=first_id):
             label, i = labels.get(label_id), at[id(target)]
             if label is None or label.get("image_id") != image_id:
-                findings.append(not_annotated(names[image_id], target))
+                findings.append(not_annotated(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                measured = _measured(names[image_id], target["vehicle"], label, found.alone[i], found.visible[i])
+                measured = _measured(names[image_id], target.vehicle, label, found.alone[i], found.visible[i])
             except ValueError as error:
-                where = f"{names[image_id]}, {target['vehicle']}"
+                where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
                 findings.append(Finding("error", where, problem))
                 continue
@@ -232,7 +232,7 @@ def cycles_masks(
         folder = Path(name)
 
         def message(index: int) -> dict[str, Any]:
-            return mask_job(plan[index], assets, folder / f"{index}.npy")
+            return to_json(mask_job(plan[index], assets, folder / f"{index}.npy"))
 
         def done(index: int, _answer: Mapping[str, Any]) -> None:
             maps = np.load(folder / f"{index}.npy")
@@ -246,5 +246,5 @@ def cycles_masks(
             raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)
 
         with Pool(folder / "logs", blender=blender, device=device, workers=1) as pool:
-            pool.run(sorted(rows, key=lambda i: plan[i]["scenery"]), message, done, failed)
+            pool.run(sorted(rows, key=lambda i: plan[i].scenery), message, done, failed)
     return [found[index] for index in rows]

@@ -17,6 +17,7 @@ from typing import Any
 import psutil
 
 from geometry.errors import HulldownError
+from render.messages import StartJob, to_json
 from render.process import WorkerProcess, worker_command
 
 POLL_S = 0.2  # how often time and memory are looked at
@@ -175,7 +176,7 @@ class Pool:
             self.blender_version = answer["ready"]
             cores = psutil.cpu_count() or 1
             threads = 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
-            process.send({"do": "start", "device": self._device, "index": worker.number, "threads": threads})
+            process.send(to_json(StartJob(self._device, worker.number, threads)))
         elif answer.get("done") == "start":
             self._started(worker, answer)
         elif worker.current is None:

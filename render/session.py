@@ -13,23 +13,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from PIL.PngImagePlugin import PngImageFile
 
 from dataset.coco import CocoDataset
 from dataset.failures import read_failures, write_failures
 from dataset.pictures import confined, publish, unwritten
+from dataset.planned import image_record
 from dataset.provenance import add_provenance, read_provenance
 from geometry.errors import ConfigError
+from planning.config import parse_config
 from planning.plan_file import Plan
-from render.annotations import Segmenter, annotation_records, image_record
-from render.jobs import RenderAssets, job
+from planning.row import Row
+from render.annotations import Segmenter, annotation_records
+from render.jobs import RenderAssets, render_job
+from render.messages import Settings, to_json
 from render.png import without_notes
 from render.pool import Pool
-from render.todo import SUFFIX, Todo, stamp_of
+from render.todo import Todo, stamp_of
 
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
-SETTINGS = ("samples", "denoise", "adaptive_threshold", "bounces")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,8 @@ class Session:
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in todo.names]
         read_provenance(self._folder)
         self._recorded: set[str] = set()
-        self._settings = {key: plan.header["config"]["render"][key] for key in SETTINGS}
+        settings = parse_config(plan.header.config, path=plan.path).render
+        self._settings = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
         self._segmenter = Segmenter(
             {name: vehicle.shape for name, vehicle in assets.vehicles.items()},
             {name: file.scenery for name, file in assets.sceneries.items()},
@@ -118,15 +123,15 @@ class Session:
             "blender": [pool.blender_version],
             "devices": list(devices),
             "systems": [platform.platform(terse=True)],
-            "plan": self._plan.header,
+            "plan": msgspec.to_builtins(self._plan.header),
         }
         add_provenance(self._folder, {self._todo.run.key: entry})
         self._recorded |= devices
 
     def _output(self, index: int) -> Path:
-        return self._unfinished / f"{index}{SUFFIX}"
+        return self._unfinished / f"{index}.png"
 
-    def _row(self, index: int) -> dict[str, Any]:
+    def _row(self, index: int) -> Row:
         """A row of the plan, which is read as it is wanted; of another plan under its name nothing is taken."""
         if stamp_of(self._plan.path) != self._todo.stamp:
             raise ConfigError(
@@ -139,10 +144,10 @@ class Session:
     def _message(self, index: int) -> dict[str, Any]:
         row = self._row(index)
         try:
-            return job(row, self._assets, self._settings, self._output(index))
-        except (KeyError, TypeError, ValueError) as error:
+            return to_json(render_job(row, self._assets, self._settings, self._output(index)))
+        except ValueError as error:  # what the schema cannot know, such as the parts of a vehicle
             raise ConfigError(
-                f"line {index + 2} cannot be rendered ({type(error).__name__}: {error})",
+                f"line {index + 2} cannot be rendered ({error})",
                 path=self._plan.path,
                 remedy="plan again with `hulldown plan`",
             ) from error
@@ -150,9 +155,9 @@ class Session:
     def _done(self, index: int, pool: Pool) -> str | None:
         row = self._row(index)
         picture = self._output(index)
-        if wrong := _damage(picture, row["width"], row["height"]):
+        if wrong := _damage(picture, row.width, row.height):
             return wrong
-        run, name = self._todo.run, self._todo.run.file_name(row["file_name"])
+        run, name = self._todo.run, self._todo.run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._todo.first_annotation[index])
         self._begin()
@@ -172,7 +177,7 @@ class Session:
 
     def _give_up(self, index: int, reasons: list[str]) -> None:
         self._begin()
-        name = self._todo.run.file_name(self._row(index)["file_name"])
+        name = self._todo.run.file_name(self._row(index).file_name)
         self._failures.append({"index": index, "file_name": name, "reasons": reasons})
         write_failures(self._folder, self._failures)
         self.failed.append(name)

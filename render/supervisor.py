@@ -169,7 +169,7 @@ def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
 
 
 def _categories(plan: Plan) -> list[str]:
-    return list(dict.fromkeys(vehicle["category"] for vehicle in plan.header["vehicles"].values()))
+    return list(dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values()))
 
 
 @contextlib.contextmanager

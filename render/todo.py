@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Int
 
 from dataset.coco import CocoDataset
-from dataset.planned import labelled
 from dataset.runs import Run, plan_key
-from geometry.errors import ConfigError
 from planning.plan_file import Plan
-
-SUFFIX = ".png"
+from planning.row import Row
 
 
 class Outline:
@@ -30,13 +26,12 @@ class Outline:
     Raises
     ------
     ConfigError
-        If a line is damaged, two rows have one file name, or a file name cannot be that of a picture.
+        If a line is damaged.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.stamp = stamp_of(plan.path)
-        self.rows = [(sort_key(row), row["index"], len(labelled(row)), row["file_name"]) for row in plan]
-        _check_names([row[3] for row in self.rows], plan)
+        self.rows = [(sort_key(row), row.index, len(row.labelled), row.file_name) for row in plan]
         self.key = plan_key(plan.path)
         self.labels = np.array([row[2] for row in self.rows], dtype=np.int64)
 
@@ -96,19 +91,9 @@ def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
     return items[(k - 1) * len(items) // n : k * len(items) // n]
 
 
-def sort_key(row: Mapping[str, Any]) -> tuple[str, str, bool, str]:
+def sort_key(row: Row) -> tuple[str, str, bool, str]:
     """By what is dear to change, the dearest first: a scenery, what stands in it, whether there is fog, the sky."""
-    return row["scenery"], row["vehicle"], row["weather"] is not None, row["hdri"]
-
-
-def _check_names(names: list[str], plan: Plan) -> None:
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise ConfigError(f"{count} images are called {name!r}", path=plan.path, remedy="plan again")
-        if not name.endswith(SUFFIX):
-            raise ConfigError(
-                f"an image is called {name!r}; expected a {SUFFIX} file", path=plan.path, remedy="plan again"
-            )
+    return row.scenery, row.vehicle, row.weather is not None, row.hdri
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:

@@ -11,6 +11,7 @@ import zlib
 from pathlib import Path
 
 ANSWER = "@hulldown "
+TOO_WIDE = 65536  # pixels
 
 
 def answer(message):
@@ -77,6 +78,8 @@ def main():
             else:
                 how = ""
         message = misbehave(how)
+        if message is None and job["do"] == "render" and job["camera"]["width"] == TOO_WIDE:
+            message = {"failed": "MemoryError: "}
         if message is None and job["do"] == "render":
             time.sleep(random.uniform(0.0, 0.01))
             camera = job["camera"]

@@ -93,7 +93,14 @@ def write_plan(folder, rows):
     folder.mkdir(parents=True, exist_ok=True)
     header = {
         **{"hulldown_plan": 1, "seed": 0, "root": ".", "images": len(rows), "versions": {}},
-        "config": {"render": {"samples": 1, "denoise": False, "adaptive_threshold": 0.0, "bounces": 1}},
+        "config": {
+            "assets": {
+                "vehicles": [{"path": "cube.blend", "category": "box"}],
+                "sceneries": [{"path": "void.blend"}],
+            },
+            "budget": {"images_per_class": len(rows)},
+            "render": {"samples": 1, "denoise": False, "adaptive_threshold": 0.0, "bounces": 1},
+        },
         "vehicles": {"cube": {"path": "cube.blend", "sha256": "", "category": "box"}},
         "sceneries": {"void": {"path": "void.blend", "sha256": "", "origin": [0, 0, 0]}},
         "hdris": {"sky": {"path": "sky.exr", "sha256": ""}},

@@ -15,6 +15,7 @@ from geometry.meshes import Mesh
 from planning.config import Config, parse_config
 from planning.loading import load_assets, load_library, load_planned_assets
 from planning.plan_file import Plan
+from planning.write import make_header
 from reading.build import Options
 from reading.cache import cached
 from reading.export import Exported
@@ -243,19 +244,8 @@ def test_a_missing_asset_is_one_line(exporter: Exporter, tmp_path: Path) -> None
 def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
     config = config_in(tmp_path)
     assets = load_assets(config)
-    header = {
-        "config": config.model_dump(mode="json"),
-        "root": ".",
-        **{
-            kind: {name: {"path": f.path, "sha256": f.sha256} for name, f in files.items()}
-            for kind, files in (
-                ("vehicles", assets.vehicle_files),
-                ("sceneries", assets.scenery_files),
-                ("hdris", assets.hdri_files),
-            )
-        },
-    }
-    plan = Plan(tmp_path / "plan.jsonl", header)
+    path = tmp_path / "plan.jsonl"
+    plan = Plan(path, make_header(config, assets, path, images=0))
     assert list(load_planned_assets(plan).vehicles) == ["b", "T"]
     (tmp_path / "sky.exr").write_bytes(b"#?dusk")
     with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):

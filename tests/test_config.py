@@ -123,7 +123,7 @@ RANGE = "expected a number or [low, high] with"
         ("[camera]\nfov_x_deg = nan", f"camera.fov_x_deg = nan: {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = [1, 2, 3]", f"camera.fov_x_deg = [1, 2, 3]: {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nvisible_fraction = [0, 1.5]", f"camera.visible_fraction = [0, 1.5]: {RANGE} 0 <= low <= high <= 1"),
-        ("[light]\nstrength = [0, inf]", f"light.strength = [0, inf]: {RANGE} 0 <= low <= high"),
+        ("[light]\nstrength = [0, inf]", f"light.strength = [0, inf]: {RANGE} 0 <= low <= high <= 1e+09"),
         (
             "[placement]\nvehicles_per_image = [1, 2.5]",
             "placement.vehicles_per_image = [1, 2.5]: "

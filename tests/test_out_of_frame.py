@@ -2,7 +2,6 @@
 
 import pytest
 
-from dataset.planned import labelled
 from planning.check import check_plan
 from planning.preview import Artist
 from planning.summary import summarise
@@ -26,23 +25,23 @@ def plan(assets, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def outside(plan):
-    rows = [row for row in plan if row["companions"][0]["bbox"] is None]
+    rows = [row for row in plan if row.companions[0].bbox is None]
     assert rows
     return rows
 
 
 def test_its_numbers_say_so(outside):
     for row in outside:
-        (companion,) = row["companions"]
-        assert (companion["visible_fraction"], companion["truncated_fraction"]) == (0.0, 1.0)
+        (companion,) = row.companions
+        assert (companion.visible_fraction, companion.truncated_fraction) == (0.0, 1.0)
 
 
 def test_it_is_not_labelled(outside, assets):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     for row in outside:
-        assert labelled(row) == [row]
+        assert row.labelled == [row]
         (record,) = annotation_records(row, segmenter.segmentations(row))
-        assert record["bbox"] == row["bbox"]
+        assert record["bbox"] == list(row.bbox)
 
 
 def test_it_is_counted_checked_and_previewed(plan, outside, assets):

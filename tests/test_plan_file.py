@@ -1,12 +1,16 @@
 """A plan on disk: streaming, by index, damage named by its line, attempts continued."""
 
+import json
+import math
 import os
+import re
 
 import pytest
 
 from geometry.errors import ConfigError
-from geometry.files import stays_inside
-from planning.plan_file import ROW_KEYS, PlanWriter, encode, read_plan
+from geometry.files import PICTURE_NAME, stays_inside
+from planning.plan_file import PlanWriter, read_plan
+from planning.row import PlannedVehicle, Row, decode_header, encode, fields
 
 HEADER = {
     "hulldown_plan": 1,
@@ -55,14 +59,22 @@ ROW = {
 }
 
 
+def line(record):
+    return json.dumps(record).encode() + b"\n"
+
+
+def header(**changes):
+    return decode_header(line({**HEADER, **changes}))
+
+
 def row(i):
     return {**ROW, "index": i, "image_id": i + 1, "file_name": f"images/{i:08d}.png", "gap": 0.1 * i}
 
 
-def written(path, rows=5, header=HEADER):
-    with PlanWriter(path, header) as writer:
+def written(path, rows=5, **changes):
+    with PlanWriter(path, header(**changes)) as writer:
         for i in range(rows):
-            writer.write(encode(row(i)), 1)
+            writer.write(line(row(i)), 1)
         writer.finish()
     return path
 
@@ -74,11 +86,12 @@ def path(tmp_path):
 
 def test_rows_come_back_as_they_were(path):
     plan = read_plan(path)
-    assert plan.header == HEADER
+    assert plan.header == header()
     assert len(plan) == 5
-    assert list(plan) == [row(i) for i in range(5)]
-    assert list(plan.rows(3)) == [row(3), row(4)]
-    assert [plan[i] for i in (4, 0, 2)] == [row(4), row(0), row(2)]
+    assert [json.loads(encode(found)) for found in plan] == [row(i) for i in range(5)]
+    assert [json.loads(encode(plan[i])) for i in (4, 0, 2)] == [row(4), row(0), row(2)]
+    assert plan[3].world_from_camera.shape == (4, 4)
+    assert plan[3].intrinsics.fov_x == math.radians(50.0)
     with pytest.raises(IndexError, match="index: expected 0 to 4, got 5"):
         plan[5]
 
@@ -92,11 +105,15 @@ def test_nothing_but_the_plan_is_left(path):
     [
         (3, b"{\n", r"line 3 is no JSON"),
         (3, b"[]\n", r"line 3 is list, not an image"),
-        (4, encode({"index": 2}), r"line 4 lacks image_id, file_name, scenery"),
-        (2, encode(row(1)), r"line 2 has index 1, expected 0"),
-        (6, encode({**row(4), "file_name": "../x.png"}), r"line 6 has file_name '../x.png', which leaves"),
+        (4, line({"index": 2}), r"line 4 lacks vehicle, category, world_from_vehicle"),
+        (2, line(row(1)), r"line 2 has index 1, expected 0"),
+        (
+            6,
+            line({**row(4), "file_name": "../x.png"}),
+            r"line 6 has file_name '../x.png', expected a path like images/1.png",
+        ),
         (6, b"", r"ends after 4 of 5 images"),
-        (6, encode(row(4)) + encode(row(5)), r"line 7 is more than the 5 images of the header"),
+        (6, line(row(4)) + line(row(5)), r"line 7 is more than the 5 images of the header"),
     ],
 )
 def test_a_damaged_line_is_named(path, line, text, message):
@@ -109,7 +126,33 @@ def test_a_damaged_line_is_named(path, line, text, message):
 
 
 def test_the_row_of_these_tests_has_every_key():
-    assert set(row(0)) == set(ROW_KEYS)
+    assert set(row(0)) == set(fields(Row))
+    assert set(VEHICLE) == set(fields(PlannedVehicle))
+
+
+def turned(**changes):
+    """A pose that is none any more."""
+    pose = [list(line) for line in POSE]
+    for place, value in changes.items():
+        pose[int(place[1])][int(place[2])] = value
+    return pose
+
+
+OUT_OF_RANGE = [
+    *(("fov_x_deg", value) for value in (-1.0, 0, 180, 1e308)),
+    *((key, pose) for key in ("world_from_camera", "world_from_vehicle") for pose in (
+        [[0.0] * 4] * 4, [[1e308] * 4] * 4, turned(_00=-1.0), turned(_00=1.01), turned(_01=0.1), turned(_32=0.5),
+        turned(_33=2.0), turned(_03=1e300), turned(_03=True), turned(_03="1"), [*POSE, POSE[3]],
+    )),
+    *((key, share) for key in ("visible_fraction", "truncated_fraction") for share in (-5.0, 7.0, 1.0000001)),
+    *((key, box) for key in ("bbox", "bbox_amodal") for box in (
+        [-1e300, 0, 1, 1], [0, 0, -1, 1], [0, 0, 1, 1e300], [], [1, 2, 3], [1, 2, 3, 4, 5], [1, 2, 3, None],
+    )),
+    ("strength", -5.0), ("weather", {"visibility_m": 0}), ("weather", {"visibility_m": -5.0}), ("weather", {}),
+    ("hdri_yaw_deg", 361), ("slope_deg", -1.0), ("slope_deg", 91.0), ("gap", -0.1), ("penetration", -0.1),
+    ("position", -1), ("shot", 2**63), ("tries", -1), ("tries", 1.5), ("width", 65537), ("height", 10**400),
+    ("sample_seed", 2**64), ("rejected", {"small": -1}), ("rejected", []), ("articulation", {"gun": 1e300}),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -122,21 +165,22 @@ def test_the_row_of_these_tests_has_every_key():
         ({"bbox": None}, r"line 4 has bbox None"),
         ({"hdri_yaw_deg": "x"}, "line 4 has hdri_yaw_deg 'x', expected a number"),
         ({"strength": True}, "line 4 has strength True"),
-        ({"width": 0}, "line 4 has width 0, expected a whole number of at least 1"),
+        ({"width": 0}, "line 4 has width 0, expected a whole number from 1 to 65536"),
         ({"weather": {"fog": 1}}, "line 4 has weather"),
         ({"articulation": {"turret": "left"}}, "line 4 has articulation"),
-        ({"companions": {"a": 1}}, "line 4 has companions that are no list of vehicles"),
+        ({"companions": {"a": 1}}, "line 4 has companions {'a': 1}, expected a list of vehicles"),
+        ({"companions": [3]}, r"line 4 has companions \[3\], expected a list of vehicles"),
         ({"companions": [{"vehicle": "t72"}]}, r"line 4 lacks companions\[0\].category"),
         ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
+        *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
         ({"category": "zeppelin"}, "line 4 has the class 'zeppelin' for 't72', expected 'tank'"),
         ({"companions": [{**VEHICLE, "category": "car"}]}, "line 4 has the class 'car' for 't72', expected 'tank'"),
     ],
 )
 def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
-    header = {**HEADER, "vehicles": {"t72": {"category": "tank"}}}
-    path = written(tmp_path / "plan.jsonl", header=header)
+    path = written(tmp_path / "plan.jsonl", vehicles={"t72": {"category": "tank"}})
     lines = path.read_bytes().splitlines(keepends=True)
-    lines[3] = encode({**row(2), **changed})
+    lines[3] = line({**row(2), **changed})
     path.write_bytes(b"".join(lines))
     with pytest.raises(ConfigError, match=message):
         list(read_plan(path))
@@ -147,10 +191,10 @@ def test_no_file_but_a_plan_is_written_over(path):
     config = path.with_name("hulldown.toml")
     config.write_text("seed = 0\n")
     with pytest.raises(ConfigError, match=r"hulldown.toml: exists and is no plan; name another file"):
-        PlanWriter(config, HEADER)
+        PlanWriter(config, header())
     assert config.read_text() == "seed = 0\n"
     with pytest.raises(ConfigError, match="is a folder; name a file for the plan"):
-        PlanWriter(path.parent, HEADER)
+        PlanWriter(path.parent, header())
     assert sorted(os.listdir(path.parent)) == ["hulldown.toml", "plan.jsonl"]
     assert not path.parent.with_name(path.parent.name + ".partial").exists()
 
@@ -161,8 +205,29 @@ def test_no_file_but_a_plan_is_written_over(path):
         (b"", "line 1 is no header of a plan"),
         (b"\x89PNG\r\n", "line 1 is no header of a plan"),
         (b'{"images": [], "annotations": []}\n', "line 1 is no header of a plan"),
-        (encode({**HEADER, "hulldown_plan": 2}), "line 1 has plan format 2, this is format 1"),
-        (encode({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
+        (line({**HEADER, "hulldown_plan": 2}), "line 1 has plan format 2, this is format 1"),
+        (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
+        (b"[" * 100_000, "line 1 is no header of a plan"),
+        (b'{"hulldown_plan": 1, "a": "\xff"}', "line 1 is no header of a plan"),
+        *(
+            (line({**HEADER, key: value}), f"line 1 has {key} ")
+            for key, value in (
+                ("images", -1),
+                ("images", 2**63),
+                ("images", 1.0),
+                ("images", True),
+                ("seed", -1),
+                ("seed", 2**63),
+                ("config", []),
+                ("root", None),
+                ("vehicles", [1]),
+                ("vehicles", {"a": 1}),
+                ("vehicles", {"a": {}}),
+                ("sceneries", {"a": {"origin": [0, 0]}}),
+                ("hdris", {"a": {"path": 3}}),
+                ("versions", {"python": 3}),
+            )
+        ),
     ],
 )
 def test_a_foreign_file_is_no_plan(tmp_path, content, message):
@@ -179,9 +244,9 @@ def test_a_missing_plan(tmp_path):
 
 def attempt(path, rows, tail=b""):
     """What a process leaves that was killed after so many rows, in the middle of a line."""
-    writer = PlanWriter(path, HEADER)
+    writer = PlanWriter(path, header())
     for i in range(rows):
-        writer.write(encode(row(i)), 1)
+        writer.write(line(row(i)), 1)
     writer.write(tail, 0)
     writer.__exit__(KeyboardInterrupt, None, None)
 
@@ -190,11 +255,11 @@ def test_an_attempt_is_continued_at_the_last_whole_row(tmp_path):
     path = tmp_path / "plan.jsonl"
     attempt(path, 3, tail=b'{"index": 3, "im')
     assert not path.exists()
-    with PlanWriter(path, HEADER) as writer:
+    with PlanWriter(path, header()) as writer:
         assert writer.rows == 3
         writer.keep(2)
         for i in range(2, 5):
-            writer.write(encode(row(i)), 1)
+            writer.write(line(row(i)), 1)
         writer.finish()
     assert path.read_bytes() == written(tmp_path / "other.jsonl").read_bytes()
 
@@ -202,8 +267,7 @@ def test_an_attempt_is_continued_at_the_last_whole_row(tmp_path):
 def test_an_attempt_at_another_plan_is_replaced(tmp_path):
     path = tmp_path / "plan.jsonl"
     attempt(path, 3)
-    other = {**HEADER, "seed": 1}
-    with PlanWriter(path, other) as writer:
+    with PlanWriter(path, header(seed=1)) as writer:
         assert writer.rows == 0
     assert os.listdir(tmp_path) == []
 
@@ -216,8 +280,67 @@ def test_a_plan_stays_until_its_successor_is_complete(path):
 
 def test_two_processes_do_not_write_one_plan(tmp_path):
     path = tmp_path / "plan.jsonl"
-    with PlanWriter(path, HEADER), pytest.raises(ConfigError, match="another process is writing this plan"):
-        PlanWriter(path, HEADER)
+    with PlanWriter(path, header()), pytest.raises(ConfigError, match="another process is writing this plan"):
+        PlanWriter(path, header())
+
+
+LEGAL = ["images/1.png", "images/a/b c.png", "images/é.v2.png", "images/constant.png"]
+ILLEGAL = [
+    *("images/./1.png", "images//1.png", "./images/1.png", "images/../images/1.png", "/images/1.png", "../1.png"),
+    *("images", "images/", "images/.png", ".unfinished/1.png", "images/.unfinished/1.png", "images/a/.b.png", "1.png"),
+    *("annotations.json", "images/1.jpg", "images/1.PNG", "Images/1.png", "a/images/1.png", "images/1.png/"),
+    *(
+        "images\\1.png",
+        "C:\\images\\1.png",
+        "images/a:b.png",
+        "images/1.png\n",
+        "images/\x1b[31m.png",
+        "images/a\0.png",
+    ),
+    *("images/CON.png", "images/nul/1.png", "images/a./1.png", "images/a /1.png", "images/a?.png", "images/*.png"),
+    *("", "images/" + "a" * 300 + ".png", "images/" + "a/" * 100 + "1.png"),
+]
+
+
+@pytest.mark.parametrize("name", LEGAL)
+def test_a_picture_may_be_called(tmp_path, name):
+    path = tmp_path / "plan.jsonl"
+    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": name}))
+    assert [row.file_name for row in read_plan(path)] == [name]
+    assert stays_inside(name)
+
+
+@pytest.mark.parametrize("name", ILLEGAL)
+def test_a_picture_may_not_be_called(tmp_path, name):
+    """Two spellings of one name were two rows and one picture; what begins with a dot was swept away."""
+    assert not re.search(PICTURE_NAME, name)
+    path = tmp_path / "plan.jsonl"
+    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": name}))
+    with pytest.raises(ConfigError, match=r"line 2 has file_name .*, expected a path like images/1.png"):
+        list(read_plan(path))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["images/a.png", "images/A.png"], "line 3 has file_name 'images/A.png', which line 2 has"),
+        (["images/00000002.png", "images/00000002.png"], "line 3 has file_name 'images/00000002.png', which line 2"),
+        (["images/00000001.png", "images/00000001.png"], "line 3 has file_name 'images/00000001.png', which line 2"),
+        (["images/00000001.png", "images/b.png", "images/B.png"], "line 4 has file_name 'images/B.png', which line 3"),
+        (["images/e\u0301.png", "images/\u00e9.png"], "line 3 has file_name .*, which line 2 has"),
+        (["images/00000002.png", "images/00000001.png", "images/00000003.png"], None),
+        (["images/1.png", "images/0000001.png", "images/000000001.png", "images/00000003.png"], None),
+    ],
+)
+def test_two_pictures_of_one_name_are_found(tmp_path, names, message):
+    path = tmp_path / "plan.jsonl"
+    rows = [line({**row(i), "file_name": name}) for i, name in enumerate(names)]
+    path.write_bytes(b"".join([line({**HEADER, "images": len(names)}), *rows]))
+    if message is None:
+        assert [row.file_name for row in read_plan(path)] == names
+    else:
+        with pytest.raises(ConfigError, match=message):
+            list(read_plan(path))
 
 
 @pytest.mark.parametrize("name", ["images/1.png", "a.png", "a/b..c/d.png"])

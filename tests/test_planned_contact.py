@@ -40,7 +40,7 @@ def test_a_plan_and_its_check_measure_the_same_underside(tmp_path):
     made = write_plan(config, assets, tmp_path / "plan.jsonl")
     assert check_plan(made, assets) == []
     # Rigid rails on this ground: something is in the air, and not the belly.
-    gap = [row["gap"] for row in made]
+    gap = [row.gap for row in made]
     assert 0.02 < np.median(gap) < BELLY
 
 

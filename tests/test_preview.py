@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as altered
 from PIL import Image
 
 from planning.plan_file import read_plan
 from planning.preview import Artist, caption, preview_sheet
+from planning.row import Weather
 from planning.shading import paint_of, sun_of
 from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
@@ -33,21 +35,23 @@ def artist(plan, assets):
 
 
 def clear(row):
-    return {**row, "weather": None}
+    return altered(row, weather=None)
 
 
 def test_the_vehicle_is_where_its_box_is(plan, artist):
-    row = {**clear(plan[0]), "companions": []}
+    row = altered(clear(plan[0]), companions=[])
     with_it = artist.shade(row, 160, 90)
-    away = [[*line[:3], line[3] + (500.0 if k == 2 else 0.0)] for k, line in enumerate(row["world_from_vehicle"])]
-    changed = np.abs(artist.shade({**row, "world_from_vehicle": away}, 160, 90) - with_it).max(axis=2) > 1e-9
-    x, y, w, h = (v / 12 for v in row["bbox"])
-    lit = paint_of(row["vehicle"])
+    lifted = row.world_from_vehicle.copy()
+    lifted[2, 3] += 500.0
+    away = altered(row, world_from_vehicle=lifted)
+    changed = np.abs(artist.shade(away, 160, 90) - with_it).max(axis=2) > 1e-9
+    x, y, w, h = (v / 12 for v in row.bbox)
+    lit = paint_of(row.vehicle)
     inside = np.zeros((90, 160), dtype=bool)
     inside[int(y) : int(y + h) + 1, int(x) : int(x + w) + 1] = True
     # Outside the box only the shadow differs, and that is dark.
     assert (changed & inside).sum() > 0.2 * inside.sum()
-    assert (with_it[changed & ~inside].sum(axis=-1) < artist.shade({**row, "world_from_vehicle": away}, 160, 90)[
+    assert (with_it[changed & ~inside].sum(axis=-1) < artist.shade(away, 160, 90)[
         changed & ~inside
     ].sum(axis=-1)).all()  # fmt: skip
     assert lit.shape == (3,)
@@ -63,8 +67,8 @@ def test_colours_are_colours(plan, artist):
 
 def test_fog_hides(plan, artist):
     row = plan[0]
-    thick = artist.shade({**row, "weather": {"visibility_m": 1.0}}, 64, 36)
-    thin = artist.shade({**row, "weather": None}, 64, 36)
+    thick = artist.shade(altered(row, weather=Weather(visibility_m=1.0)), 64, 36)
+    thin = artist.shade(clear(row), 64, 36)
     assert np.ptp(thick, axis=(0, 1)).max() < 0.05 < np.ptp(thin, axis=(0, 1)).max()
 
 
@@ -94,7 +98,7 @@ def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
 
 
 def test_a_caption_says_what_the_picture_does_not(plan):
-    row = {**plan[0], "weather": {"visibility_m": 250.0}, "visible_fraction": 0.5}
+    row = altered(plan[0], weather=Weather(visibility_m=250.0), visible_fraction=0.5)
     words = caption(row)
-    assert words.startswith(f"1: {row['vehicle']} in {row['scenery']}, ")
-    assert words.endswith(f"50 % visible, {row['hdri']}, fog 250 m")
+    assert words.startswith(f"1: {row.vehicle} in {row.scenery}, ")
+    assert words.endswith(f"50 % visible, {row.hdri}, fog 250 m")

@@ -11,21 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as altered
 from PIL import Image
 
 from annotate.masks import iou, mask_box, vehicle_mask
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import World
 from geometry.errors import ConfigError
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.plan_file import Plan
+from planning.row import Source, Weather
 from planning.write import write_plan
-from render.annotations import targets
-from render.jobs import SceneryFile, VehicleFile, job, mask_job, render_assets
+from render.jobs import SceneryFile, VehicleFile, mask_job, render_assets, render_job
 from render.masks import cycles_masks, verify_masks
+from render.messages import Settings, to_json
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
@@ -87,15 +87,13 @@ def dataset(plan, assets, folder):
     return folder / "dataset"
 
 
-def camera_of(row):
-    return Camera(
-        Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"])), np.array(row["world_from_camera"])
-    )
+def job(row, assets, settings, output):
+    return to_json(render_job(row, assets, Settings(**settings), output))
 
 
 def standing(assets, target):
-    shape = assets.vehicles[target["vehicle"]].shape
-    return PosedVehicle(VehicleTarget(shape), np.array(target["world_from_vehicle"])[None], target["articulation"])
+    shape = assets.vehicles[target.vehicle].shape
+    return PosedVehicle(VehicleTarget(shape), target.world_from_vehicle[None], target.articulation)
 
 
 def pixels(path):
@@ -118,17 +116,17 @@ def draw(folder, messages):
 
 def test_cycles_and_embree_see_the_same_pixels(plan, assets):
     masks = cycles_masks(plan, range(len(plan)), assets)
-    assert {plan[m.index]["scenery"] for m in masks} == {"field", "centimetres", "map"}
-    assert any(plan[m.index]["companions"] for m in masks)
-    assert any(plan[m.index]["truncated_fraction"] > 0 for m in masks)
+    assert {plan[m.index].scenery for m in masks} == {"field", "centimetres", "map"}
+    assert any(plan[m.index].companions for m in masks)
+    assert any(plan[m.index].truncated_fraction > 0 for m in masks)
     for found in masks:
         row = plan[found.index]
-        camera = camera_of(row)
-        for target, alone in zip(targets(row), found.alone, strict=True):
+        camera = row.camera
+        for target, alone in zip(row.vehicles, found.alone, strict=True):
             expected = vehicle_mask(standing(assets, target), camera)
             assert iou(alone, expected) >= 0.99
         # Everything on the tank is thicker than a pixel, so the outermost pixel centres are within one of the box.
-        assert np.abs(corners(mask_box(found.alone[0])) - corners(row["bbox"])).max() <= 1.0
+        assert np.abs(corners(mask_box(found.alone[0])) - corners(row.bbox)).max() <= 1.0
 
 
 def corners(xywh):
@@ -139,13 +137,12 @@ def corners(xywh):
 def test_what_is_planned_is_in_the_picture(dataset, plan, assets):
     """The tank glows pink in a grey world: its pixels are counted in the pictures themselves."""
     for row in plan:
-        camera = camera_of(row)
-        expected = np.zeros((row["height"], row["width"]), dtype=bool)
-        world = World.of(assets.sceneries[row["scenery"]].scenery)
-        for target in targets(row):
-            expected |= vehicle_mask(standing(assets, target), camera, world=world)
+        expected = np.zeros((row.height, row.width), dtype=bool)
+        world = World.of(assets.sceneries[row.scenery].scenery)
+        for target in row.vehicles:
+            expected |= vehicle_mask(standing(assets, target), row.camera, world=world)
         # Antialiased edges: a pixel less or more all around.
-        assert iou(pink(pixels(dataset / row["file_name"])), expected) > 0.8
+        assert iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
 
 def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
@@ -154,7 +151,7 @@ def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan
     pictures = draw(tmp_path, messages)
     assert np.array_equal(pictures[0], pictures[2])
     for picture, i in zip(pictures, order, strict=True):
-        assert np.array_equal(picture, pixels(dataset / plan[i]["file_name"]))
+        assert np.array_equal(picture, pixels(dataset / plan[i].file_name))
 
 
 def test_the_same_plan_is_the_same_files(dataset, plan, assets, tmp_path):
@@ -166,7 +163,7 @@ def test_the_same_plan_is_the_same_files(dataset, plan, assets, tmp_path):
 
 def test_another_seed_is_another_noise(plan, assets, tmp_path):
     row = plan[0]
-    messages = [job({**row, "sample_seed": s}, assets, SETTINGS, tmp_path / f"{s}.png") for s in (1, 2)]
+    messages = [job(altered(row, sample_seed=s), assets, SETTINGS, tmp_path / f"{s}.png") for s in (1, 2)]
     one, two = draw(tmp_path, messages)
     assert not np.array_equal(one, two)
     assert np.abs(one - two).mean() < 20
@@ -184,7 +181,7 @@ def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0,
     x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, at
-    return {"world_from_camera": pose.tolist(), "width": width, "height": height, "fov_x_deg": fov_x_deg}
+    return {"world_from_camera": pose, "width": width, "height": height, "fov_x_deg": fov_x_deg}
 
 
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
@@ -198,7 +195,7 @@ def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path
     for i, (yaw_deg, scenery_from_file) in enumerate(cases):
         walls = SceneryFile(folder / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
-        row = {**plan[0], **camera, "scenery": "walls", "hdri": "sky", "hdri_yaw_deg": yaw_deg, "companions": []}
+        row = altered(plan[0], **camera, scenery="walls", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[])
         messages.append(job(row, replace(assets, sceneries={"walls": walls}), SETTINGS, tmp_path / f"{i}.png"))
     for picture in draw(tmp_path, messages):
         bright = np.argwhere(picture.min(axis=2) > 230)
@@ -211,7 +208,7 @@ def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path)
     field = assets.sceneries["field"]
     leaking = replace(field, path=folder / "leaking.blend")
     other = replace(assets, sceneries={"field": leaking})
-    row = {**next(row for row in plan if row["scenery"] != "map"), "scenery": "field"}
+    row = altered(next(row for row in plan if row.scenery != "map"), scenery="field")
     messages = [job(row, a, SETTINGS, tmp_path / f"{n}.png") for n, a in enumerate((assets, other))]
     clean, leaked = draw(tmp_path, messages)
     assert np.array_equal(clean, leaked)
@@ -219,9 +216,9 @@ def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path)
 
 def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, tmp_path):
     evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
-    row = {**plan[0], "scenery": "field"}
+    row = altered(plan[0], scenery="field")
     messages = [
-        job({**row, "sample_seed": n}, replace(assets, sceneries={"field": evil}), SETTINGS, tmp_path / f"{n}.png")
+        job(altered(row, sample_seed=n), replace(assets, sceneries={"field": evil}), SETTINGS, tmp_path / f"{n}.png")
         for n in (1, 2)
     ]
     draw(tmp_path, messages)
@@ -236,17 +233,17 @@ def test_fog_follows_koschmieders_law(plan, assets, folder, tmp_path, visibility
     assets = replace(assets, sceneries={"walls": walls})
     sunk = np.eye(4)
     sunk[2, 3] = -500.0
-    row = {
-        **plan[0],
+    row = altered(
+        plan[0],
         **looking(0.0, 0.0, fov_x_deg=90.0, at=(0.0, 0.0, 0.0)),
-        **{"scenery": "walls", "world_from_vehicle": sunk.tolist(), "companions": [], "strength": 1.0},
-    }
-    fog = {**row, "weather": {"visibility_m": visibility}}
+        **{"scenery": "walls", "world_from_vehicle": sunk, "companions": [], "strength": 1.0, "weather": None},
+    )
+    fog = altered(row, weather=Weather(visibility_m=visibility))
     messages = [job(fog, assets, SETTINGS, tmp_path / "fog.png")]
     centres = [(19.75, -8.0), (59.75, 0.0), (149.75, 70.0)]
     for i, centre in enumerate(centres):
         strength = 1.0 - math.exp(-3.912 * math.hypot(*centre) / visibility)
-        messages.append(job({**row, "strength": strength}, assets, SETTINGS, tmp_path / f"{i}.png"))
+        messages.append(job(altered(row, strength=strength), assets, SETTINGS, tmp_path / f"{i}.png"))
     foggy, *clear = draw(tmp_path, messages)
     for (x, y), sky in zip(centres, clear, strict=True):
         column = round(64.0 - 64.0 * y / x)
@@ -272,14 +269,26 @@ class Conversation:
 
 def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
     """An installed Blender has no more: every other distribution is hidden from the worker."""
-    hidden = ["jaxtyping", "scipy", "orjson", "pydantic", "psutil", "PIL", "filelock", "rich", "trimesh", "embreex"]
+    hidden = [
+        "jaxtyping",
+        "msgspec",
+        "scipy",
+        "orjson",
+        "pydantic",
+        "psutil",
+        "PIL",
+        "filelock",
+        "rich",
+        "trimesh",
+        "embreex",
+    ]
     code = (
         f"import runpy, sys; sys.modules.update(dict.fromkeys({hidden!r}));"
         f"sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
     )
     talk = Conversation([sys.executable, "-P", "-c", code], tmp_path / "log")
     assert talk.ask(job(plan[0], assets, SETTINGS, tmp_path / "0.png"))["done"] == "render"
-    assert talk.ask(mask_job(plan[0], assets, tmp_path / "0.npy"))["done"] == "mask"
+    assert talk.ask(to_json(mask_job(plan[0], assets, tmp_path / "0.npy")))["done"] == "mask"
     talk.worker.stop()
 
 
@@ -329,7 +338,7 @@ def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
 
 
 def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
-    header = {**plan.header, "hdris": {**plan.header["hdris"], "grey": {"path": "grey.exr", "sha256": "0" * 64}}}
+    header = altered(plan.header, hdris={**plan.header.hdris, "grey": Source(path="grey.exr", sha256="0" * 64)})
     with pytest.raises(ConfigError, match=r"'grey' \(grey.exr\) is not what it was when this was planned"):
         render_assets(Plan(plan.path, header))
 
@@ -341,15 +350,15 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     width = float(assets.vehicles["tank"].shape.size_xyz[1])
     # From behind, so far away that the tank fills half of the frame.
     distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0
-    row = {**plan[0], **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7))}
+    row = altered(plan[0], **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
     up = np.eye(4)
     up[2, 3] = 500.0
-    row |= {"world_from_vehicle": up.tolist(), "articulation": {}, "companions": []}
+    row = altered(row, world_from_vehicle=up, articulation={}, companions=[])
     talk = Conversation(worker_command(None), tmp_path / "log")
-    assert talk.ask(mask_job(row, assets, tmp_path / "m.npy"))["done"] == "mask"
+    assert talk.ask(to_json(mask_job(row, assets, tmp_path / "m.npy")))["done"] == "mask"
     talk.worker.stop()
     seen = np.load(tmp_path / "m.npy")[1] == 1
-    expected = vehicle_mask(PosedVehicle(target, up[None], {}), camera_of(row))
+    expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99
 
@@ -357,8 +366,8 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
 @pytest.mark.parametrize("company", [False, True])
 def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company):
     """More than are kept in memory; the first one looks the same when it returns."""
-    row = next(row for row in plan if row["companions"])
-    row = {**row, "companions": [{**row["companions"][0], "vehicle": "other"}] if company else []}
+    row = next(row for row in plan if row.companions)
+    row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
     order = [0, 1, 2, 3, 4, 5, 0]
     for i in set(order):
         shutil.copy(assets.vehicles["tank"].tidy, tmp_path / f"{i}.blend")

@@ -1,6 +1,5 @@
 """Targets as large as asked: the exact measures of `camera.size_measure`, from config to plan to check."""
 
-import json
 import math
 
 import numpy as np
@@ -12,8 +11,9 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.transforms import apply
 from planning.check import check_plan
-from planning.plan_file import encode, read_plan
+from planning.plan_file import read_plan
 from planning.planner import Planner, plan
+from planning.row import encode, encode_rows
 from planning.write import make_header
 from tests.planning_assets import small_assets, small_config
 
@@ -40,10 +40,10 @@ def config_of(**camera):
 
 def amodal_size(row, assets):
     """By the exact rule, from the row's poses alone."""
-    shape = assets.vehicles[row["vehicle"]]
-    vertices = apply(row["world_from_vehicle"], shape.vertices_at(row["articulation"]))
-    intrinsics = Intrinsics(row["width"], row["height"], math.radians(row["fov_x_deg"]))
-    camera = Camera(intrinsics, np.array(row["world_from_camera"]))
+    shape = assets.vehicles[row.vehicle]
+    vertices = apply(row.world_from_vehicle, shape.vertices_at(row.articulation))
+    intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
+    camera = Camera(intrinsics, np.array(row.world_from_camera))
     return surface_box(vertices, shape.mesh.faces, camera, frame=False)[2:]
 
 
@@ -53,7 +53,7 @@ def test_the_box_has_the_size_that_was_asked_for(assets, measure, truncated):
     config = config_of(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated)
     for row in plan(config, assets):
         assert MEASURES[measure](*amodal_size(row, assets)) == pytest.approx(0.15, rel=RELATIVE)
-        assert truncated[0] <= row["truncated_fraction"] <= truncated[1]
+        assert truncated[0] <= row.truncated_fraction <= truncated[1]
 
 
 def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
@@ -61,7 +61,7 @@ def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
     rows = list(plan(config_of(**options, distance_factor=1.0), assets))
     shares = [MEASURES["area"](*amodal_size(row, assets)) for row in rows]
     assert 0.0005 <= min(shares) < 0.0015 < 0.003 < max(shares) <= 0.0044
-    assert list(plan(config_of(**options, distance_factor=4.0), assets)) == rows
+    assert encode_rows(list(plan(config_of(**options, distance_factor=4.0), assets))) == encode_rows(rows)
 
 
 def test_rows_of_exact_sizes_do_not_depend_on_their_company(assets):
@@ -69,7 +69,7 @@ def test_rows_of_exact_sizes_do_not_depend_on_their_company(assets):
     planner = Planner(config, assets)
     n = planner.budget.n_positions
     apart = [row for k in range(n) for row in planner.rows(k, k + 1)]
-    assert planner.rows(0, n) == apart
+    assert encode_rows(planner.rows(0, n)) == encode_rows(apart)
 
 
 def test_a_size_that_no_distance_gives_is_counted(assets):
@@ -79,7 +79,7 @@ def test_a_size_that_no_distance_gives_is_counted(assets):
         obstacle_clearance=0.0, fov_x_deg=120.0, max_tries=500,
     )  # fmt: skip
     rows = list(plan(config, assets))
-    assert sum(row["rejected"].get("size", 0) for row in rows) > 0
+    assert sum(row.rejected.get("size", 0) for row in rows) > 0
 
 
 @pytest.mark.parametrize("measure", MEASURES)
@@ -89,8 +89,7 @@ def test_the_check_recomputes_the_size(assets, tmp_path, measure):
     header = make_header(config, assets, path, images=6)
     path.write_bytes(b"".join(map(encode, [header, *rows])))
     assert check_plan(read_plan(path), assets) == []
-    header = json.loads(encode(header))
-    header["config"]["camera"]["target_fraction"] = [0.3, 0.4]
+    header.config["camera"]["target_fraction"] = [0.3, 0.4]
     path.write_bytes(b"".join(map(encode, [header, *rows])))
     findings = check_plan(read_plan(path), assets)
     assert len(findings) == 6

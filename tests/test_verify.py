@@ -10,7 +10,7 @@ from annotate.masks import encode
 from dataset.coco import CocoDataset
 from dataset.planned import IMAGE_KEYS, LABEL_KEYS
 from dataset.verify import Finding, compare, verify
-from geometry.errors import DatasetError
+from geometry.errors import ConfigError, DatasetError
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
@@ -124,13 +124,21 @@ def make_row(i, **changes):
         "articulation": {"turret": 0.1},
         "visible_fraction": 0.75,
         "truncated_fraction": 1 / 7,
+        **{"slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1},
     }
     unseen = [{**target, "visible_fraction": 0.0}, {**target, "bbox": None}]
     seen = [{**target, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
     light = {"hdri": "sky", "hdri_yaw_deg": 3.5, "strength": 1.0, "weather": {"visibility_m": 500.0}, "sample_seed": i}
     where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
     size = {"width": 32, "height": 24}
-    return {"file_name": f"images/{i}.png", **size, **where, **light, **target, "companions": unseen + seen, **changes}
+    name = {"index": i, "image_id": i + 1, "file_name": f"images/{i}.png", "rejected": {}}
+    return {**name, **size, **where, **light, **target, "companions": unseen + seen, **changes}
+
+
+HEADER = {
+    **{"hulldown_plan": 1, "images": 4, "seed": 0, "root": ".", "config": {}},
+    **{"vehicles": {}, "sceneries": {}, "hdris": {}, "versions": {}},
+}
 
 
 @pytest.fixture
@@ -138,7 +146,7 @@ def planned(tmp_path):
     """A dataset with real images and one plan before, and the plan that was rendered into it then."""
     rows = [make_row(i) for i in range(4)]
     plan = tmp_path / "plan.jsonl"
-    plan.write_text("\n".join(map(json.dumps, [{"hulldown_plan": 1, "images": 4}, *rows])) + "\n")
+    plan.write_text("\n".join(map(json.dumps, [HEADER, *rows])) + "\n")
     folder = tmp_path / "dataset"
     (folder / "images").mkdir(parents=True)
     with CocoDataset.open(folder, categories=["truck", "tank"]) as dataset:
@@ -224,7 +232,7 @@ def test_a_plan_that_was_not_rendered_here_is_said_to_be_one(planned):
 
 
 def test_no_plan_and_no_dataset_are_explained(dataset, tmp_path_factory):
-    with pytest.raises(DatasetError, match="cannot be read as a plan"):
+    with pytest.raises(ConfigError, match="no such plan"):
         list(verify(dataset, plan=dataset / "no.jsonl"))
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         list(verify(tmp_path_factory.mktemp("empty")))
@@ -263,12 +271,12 @@ def test_a_plan_with_a_row_that_is_none_is_said_to_be_none(planned, line):
     path = folder / "annotations.json"
     path.write_text(path.read_text().replace(before, hashlib.sha256(plan.read_bytes()).hexdigest()))
     (folder / "journal.jsonl").unlink()
-    with pytest.raises(DatasetError, match=r"plan.jsonl: cannot be read as a plan"):
+    with pytest.raises(ConfigError, match=r"plan.jsonl: line 6 (is|lacks)"):
         list(verify(folder, plan=plan))
 
 
 @pytest.mark.parametrize("header", ["{}", "3", "[1]", "seed = 0"])
 def test_a_file_without_a_plans_header_is_no_plan(dataset, header):
     (dataset / "plan.jsonl").write_text(header + "\n")
-    with pytest.raises(DatasetError, match=r"plan.jsonl: cannot be read as a plan"):
+    with pytest.raises(ConfigError, match=r"plan.jsonl: line 1 is no header of a plan"):
         list(verify(dataset, plan=dataset / "plan.jsonl"))

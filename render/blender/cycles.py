@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import contextlib
 import platform
-from collections.abc import Mapping
 from typing import Any
 
 import bpy
+
+from render.messages import Settings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"
@@ -87,7 +88,7 @@ def _reset(struct: Any, fresh: Any) -> None:
                 setattr(struct, prop.identifier, getattr(fresh, prop.identifier))
 
 
-def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: int = 0) -> None:
+def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) -> None:
     """Render `scene` as the plan says and in no other way.
 
     Parameters
@@ -95,7 +96,7 @@ def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: 
     scene
         The scene of the scenery file.
     settings
-        `samples`, `denoise`, `adaptive_threshold` (0: no adaptive sampling), `bounces`.
+        What the config chooses.
     device
         The first thing that `choose_device` said.
     threads
@@ -124,14 +125,14 @@ def configure(scene: Any, settings: Mapping[str, Any], *, device: str, threads: 
     if threads:
         render.threads = threads
     cycles.device = "CPU" if device == "CPU" else "GPU"
-    cycles.samples = int(settings["samples"])
-    cycles.use_adaptive_sampling = settings["adaptive_threshold"] > 0
+    cycles.samples = settings.samples
+    cycles.use_adaptive_sampling = settings.adaptive_threshold > 0
     if cycles.use_adaptive_sampling:
-        cycles.adaptive_threshold = settings["adaptive_threshold"]
-    cycles.use_denoising = bool(settings["denoise"])
+        cycles.adaptive_threshold = settings.adaptive_threshold
+    cycles.use_denoising = settings.denoise
     if cycles.use_denoising:
         _denoise(cycles, gpu=device != "CPU")
-    _bounces(cycles, int(settings["bounces"]))
+    _bounces(cycles, settings.bounces)
     # Keeps textures, geometry and BVHs from one image to the next.
     render.use_persistent_data = True
 

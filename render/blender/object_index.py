@@ -16,10 +16,11 @@ import numpy as np
 
 from render.blender import cycles
 from render.blender.scene import Stage
+from render.messages import Settings
 
 FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
 PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes
-ONE_RAY = {"samples": 1, "denoise": False, "adaptive_threshold": 0.0, "bounces": 0}
+ONE_RAY = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
 
 class IndexPictures:

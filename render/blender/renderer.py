@@ -17,6 +17,7 @@ import numpy as np
 from render.blender import cycles
 from render.blender.object_index import IndexPictures
 from render.blender.scene import Stage
+from render.messages import MaskJob, RenderJob, StartJob, from_json
 
 
 class Renderer:
@@ -34,37 +35,40 @@ class Renderer:
         """Trust nothing that is in memory: the next job loads everything afresh."""
         self._stage = self._index = self._loaded = self._settings = None
 
-    def do(self, job: Mapping[str, Any]) -> dict[str, Any]:
-        """Do one job and say how it went."""
-        return {"start": self._start, "render": self._render, "mask": self._mask}[job["do"]](job)
+    def do(self, message: Mapping[str, Any]) -> dict[str, Any]:
+        """Do the job of a message and say how it went."""
+        job = from_json(message)
+        if isinstance(job, StartJob):
+            return self._start(job)
+        return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
 
-    def _start(self, job: Mapping[str, Any]) -> dict[str, Any]:
-        self._device, count = cycles.choose_device(job["device"], job["index"])
-        self._threads = job["threads"]
+    def _start(self, job: StartJob) -> dict[str, Any]:
+        self._device, count = cycles.choose_device(job.device, job.index)
+        self._threads = job.threads
         return {"done": "start", "device": self._device, "devices": count}
 
-    def _ready(self, job: Mapping[str, Any], wanted: Any) -> Stage:
+    def _ready(self, job: RenderJob | MaskJob) -> Stage:
         """The stage that a job is for, loaded again if it is another than the last one's."""
+        scenery, wanted = job.scenery, (type(job), job.scenery)
         if self._stage is None or self._loaded != wanted:
             self.reset()
-            scenery = job["scenery"]
-            self._stage = Stage(scenery["path"], np.array(scenery["scenery_from_file"]), scenery["standing"])
-            if job["do"] == "mask":
+            self._stage = Stage(scenery.path, np.array(scenery.scenery_from_file), scenery.standing)
+            if isinstance(job, MaskJob):
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted
         return self._stage
 
-    def _render(self, job: Mapping[str, Any]) -> dict[str, Any]:
+    def _render(self, job: RenderJob) -> dict[str, Any]:
         start = time.monotonic()
-        stage = self._ready(job, ["render", job["scenery"]])
-        if self._settings != job["settings"]:
-            cycles.configure(stage.scene, job["settings"], device=self._device, threads=self._threads)
-            self._settings = job["settings"]
-        stage.place_vehicles(job["vehicles"])
-        stage.set_camera(job["camera"])
-        stage.set_light(job["light"])
-        stage.scene.cycles.seed = job["seed"]
-        output = Path(job["output"])
+        stage = self._ready(job)
+        if self._settings != job.settings:
+            cycles.configure(stage.scene, job.settings, device=self._device, threads=self._threads)
+            self._settings = job.settings
+        stage.place_vehicles(job.vehicles)
+        stage.set_camera(job.camera)
+        stage.set_light(job.light)
+        stage.scene.cycles.seed = job.seed
+        output = Path(job.output)
         output.unlink(missing_ok=True)  # of an attempt that failed
         stage.scene.render.filepath = os.fspath(output)
         posed = time.monotonic()
@@ -81,12 +85,12 @@ class Renderer:
         }
         return {"done": "render", "seconds": parts}
 
-    def _mask(self, job: Mapping[str, Any]) -> dict[str, Any]:
-        stage = self._ready(job, ["mask", job["scenery"]])
+    def _mask(self, job: MaskJob) -> dict[str, Any]:
+        stage = self._ready(job)
         assert self._index is not None
-        vehicles = stage.place_vehicles(job["vehicles"])
-        stage.set_camera(job["camera"])
-        output = Path(job["output"])
+        vehicles = stage.place_vehicles(job.vehicles)
+        stage.set_camera(job.camera)
+        output = Path(job.output)
         np.save(output, self._index.maps(vehicles, output.parent))
         return {"done": "mask"}
 

@@ -21,6 +21,7 @@ from assets.naming import BACKDROPS, says
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
+from render.messages import CameraInput, LightInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
@@ -56,22 +57,22 @@ class Stage:
         self.scene.collection.objects.link(obj)
         return obj
 
-    def place_vehicles(self, vehicles: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+    def place_vehicles(self, vehicles: Sequence[VehicleInput]) -> list[list[Any]]:
         """Stand exactly these vehicles in the scenery; the objects of each.
 
         Parameters
         ----------
         vehicles
-            Each with `tidy` (path of the file that `reading.blender.tidy` made) and `world_from_parts` (p, 4, 4).
+            What stands in it, in the order of the answer.
         """
         used: dict[str, int] = {}
         placed = []
         for vehicle in vehicles:
-            path = vehicle["tidy"]
+            path = vehicle.tidy
             copy = used.get(path, 0)
             used[path] = copy + 1
             collection = self._vehicle(path, copy)
-            parts = self.file_from_scenery @ np.asarray(vehicle["world_from_parts"], dtype=np.float64)
+            parts = self.file_from_scenery @ np.asarray(vehicle.world_from_parts, dtype=np.float64)
             for obj in collection.objects:
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
             placed.append(list(collection.objects))
@@ -110,43 +111,31 @@ class Stage:
             bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
             bpy.data.orphans_purge(do_recursive=True)
 
-    def set_camera(self, camera: Mapping[str, Any]) -> None:
-        """Look through the row's camera.
-
-        Parameters
-        ----------
-        camera
-            `world_from_camera` (4, 4), `fov_x` in radians, `width`, `height` in pixels, `near` in metres.
-        """
-        matrix = self.file_from_scenery @ world_from_blender_camera(camera["world_from_camera"])
+    def set_camera(self, camera: CameraInput) -> None:
+        """Look through the row's camera."""
+        matrix = self.file_from_scenery @ world_from_blender_camera(camera.world_from_camera)
         matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
         pose(self.camera, matrix)
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
-        half = math.tan(camera["fov_x"] / 2)
+        half = math.tan(camera.fov_x / 2)
         data.lens = max(SENSOR_WIDTH / (2 * half), SHORTEST_LENS)
         data.sensor_width = 2 * half * data.lens
-        data.clip_start = camera["near"] * self.units_per_metre
+        data.clip_start = camera.near * self.units_per_metre
         data.clip_end = FAR * self.units_per_metre
         render = self.scene.render
-        render.resolution_x, render.resolution_y = camera["width"], camera["height"]
+        render.resolution_x, render.resolution_y = camera.width, camera.height
 
-    def set_light(self, light: Mapping[str, Any]) -> None:
-        """Light by an HDRI, and fog if the row has weather.
-
-        Parameters
-        ----------
-        light
-            `hdri` (path), `yaw` (radians counter-clockwise), `strength`, `visibility` (metres or None).
-        """
-        self.world.set(light["hdri"], light["yaw"], light["strength"], self.file_from_scenery)
-        if not light["visibility"]:
+    def set_light(self, light: LightInput) -> None:
+        """Light by an HDRI, and fog if the row has weather."""
+        self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery)
+        if not light.visibility:
             self.fog.clear()
             return
         eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
         airlight = self.world.airlight()
-        self.fog.fill(light["visibility"], airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
+        self.fog.fill(light.visibility, airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
 
 
 def _delete_delivered() -> None:

@@ -1,0 +1,50 @@
+"""What is wrong with a line of a plan, in words: a plan is text that people edit."""
+
+from __future__ import annotations
+
+import re
+
+import msgspec
+from msgspec import Struct
+
+from planning.row import PlannedVehicle, fields
+
+_PLACE = re.compile(r"`(?:key in )?\$\.?(?P<path>(?:companions\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$")
+
+
+def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
+    """Why a line of JSON is no record of its kind, as the end of a sentence that begins with the line.
+
+    Parameters
+    ----------
+    line
+        What could not be decoded.
+    kind
+        `Row` or `Header`.
+    error
+        What the decoder said.
+    """
+    try:
+        record = msgspec.json.decode(line)
+    except (msgspec.DecodeError, ValueError, RecursionError) as mistake:
+        return f"is no JSON ({mistake})"
+    if not isinstance(record, dict):
+        return f"is {type(record).__name__}, not an image"
+    if lacking := _lacking(record, kind):
+        return f"lacks {', '.join(lacking[:3])}"
+    found = _PLACE.search(str(error))
+    assert found is not None, error
+    path, key, known, value = found["path"], found["key"], fields(kind), record
+    if found["at"] is not None:
+        companion = record["companions"][int(found["at"])]
+        if isinstance(companion, dict):
+            if lacking := _lacking(companion, PlannedVehicle):
+                return f"lacks {path.rstrip('.').partition('.')[0]}.{lacking[0]}"
+            known, value = fields(PlannedVehicle), companion
+        else:
+            path = key = "companions"
+    return f"has {path.rstrip('.')} {value[key]!r:.60}, expected {known[key].expected}"
+
+
+def _lacking(record: dict[str, object], kind: type[Struct]) -> list[str]:
+    return [info.name for info in msgspec.structs.fields(kind) if info.required and info.name not in record]

@@ -1,0 +1,301 @@
+"""The schema of a plan file: what a row and the header hold, in what range, rounded to what, and what may be null.
+
+Writing, reading and checking of plans, the tables of docs/plan-file.md, the records of datasets and what is compared
+with them all follow from the types below. A new field is one line here, and one where it is used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta, Struct
+
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from geometry.files import PICTURE_NAME
+
+FORMAT = 1
+FARTHEST = 1e9  # metres: beyond, float64 keeps less than the tenth of a micrometre
+RIGID = 1e-6  # what rotations in a plan that was edited by hand may be off
+
+
+def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Rounding to so many decimals; adding zero makes -0.0 the 0.0 that is meant."""
+    return lambda values: np.round(values, decimals) + 0.0
+
+
+def _poses(values: np.ndarray) -> np.ndarray:
+    """Rotations to 1e-12 and positions to 1e-9 m."""
+    rounded = _to(12)(values)
+    rounded[..., :3, 3] = _to(9)(values[..., :3, 3])
+    return rounded
+
+
+def _boxes(values: np.ndarray) -> np.ndarray:
+    """Both corners to 1e-6 pixels, so that a box which ends at the frame's side still does."""
+    low = _to(6)(values[..., :2])
+    high = _to(6)(values[..., :2] + values[..., 2:])
+    return np.concatenate([low, _to(6)(high - low)], axis=-1)
+
+
+def _is(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any) -> Meta:
+    """What all fields of one kind share: the words for it, its range, and what its numbers are rounded to."""
+    return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
+
+
+def _means(text: str, *, recorded: bool = True) -> Meta:
+    """What one field says, and whether datasets record it."""
+    return Meta(description=text, extra={"recorded": recorded})
+
+
+Pixel = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Pixels = Annotated[float, Meta(ge=0, le=1e12)]
+
+
+class Box(NamedTuple):
+    """A box in pixels, as COCO has it: its upper left corner, width and height."""
+
+    x: Pixel
+    y: Pixel
+    width: Pixels
+    height: Pixels
+
+
+class Weather(Struct, frozen=True, gc=False):
+    """What is in the air: fog, through which one sees so many metres."""
+
+    visibility_m: Annotated[float, Meta(gt=0, le=1e9)]
+
+
+Name = Annotated[str, _is("a name", max_length=4096)]
+PictureName = Annotated[str, _is("a path like images/1.png in plain characters", pattern=PICTURE_NAME)]
+Count = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**53)]
+Number = Annotated[int, _is("a whole number of at least 1", ge=1, le=2**53 + 1)]
+Size = Annotated[int, _is("a whole number from 1 to 65536", ge=1, le=65536)]
+Seed = Annotated[int, _is("a whole number", ge=-(2**63), le=2**63 - 1)]
+PlanSeed = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**63 - 1)]
+Share = Annotated[float, _is("a number from 0 to 1", "1e-9", _to(9), ge=0, le=1)]
+AtLeastZero = Annotated[float, _is("a number of at least 0", "1e-9", _to(9), ge=0, le=1e9)]
+Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge=0, le=90)]
+Turn = Annotated[float, _is("a number from -360 to 360", "1e-9 degrees", _to(9), ge=-360, le=360)]
+FieldOfView = Annotated[float, _is("a number above 0 and below 180", "1e-12 degrees", _to(12), gt=0, lt=180)]
+Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, rotation to 1e-12", _poses)]
+Frame = Annotated[Box, _is("[x, y, width, height]", "1e-6 pixels", _boxes)]
+FrameOrNone = Annotated[Box | None, _is("[x, y, width, height] or null", "1e-6 pixels", _boxes)]
+Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
+Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0}', "1e-9 m", _to(9))]
+Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
+
+
+class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
+    """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
+
+    vehicle: Annotated[Name, _means("the vehicle's name")]
+    category: Annotated[Name, _means("its class", recorded=False)]
+    world_from_vehicle: Annotated[Pose, _means("where it stands: (4, 4), metres")]
+    articulation: Annotated[Angles, _means("how far its parts are turned, in radians")]
+    bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
+    bbox_amodal: Annotated[FrameOrNone, _means("the surface in front of the camera, in or out of the frame")]
+    visible_fraction: Annotated[
+        Share, _means("share of the outline in the frame that nothing hides, by `camera.visibility_rays` rays")
+    ]
+    truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
+    slope_deg: Annotated[Slope, _means("inclination of the vehicle", recorded=False)]
+    gap: Annotated[AtLeastZero, _means("air beneath its feet, in metres", recorded=False)]
+    penetration: Annotated[AtLeastZero, _means("ground in its underside, in metres", recorded=False)]
+    tries: Annotated[Count, _means("places tried for it, the taken one included", recorded=False)]
+
+
+class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
+    """An image of a plan and the vehicle that it is about, its target; see docs/plan-file.md."""
+
+    bbox: Annotated[Frame, _means("the surface in the frame")]
+    index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
+    image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
+    file_name: Annotated[PictureName, _means("where the picture goes; no two differ in capitals only", recorded=False)]
+    scenery: Annotated[Name, _means("the scenery's name")]
+    position: Annotated[
+        Count,
+        _means(
+            "a position is one vehicle that stands in one place; its shots share scenery, vehicles, poses and "
+            "articulation, and differ in camera and light"
+        ),
+    ]
+    shot: Annotated[Count, _means("0, 1, 2, ... at each position")]
+    world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), metres")]
+    fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
+    width: Annotated[Size, _means("of the picture, in pixels")]
+    height: Annotated[Size, _means("of the picture, in pixels")]
+    hdri: Annotated[Name, _means("the HDRI's name")]
+    hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
+    strength: Annotated[AtLeastZero, _means("factor on its brightness")]
+    weather: Annotated[Air, _means("fog, if there is any")]
+    sample_seed: Annotated[Seed, _means("of Cycles' noise")]
+    companions: Annotated[
+        list[PlannedVehicle],
+        _is("a list of vehicles"),
+        _means("other vehicles, each with the keys from `vehicle` to `tries`", recorded=False),
+    ]
+    rejected: Annotated[
+        Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
+    ]
+
+    @property
+    def vehicles(self) -> list[PlannedVehicle]:
+        """The target, then its companions."""
+        return [self, *self.companions]
+
+    @property
+    def labelled(self) -> list[PlannedVehicle]:
+        """What the image is labelled with: the target, and the companions of which something is seen."""
+        return [self, *(c for c in self.companions if c.bbox is not None and c.visible_fraction > 0)]
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Image size and field of view."""
+        return Intrinsics(self.width, self.height, math.radians(self.fov_x_deg))
+
+    @property
+    def camera(self) -> Camera:
+        """The camera in the world."""
+        return Camera(self.intrinsics, self.world_from_camera)
+
+
+class Source(Struct, frozen=True, kw_only=True):
+    """The file of an HDRI: its path as the config gives it, and its SHA-256; both empty if it was made in memory."""
+
+    path: str = ""
+    sha256: str = ""
+
+
+class VehicleSource(Source, frozen=True, kw_only=True):
+    """The file of a vehicle, and its class."""
+
+    category: str
+
+
+class ScenerySource(Source, frozen=True, kw_only=True):
+    """The file of a scenery, and where in its coordinates the origin of the plan's world is."""
+
+    origin: tuple[float, float, float]
+
+
+class Header(Struct, frozen=True, kw_only=True):
+    """The first line of a plan; `config` is for `planning.config.parse_config` to understand."""
+
+    hulldown_plan: Annotated[int, _is("1"), _means("format version, 1")]
+    images: Annotated[Count, _means("how many lines follow")]
+    seed: Annotated[PlanSeed, _means("the config's")]
+    root: Annotated[Name, _means("folder of the config, relative to the plan: what the paths below are relative to")]
+    config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults filled in")]
+    vehicles: Annotated[
+        dict[str, VehicleSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`")
+    ]
+    sceneries: Annotated[dict[str, ScenerySource], _is("files by name"), _means("name -> `path`, `sha256`, `origin`")]
+    hdris: Annotated[dict[str, Source], _is("files by name"), _means("name -> `path`, `sha256`")]
+    versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """What is declared of one field.
+
+    Parameters
+    ----------
+    expected
+        What its values are, in words.
+    to
+        What its numbers are rounded to, in words; empty if they are not.
+    rounding
+        The same as a function of arrays.
+    meaning
+        What it says.
+    recorded
+        Whether datasets record it.
+    """
+
+    expected: str
+    to: str
+    rounding: Callable[[np.ndarray], np.ndarray] | None
+    meaning: str
+    recorded: bool
+
+
+@cache
+def fields(kind: type[Struct]) -> Mapping[str, Field]:
+    """The fields of a declared type, in the order in which they are written."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = {}
+    for name in kind.__struct_fields__:
+        metas: tuple[Meta, ...] = hints[name].__metadata__
+        extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
+        found[name] = Field(meaning=metas[-1].description or "", **extra)
+    return found
+
+
+def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Values of a field of rows as they are meant, and written: the same whatever the processor.
+
+    Parameters
+    ----------
+    key
+        The field.
+    values
+        One or more of it: (..., 4, 4) of a pose, (..., 4) of a box.
+    """
+    rounding = fields(Row)[key].rounding
+    assert rounding is not None, key
+    return rounding(values)
+
+
+def picture_name(index: int) -> str:
+    """What a planner calls the picture of an image."""
+    return f"images/{index + 1:08d}.png"
+
+
+_Matrix = tuple[tuple[float, float, float, float], ...]
+
+
+def _decoded(kind: type, value: Any) -> np.ndarray:
+    """A pose from JSON; what msgspec does not know by itself."""
+    assert kind is np.ndarray, kind
+    try:
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
+    except (msgspec.ValidationError, ValueError):
+        raise ValueError("no 4x4 matrix") from None
+    if not (
+        abs(a * a + b * b + c * c - 1.0) <= RIGID
+        and abs(d * d + e * e + f * f - 1.0) <= RIGID
+        and abs(g * g + h * h + i * i - 1.0) <= RIGID
+        and abs(a * d + b * e + c * f) <= RIGID
+        and abs(a * g + b * h + c * i) <= RIGID
+        and abs(d * g + e * h + f * i) <= RIGID
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
+        and last == (0.0, 0.0, 0.0, 1.0)
+        and max(abs(x), abs(y), abs(z)) <= FARTHEST
+    ):
+        raise ValueError("not rigid")
+    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])
+
+
+decode_row = msgspec.json.Decoder(Row, dec_hook=_decoded).decode
+decode_header = msgspec.json.Decoder(Header).decode
+_encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
+
+
+def encode(record: Struct) -> bytes:
+    """One line: a header or a row; floats with the fewest digits that read back exactly."""
+    return _encoder.encode(record) + b"\n"
+
+
+def encode_rows(rows: list[Row]) -> bytes:
+    """A line for each row."""
+    return _encoder.encode_lines(rows)

@@ -1,0 +1,152 @@
+"""What a worker inside Blender is told: paths and numbers, nothing to look up; as JSON between two processes.
+
+Read on both sides, so it needs the standard library only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+Matrix = list[list[float]]  # (4, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneryInput:
+    """A scenery to open.
+
+    Parameters
+    ----------
+    path
+        Its .blend.
+    scenery_from_file
+        (4, 4) where its coordinates go, in metres.
+    standing
+        Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called.
+    """
+
+    path: str
+    scenery_from_file: Matrix
+    standing: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInput:
+    """A vehicle to stand in the scenery.
+
+    Parameters
+    ----------
+    tidy
+        The file that `reading.blender.tidy` made.
+    world_from_parts
+        (p, 4, 4) where its parts are, in metres.
+    """
+
+    tidy: str
+    world_from_parts: list[Matrix]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInput:
+    """The camera to look through.
+
+    Parameters
+    ----------
+    world_from_camera
+        (4, 4) rigid, metres; x right, y down, z forward.
+    fov_x
+        Horizontal field of view in radians.
+    width, height
+        Of the picture, in pixels.
+    near
+        Metres along the optical axis; nothing closer is seen.
+    """
+
+    world_from_camera: Matrix
+    fov_x: float
+    width: int
+    height: int
+    near: float
+
+
+@dataclass(frozen=True, slots=True)
+class LightInput:
+    """The sky, and fog.
+
+    Parameters
+    ----------
+    hdri
+        Path of the picture.
+    yaw
+        Its turn about the vertical, radians counter-clockwise.
+    strength
+        Factor on its brightness.
+    visibility
+        Metres that one sees through the fog; None without.
+    """
+
+    hdri: str
+    yaw: float
+    strength: float
+    visibility: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Cycles' settings that a config chooses: `adaptive_threshold` 0 means no adaptive sampling."""
+
+    samples: int
+    denoise: bool
+    adaptive_threshold: float
+    bounces: int
+
+
+@dataclass(frozen=True, slots=True)
+class MaskJob:
+    """Render which vehicle is at each pixel to `output`, a .npy file; see `render.blender.object_index`."""
+
+    scenery: SceneryInput
+    vehicles: list[VehicleInput]
+    camera: CameraInput
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
+class RenderJob:
+    """Render a picture to `output`, a .png file."""
+
+    scenery: SceneryInput
+    vehicles: list[VehicleInput]
+    camera: CameraInput
+    light: LightInput
+    seed: int
+    settings: Settings
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
+class StartJob:
+    """Choose the device to render on: what `render.blender.cycles.choose_device` takes, and CPU threads, 0 for all."""
+
+    device: str
+    index: int
+    threads: int
+
+
+Job = StartJob | RenderJob | MaskJob
+KINDS: Mapping[str, type[Job]] = {"start": StartJob, "render": RenderJob, "mask": MaskJob}
+PARTS: Mapping[str, Any] = {"scenery": SceneryInput, "camera": CameraInput, "light": LightInput, "settings": Settings}
+
+
+def to_json(job: Job) -> dict[str, Any]:
+    """A job as what JSON can hold; its kind is called `do`."""
+    return {"do": next(name for name, kind in KINDS.items() if type(job) is kind), **asdict(job)}
+
+
+def from_json(message: Mapping[str, Any]) -> Job:
+    """The job that `to_json` made a message of."""
+    parts = {key: PARTS[key](**value) if key in PARTS else value for key, value in message.items() if key != "do"}
+    if "vehicles" in parts:
+        parts["vehicles"] = [VehicleInput(**vehicle) for vehicle in parts["vehicles"]]
+    return KINDS[message["do"]](**parts)
