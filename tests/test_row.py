@@ -1,0 +1,63 @@
+"""The schema of a plan: rounding, and the tables of docs/plan-file.md."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from geometry.transforms import rigid, rotation_about
+from planning.row import Header, PlannedVehicle, Row, fields, rounded
+
+PAGE = (Path(__file__).parents[1] / "docs" / "plan-file.md").read_text(encoding="utf-8")
+
+
+def described(kind):
+    """The page's table of a type, a line a field."""
+    return [
+        f"| `{name}` | {field.expected}{f'; to {field.to}' if field.to else ''} | {field.meaning} |"
+        for name, field in fields(kind).items()
+        if kind is not Row or name not in fields(PlannedVehicle)
+    ]
+
+
+@pytest.mark.parametrize("kind", [Header, Row, PlannedVehicle])
+def test_the_docs_describe_every_field(kind):
+    wanted = "\n".join(described(kind))
+    assert wanted in PAGE, f"docs/plan-file.md is to have these lines:\n{wanted}"
+
+
+def test_what_is_rounded_stays_as_it_is():
+    rng = np.random.default_rng(0)
+    poses = rigid(rotation_about([0.0, 0.6, 0.8], rng.uniform(-3, 3, 1000)), rng.normal(scale=1e4, size=(1000, 3)))
+    values = {
+        "world_from_camera": poses,
+        "bbox": rng.uniform(-1e4, 1e4, (1000, 4)),
+        **{key: rng.uniform(0, 180, 1000) for key, field in fields(Row).items() if field.to == "1e-12 degrees"},
+        **{key: rng.uniform(0, 1, 1000) for key, field in fields(Row).items() if field.to.startswith("1e-9")
+           and not key.startswith("world")},
+    }  # fmt: skip
+    for key, drawn in values.items():
+        once = rounded(key, drawn)
+        assert np.array_equal(rounded(key, once), once), key
+        assert 0.0 < np.abs(once - drawn).max() < 1.1e-6
+
+
+def longest(values: Float[np.ndarray, " n"]) -> int:
+    return max(len(repr(value).partition(".")[2]) for value in values.ravel().tolist())
+
+
+def test_numbers_have_the_decimals_that_are_meant():
+    rng = np.random.default_rng(1)
+    pose = rounded("world_from_vehicle", rigid(rotation_about([0.0, 0.0, 1.0], 1.0), rng.normal(scale=1e3, size=3)))
+    assert longest(pose[:3, 3]) <= 9
+    assert longest(pose[:3, :3]) <= 12
+    assert longest(rounded("bbox", rng.uniform(100.0, 1000.0, (1000, 4)))) <= 6
+    assert np.signbit(rounded("strength", np.array([-1e-12]))).tolist() == [False]
+
+
+def test_a_box_that_ends_at_the_frame_still_does():
+    rng = np.random.default_rng(2)
+    low = rng.uniform(0.0, 1900.0, (100_000, 2))
+    boxes = rounded("bbox", np.concatenate([low, 1920.0 - low], axis=1))
+    assert (boxes[:, :2] + boxes[:, 2:]).max() <= 1920.0 + 1e-9
