@@ -1,4 +1,4 @@
-"""How air hides what is far away, for the renderer and the preview alike; needs Python alone, as it runs in Blender too."""
+"""How air hides what is far away, for the renderer and the preview: Python alone, as it runs in Blender too."""
 
 from __future__ import annotations
 

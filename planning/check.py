@@ -12,10 +12,11 @@ from jaxtyping import Bool, Float
 
 from assets.library import Assets
 from camera.clearance import Spot
+from camera.intrinsics import Lenses
 from camera.visibility import visible_fraction
 from geometry.transforms import apply
 from placement.footprint import Underside, contact_spots
-from planning.aiming import SIZED, baseline_distance, intrinsics_of
+from planning.aiming import SIZED, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
 from planning.placing import clear_of_obstacles, clear_of_vehicle
@@ -194,8 +195,10 @@ class _Checker:
         distance = np.linalg.norm(away, axis=1)
         self._within(rows, "camera.distance_m", distance, limits.distance_m, slack=METRES)
         if limits.size_measure == "paper":
+            render = self.config.render
+            lens = Lenses.of(render.width, render.height, np.radians(fov))
             nearest, farthest = (
-                factor * baseline_distance(target.model.smallest, fov, np.full(len(rows), share), self.config.render)
+                factor * lens.distance_for(target.model.smallest, share)
                 for factor, share in zip(limits.distance_factor, limits.target_fraction[::-1], strict=True)
             )
             on = (distance >= nearest * (1 - SHARE)) & (distance <= farthest * (1 + SHARE))
