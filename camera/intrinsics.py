@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
-from geometry.portable import hypot, tan
+from geometry.portable import hypot, sin_cos, tan
 
 WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
 
@@ -96,9 +96,7 @@ class Intrinsics:
         -------
         (...) metres along the optical axis; the leading axes broadcast.
         """
-        s = _positive(size, "size")
-        fraction = _positive(target_fraction, "target_fraction")
-        return np.asarray(s * self.f_px / (self.height * fraction))
+        return lenses(self).distance_for(size, target_fraction)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -119,6 +117,17 @@ class Lenses:
     def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
         """Those of some of the cameras; the same where one stands for all."""
         return self if self.f.ndim == 0 else Lenses(self.f[index], self.size[index])
+
+    @classmethod
+    def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
+        """Cameras of one image size with these horizontal fields of view in radians."""
+        sine, cosine = sin_cos(fov_x / 2.0)
+        return cls(width / 2.0 * cosine / sine, np.tile([float(width), float(height)], (len(fov_x), 1)))
+
+    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
+        """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
+        metres, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
+        return np.asarray(metres * self.f / (self.size[..., 1] * fraction))
 
     @property
     def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:

@@ -13,7 +13,7 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 from assets.vehicle import Articulation, VehicleShape
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
-from geometry.rays import RayCaster, RayHits, checked_rays
+from geometry.rays import RayCaster, RayHits
 from geometry.transforms import apply, compose, invert_rigid
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
@@ -121,11 +121,11 @@ class PosedVehicle:
         ValueError
             As there, and if the vehicle has several poses.
         """
-        start, along, reach = checked_rays(origins, directions, max_distance)
+        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1)
         for part, world_from_part in self._parts():
             rays = _into(world_from_part, start, along)
-            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance), threads=threads)
+            met = part.caster.cast(*rays, max_distance=np.minimum(max_distance, distance), threads=threads)
             closer = met.distance < distance
             distance[closer], face[closer] = met.distance[closer], part.face[met.face[closer]]
         return RayHits(distance, face)
@@ -134,7 +134,8 @@ class PosedVehicle:
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle lies along each ray in the world; arguments and errors as for `cast`."""
-        start, along, reach = checked_rays(origins, directions, max_distance)
+        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
         for part, world_from_part in self._parts():
             left = np.flatnonzero(~blocked)

@@ -15,7 +15,7 @@ from camera.beams import hidden_in_beams
 from camera.pencils import Pencils, box_at_unit_depth
 from camera.target import PosedVehicle
 from geometry.instances import InstancedScene, InstanceHits
-from geometry.rays import RayCaster, RayHits, checked_rays
+from geometry.rays import RayCaster, RayHits
 from geometry.transforms import apply, invert_rigid
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
@@ -148,13 +148,13 @@ class World:
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> WorldHits:
         """What each ray meets first; of equals ground, then obstacles, then vehicles. Arguments as for `occluded`."""
-        start, along, reach = checked_rays(origins, directions, max_distance)
+        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         n = len(start)
         hits = WorldHits(
             np.full(n, np.inf), np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1), np.full((n, 3), np.nan)
         )
         for kind, i, thing in self._things():
-            met = thing.cast(start, along, max_distance=np.minimum(reach, hits.distance), threads=threads)
+            met = thing.cast(start, along, max_distance=np.minimum(max_distance, hits.distance), threads=threads)
             closer = np.flatnonzero(met.distance < hits.distance)
             face = met.face[closer]
             hits.distance[closer], hits.kind[closer], hits.face[closer] = met.distance[closer], kind, face
@@ -189,7 +189,8 @@ class World:
         ValueError
             If shapes do not match, a number is not finite, a direction is zero or a vehicle has several poses.
         """
-        start, along, reach = checked_rays(origins, directions, max_distance)
+        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
         for _, _, thing in self._things():
             left = np.flatnonzero(~blocked)

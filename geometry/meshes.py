@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.errors import AssetError
+from geometry.files import replacing
+
+FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -86,9 +91,95 @@ class Mesh:
         """Unit normals of these faces, by their winding; nan for faces without area."""
         return unit_normals(self.vertices[self.faces[face]])
 
+    @classmethod
+    def load(cls, path: str | Path) -> Mesh:
+        """The triangles of a mesh file, without Blender: PLY, STL, OBJ, glTF or GLB.
+
+        A file of many meshes is read as one, each where the scene puts it. Coordinates stay those of the file: glTF is
+        y up by its own rules, and is not turned. For vehicles and sceneries, with names, materials and modifiers,
+        `hulldown inspect` and the config read files through Blender.
+
+        Parameters
+        ----------
+        path
+            The file; its ending says the format. The mesh is named after it.
+
+        Raises
+        ------
+        AssetError
+            If the file is missing, of another format, damaged or without triangles.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     triangle.save(Path(folder) / "hill.ply")
+        ...     Mesh.load(Path(folder) / "hill.ply").bounds.tolist()
+        [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
+        """
+        path = Path(path)
+        _refuse_format(path)
+        if not path.is_file():
+            raise AssetError("is no file", path=path, remedy="check the path")
+        import trimesh  # here, since it takes longer to import than all the rest of the geometry
+
+        try:
+            scene = trimesh.load_scene(path, process=False, allow_remote=False)
+            mesh = scene.to_mesh()
+        except Exception as error:  # trimesh's readers of damaged files raise what Python happens to
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            raise AssetError(f"cannot be read as a mesh ({why})", path=path, remedy="export it anew") from None
+        if not len(mesh.faces):
+            raise AssetError("has no triangles", path=path, remedy="export surfaces, not only points, curves or lights")
+        try:
+            return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), path.stem)
+        except ValueError as error:
+            raise AssetError(str(error), path=path, remedy="export it anew") from None
+
+    def save(self, path: str | Path) -> None:
+        """Write a mesh file that `load` reads: PLY, STL, OBJ, glTF or GLB.
+
+        OBJ holds coordinates to 1e-17 m; the other formats hold float32, which at map coordinates is half a metre. STL
+        repeats the vertices of each face.
+
+        Parameters
+        ----------
+        path
+            The file; its ending says the format.
+
+        Raises
+        ------
+        AssetError
+            If the format is another one, or the file cannot be written.
+        """
+        path = Path(path)
+        _refuse_format(path)
+        import trimesh
+
+        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
+        kind = path.suffix[1:].lower()
+        if kind == "obj":
+            content = mesh.export(file_type=kind, digits=17, header="hulldown").encode()
+        elif kind == "gltf":
+            content = mesh.export(file_type=kind, merge_buffers=True, embed_buffers=True)["model.gltf"]
+        else:
+            content = mesh.export(file_type=kind)
+        try:
+            with replacing(path) as file:
+                file.write(content)
+        except OSError as error:
+            raise AssetError(f"cannot be written ({error})", path=path, remedy="name a folder that exists") from None
+
     def relative_to(self, origin: ArrayLike) -> Mesh:
         """The same mesh in a frame with its zero at `origin`, (3,) metres."""
         return Mesh(self.vertices - checked(origin, "origin", (3,)), self.faces, self.name)
+
+
+def _refuse_format(path: Path) -> None:
+    if path.suffix.lower() not in FORMATS:
+        raise AssetError(f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(FORMATS)}")
 
 
 def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

@@ -248,7 +248,9 @@ def _settle_block(
 
     rows = rows[out.verdict[rows] == Verdict.OK]
     if len(options.contact.xy):
-        out.gap[rows], out.penetration[rows] = _contact(terrain, out.world_from_vehicle[rows], options)
+        out.gap[rows], out.penetration[rows] = gap_and_penetration(
+            terrain, out.world_from_vehicle[rows], options.contact, method=options.method
+        )
         out.verdict[rows[out.penetration[rows] > options.max_penetration]] = Verdict.PENETRATION
         out.verdict[rows[out.gap[rows] > options.max_gap]] = Verdict.GAP
     return out
@@ -280,17 +282,29 @@ def _rest(
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
 
-def _contact(
-    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], options: _Options
+def gap_and_penetration(
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Spots, *, method: Method = "certified"
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Gap and penetration of the tilted undersides; points over no ground count for neither."""
-    x, y = options.contact.xy.T
-    height, foot = options.contact.height, options.contact.foot
+    """`Settled.gap` and `Settled.penetration` of posed vehicles; points over no ground count for neither.
+
+    Parameters
+    ----------
+    terrain
+        The ground.
+    world_from_vehicle
+        (k, 4, 4) rigid poses.
+    contact
+        The points of the underside that are looked at: `placement.footprint.contact_spots`.
+    method
+        How top hits are found; see `Terrain.top_hits`.
+    """
+    x, y = contact.xy.T
+    height, foot = contact.height, contact.foot
     forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
     points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
     if raised := height.any():
         points += np.stack([up[:, i] * height for i in range(3)], axis=2)
-    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=options.method)
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
     above = below = points[..., 2] - hits.z.reshape(points.shape[:2])
     if raised:
         # Straight down from the underside, the plane that the vehicle stands on is that much lower.

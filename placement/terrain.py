@@ -49,9 +49,9 @@ class Terrain:
 
     Parameters
     ----------
-    mesh
-        All ground triangles, of any winding, connected or not, in metres, with coordinates within 1e30. Triangles
-        that are exactly vertical or have no area are no ground.
+    ground
+        A mesh: all ground triangles, of any winding, connected or not, in metres, with coordinates within 1e30.
+        Triangles that are exactly vertical or have no area are no ground. Or the height of a plane without end.
 
     Examples
     --------
@@ -63,33 +63,34 @@ class Terrain:
     ([2.0, nan], [0, -1])
     """
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._mesh = mesh
+    def __init__(self, ground: Mesh | float) -> None:
+        self._plane = not isinstance(ground, Mesh)
+        if not isinstance(ground, Mesh):
+            z = float(checked(ground, "ground", ()))
+            self._mesh = Mesh(
+                np.array([[-1.0, -1.0, z], [3.0, -1.0, z], [-1.0, 3.0, z]]), np.array([[0, 1, 2]]), "plane"
+            )
+            self._bounds = np.array([[-np.inf, -np.inf, z], [np.inf, np.inf, z]])
+            return
+        self._mesh = mesh = ground
         self._bounds = bounds_within_reach(mesh)
-        self._plane = False
-        self._ground = ground = Ground.of(mesh)
-        self._missing = not len(ground.mesh_face)
+        self._ground = top = Ground.of(mesh)
+        self._missing = not len(top.mesh_face)
         if self._missing:
             return
-        low, high = ground.boxes()
-        self._exact = ExactGround(ground, low, high)
+        low, high = top.boxes()
+        self._exact = ExactGround(top, low, high)
         bounds = np.stack([low.min(axis=1), high.max(axis=1)])
         del low, high
-        self._sheets = SheetMap(mesh.vertices[:, :2], ground.corners, bounds, self._exact.count)
+        self._sheets = SheetMap(mesh.vertices[:, :2], top.corners, bounds, self._exact.count)
         # Faces without XY area would slow Embree down, and could only mislead it.
-        every = len(ground.mesh_face) == len(mesh.faces)
-        self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[ground.mesh_face], mesh.name))
+        every = len(top.mesh_face) == len(mesh.faces)
+        self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
 
     @classmethod
     def flat(cls, z: float) -> Terrain:
         """The plane at this height, which goes on for ever: face 0 everywhere."""
-        height = float(checked(z, "z", ()))
-        terrain = cls.__new__(cls)
-        corners = np.array([[-1.0, -1.0, height], [3.0, -1.0, height], [-1.0, 3.0, height]])
-        terrain._mesh = Mesh(corners, np.array([[0, 1, 2]]), "plane")
-        terrain._bounds = np.array([[-np.inf, -np.inf, height], [np.inf, np.inf, height]])
-        terrain._plane = True
-        return terrain
+        return cls(z)
 
     @property
     def mesh(self) -> Mesh:

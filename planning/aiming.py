@@ -10,10 +10,9 @@ from jaxtyping import Float, Int, UInt8
 
 from camera.clearance import Spot
 from camera.framing import frame_target
-from camera.intrinsics import Intrinsics, Optics, lenses
+from camera.intrinsics import Intrinsics, Lenses, Optics, lenses
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
-from geometry.portable import sin_cos
 from planning.draws import Draws, Purpose, StackedGenerator, between
 from planning.refusal import Refusal
 from planning.row import rounded
@@ -121,7 +120,9 @@ def try_cameras(
         return StackedGenerator(draws, Purpose.FRAMING, image[rows], attempt[rows])
 
     if limits.size_measure == "paper":
-        distance = baseline_distance(target.model.smallest, shots.fov_x_deg, fraction, render)
+        distance = Lenses.of(render.width, render.height, np.radians(shots.fov_x_deg)).distance_for(
+            target.model.smallest, fraction
+        )
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
         every = np.arange(n)
@@ -241,15 +242,6 @@ def visible_shares(
 def intrinsics_of(render: RenderSection, fov_x_deg: Float[np.ndarray, " n"]) -> list[Intrinsics]:
     """The insides of cameras with these fields of view."""
     return [Intrinsics(render.width, render.height, math.radians(fov)) for fov in fov_x_deg.tolist()]
-
-
-def baseline_distance(
-    size: float, fov_x_deg: Float[np.ndarray, " n"], fraction: Float[np.ndarray, " n"], render: RenderSection
-) -> Float[np.ndarray, " n"]:
-    """D of equation 6, for every field of view and target fraction: `Intrinsics.distance_for` on stacks."""
-    sine, cosine = sin_cos(np.radians(fov_x_deg) / 2.0)
-    f_px = render.width / 2.0 * cosine / sine
-    return size * f_px / (render.height * fraction)
 
 
 def spot_refusal(

@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float
 
 from assets.library import Assets
 from camera.clearance import Spot
+from camera.intrinsics import Lenses
 from camera.visibility import visible_fraction
-from geometry.transforms import apply
-from placement.footprint import Underside, contact_spots
-from planning.aiming import SIZED, baseline_distance, intrinsics_of
+from placement.footprint import contact_spots
+from placement.settle import gap_and_penetration
+from planning.aiming import SIZED, intrinsics_of
 from planning.budget import make_budget
 from planning.config import parse_config
 from planning.placing import clear_of_obstacles, clear_of_vehicle
@@ -165,7 +166,8 @@ class _Checker:
         spot = site.terrain.top_hits(xy)
         steep = np.degrees(np.arctan2(np.hypot(spot.normal[:, 0], spot.normal[:, 1]), spot.normal[:, 2].copy()))
         self._within(rows, f"{name}slope at the spot", steep, (0.0, limits.max_slope_deg), slack=DEGREES)
-        gap, penetration = _contact(site, placed, placed.model.undersides[limits.contact])
+        contact = contact_spots(placed.model.undersides[limits.contact], CONTACT)
+        gap, penetration = gap_and_penetration(site.terrain, placed.world_from_vehicle, contact)
         self._within(rows, f"{name}gap", gap, (0.0, limits.max_gap), slack=METRES)
         self._within(rows, f"{name}penetration", penetration, (0.0, limits.max_penetration), slack=METRES)
         for key, found in (("gap", gap), ("penetration", penetration)):
@@ -187,8 +189,10 @@ class _Checker:
         distance = np.linalg.norm(away, axis=1)
         self._within(rows, "camera.distance_m", distance, limits.distance_m, slack=METRES)
         if limits.size_measure == "paper":
+            render = self.config.render
+            lens = Lenses.of(render.width, render.height, np.radians(fov))
             nearest, farthest = (
-                factor * baseline_distance(target.model.smallest, fov, np.full(len(rows), share), self.config.render)
+                factor * lens.distance_for(target.model.smallest, share)
                 for factor, share in zip(limits.distance_factor, limits.target_fraction[::-1], strict=True)
             )
             on = (distance >= nearest * (1 - SHARE)) & (distance <= farthest * (1 + SHARE))
@@ -269,16 +273,3 @@ def _rigid(poses: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
     off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     upright = (poses[:, 3] == [0.0, 0.0, 0.0, 1.0]).all(axis=1)
     return (off <= SHARE) & (np.linalg.det(rotation) > 0.0) & upright
-
-
-def _contact(
-    site: Site, placed: Placed, underside: Underside | Float[np.ndarray, "2 2"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gap under what the vehicle stands on, and penetration of all of its underside."""
-    looked_at = contact_spots(underside, CONTACT)
-    poses, height = placed.world_from_vehicle, looked_at.height
-    points = apply(poses, np.column_stack([looked_at.xy, height]))
-    ground = site.terrain.top_hits(points[..., :2].reshape(-1, 2)).z.reshape(points.shape[:2])
-    above = points[..., 2] - ground
-    below = (above - height / poses[:, 2, 2, None])[:, looked_at.foot]
-    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from camera.fog import extinction
 from camera.world import Kind, World
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
@@ -16,7 +17,6 @@ _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
 _AMBIENT = 0.45  # of the light comes from the whole sky, the rest from the sun
 _SUN_ELEVATION = math.radians(40.0)
 _TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
-_EXTINCTION = 3.912  # over the meteorological visibility: contrast has fallen to 2 % there
 
 
 def look(
@@ -63,7 +63,7 @@ def look(
     colour[met] = _albedo(hits.kind[met], hits.which[met], points, paints) * light[:, None]
     colour *= strength
     if visibility_m is not None:
-        clear = np.exp(-_EXTINCTION / visibility_m * hits.distance)[:, None]
+        clear = np.exp(-extinction(visibility_m) * hits.distance)[:, None]
         colour = clear * colour + (1.0 - clear) * 0.9 * _HORIZON * strength
     # Displays want about the square root of the light.
     return np.clip(colour, 0.0, 1.0) ** (1.0 / 1.6)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from camera.intrinsics import Intrinsics, lenses
+from camera.intrinsics import Intrinsics, Lenses, lenses
 
 
 def test_equations_2_to_6_on_the_papers_image() -> None:
@@ -68,3 +68,10 @@ def test_impossible_cameras_are_refused(width: int, height: int, fov_x: float, m
 def test_impossible_distances_are_refused(size: float, fraction: float, name: str) -> None:
     with pytest.raises(ValueError, match=f"{name}.*: expected positive numbers"):
         Intrinsics(10, 10, 1.0).distance_for(size, fraction)
+
+
+def test_equation_6_of_many_lenses_is_that_of_each() -> None:
+    fov = np.radians([0.1, 30.0, 60.0, 179.0])
+    many = Lenses.of(640, 480, fov).distance_for(2.4, [0.1, 0.2, 0.5, 1.0])
+    each = [Intrinsics(640, 480, f).distance_for(2.4, s) for f, s in zip(fov, [0.1, 0.2, 0.5, 1.0], strict=True)]
+    np.testing.assert_allclose(many, each, rtol=4e-16)

@@ -1,10 +1,6 @@
 """Light and air: an HDRI as lamp and backdrop, and fog by meteorological visibility.
 
 Runs inside Blender; needs numpy and bpy only.
-
-References
-----------
-H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der freien Atmosphaere 12, 1924.
 """
 
 from __future__ import annotations
@@ -16,19 +12,14 @@ from typing import Any
 import bpy
 import numpy as np
 
+from camera.fog import extinction
 from reading.blender.frames import pose
 
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
-CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
 FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
 FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
 FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
-
-
-def extinction(visibility: float) -> float:
-    """Extinction in 1/m of air through which one sees `visibility` metres (Koschmieder)."""
-    return -math.log(CONTRAST_THRESHOLD) / visibility
 
 
 class HdriWorld:
@@ -96,7 +87,7 @@ class HdriWorld:
 class Fog:
     """Even air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
 
-    Koschmieder's law, for every ray that Cycles traces: what is seen through `d` metres of air is
+    Koschmieder's law (`camera.fog`), for every ray that Cycles traces: what is seen through `d` metres of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away. Light that the fog takes from the sun comes back as

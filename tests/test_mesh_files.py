@@ -1,0 +1,83 @@
+"""Mesh files without Blender: what is written is read, and what is no mesh is refused in one line."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from geometry.errors import AssetError
+from geometry.meshes import FORMATS, Mesh
+from geometry.transforms import rigid, rotation_z
+from placement.terrain import Terrain
+
+
+def hill() -> Mesh:
+    xy = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), -1).reshape(-1, 2)
+    corner = (np.arange(3)[:, None] * 5 + np.arange(4)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, 6], corner[:, None] + [0, 6, 5]])
+    return Mesh(np.c_[xy, np.sin(xy).sum(axis=1) / 3.0], faces, "hill")
+
+
+@pytest.mark.parametrize("ending", [*FORMATS, ".PLY"])
+def test_a_saved_mesh_is_loaded_again(tmp_path, ending):
+    mesh = hill()
+    mesh.save(tmp_path / f"hill{ending}")
+    loaded = Mesh.load(tmp_path / f"hill{ending}")
+    assert loaded.name == "hill"
+    # Face by face, for STL repeats vertices; OBJ is written in full, the others in float32.
+    rounded = mesh.triangles if ending == ".obj" else mesh.triangles.astype(np.float32)
+    np.testing.assert_allclose(loaded.triangles, rounded, rtol=0, atol=1e-16)
+    assert [path.name for path in tmp_path.iterdir()] == [f"hill{ending}"]
+
+
+def test_terrain_of_a_file_is_one_line(tmp_path):
+    hill().save(tmp_path / "hill.obj")
+    assert Terrain(Mesh.load(tmp_path / "hill.obj")).top_hits([[1.0, 0.0]]).z[0] == np.sin(1.0) / 3.0
+
+
+def test_a_scene_is_read_where_it_puts_its_meshes(tmp_path):
+    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    scene = trimesh.Scene()
+    scene.add_geometry(box, transform=rigid(np.eye(3), [10.0, 0.0, 0.0]))
+    scene.add_geometry(box, transform=rigid(rotation_z(np.pi / 4), [0.0, 20.0, 0.0]))
+    scene.export(str(tmp_path / "two.glb"))
+    mesh = Mesh.load(tmp_path / "two.glb")
+    assert len(mesh.faces) == 24
+    np.testing.assert_allclose(mesh.bounds, [[-np.sqrt(2), -1, -1], [11, 20 + np.sqrt(2), 1]], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.ply", b"ply\nrubbish", "cannot be read as a mesh"),
+        ("a.glb", b"xx", "cannot be read as a mesh"),
+        ("a.gltf", b"{}", "cannot be read as a mesh|has no triangles"),
+        ("a.stl", b"solid nothing\nendsolid", "has no triangles"),
+        ("a.obj", b"v 0 0 0\n", "has no triangles"),
+        ("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "expected finite coordinates"),
+        ("a.blend", b"BLENDER", r"has the ending '\.blend'; use a mesh file: \.ply, "),
+        ("a.ply", None, "is no file; check the path"),
+    ],
+)
+def test_what_is_no_mesh_is_refused_with_its_name(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(AssetError, match=message) as refused:
+        Mesh.load(tmp_path / name)
+    assert str(refused.value).startswith(str(tmp_path / name))
+    assert "\n" not in str(refused.value)
+
+
+def test_nowhere_to_write_is_said(tmp_path):
+    with pytest.raises(AssetError, match="cannot be written"):
+        hill().save(tmp_path / "missing" / "hill.ply")
+    with pytest.raises(AssetError, match=r"has the ending '\.txt'"):
+        hill().save(tmp_path / "hill.txt")
+
+
+def test_normals_are_those_of_trimesh():
+    vertices = np.random.default_rng(0).normal(size=(60, 3))
+    mesh = Mesh(vertices, np.arange(60).reshape(-1, 3))
+    oracle = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).face_normals
+    np.testing.assert_allclose(mesh.normals(np.arange(20)), oracle, atol=1e-12)
+    flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    assert np.isnan(flat.normals(np.array([0]))).all()

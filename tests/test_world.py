@@ -1,0 +1,166 @@
+"""One world, one query: what a ray meets first among ground, obstacles and vehicles, and whether anything is there."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from assets.scenery import Scenery
+from assets.vehicle import VehicleShape
+from camera.pencils import Pencils
+from camera.shell import camera_pose
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import Kind, Plane, World
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh, merge
+from geometry.rays import RayCaster
+from geometry.transforms import rigid, rotation_about, rotation_z
+
+TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
+
+
+def block(size: tuple, at: tuple) -> Mesh:
+    box = trimesh.creation.box(size)
+    return Mesh(np.array(box.vertices) + at, np.array(box.faces))
+
+
+def tank() -> VehicleTarget:
+    mesh, source = merge(
+        [block((6, 3, 1.4), (0, 0, 0.7)), block((2, 2, 0.8), (0, 0, 1.8)), block((4, 0.2, 0.2), (3, 0, 1.8))]
+    )
+    part = np.zeros(len(mesh.vertices), dtype=int)
+    part[mesh.faces] = source[:, None]
+    axis, pivot = np.array([[0.0, 0, 1], [0, 0, 1], [0, -1, 0]]), np.array([[0.0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]])
+    names = ("hull", "turret", "gun")
+    return VehicleTarget(
+        VehicleShape("tank", mesh, part, names, np.array([-1, 0, 1]), pivot, axis, np.zeros((3, 2)), np.eye(4))
+    )
+
+
+TANK = tank()
+VEHICLES = [
+    PosedVehicle(TANK, rigid(TILT, [0.0, 0.0, 1.0])[None], {"turret": 0.8, "gun": 0.2}),
+    PosedVehicle(TANK, rigid(rotation_z(1.0), [9.0, 4.0, 0.5])[None], {}),
+]
+GROUND = Mesh(np.array([[-20.0, -20, 0], [20, -20, 1], [20, 20, 0], [-20, 20, 2]]), np.array([[0, 1, 2], [0, 3, 2]]))
+STRETCHED = rigid(TILT, np.array([[-6.0, 3, 2], [4, -7, 1], [-5, -5, 1]]))
+STRETCHED[:, :3, :3] *= np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 3.0], [1.0, 1.0, 0.0]])[:, None]  # mirrored, flat
+WOOD = InstancedScene([block((2, 2, 2), (0, 0, 0)), block((1, 1, 4), (0, 0, 2))], [0, 1, 0], STRETCHED)
+WORLD = World(RayCaster(GROUND), WOOD, VEHICLES)
+
+
+def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
+    """Everything as triangles of one trimesh, with kind, which and face of each."""
+    things = [(Kind.GROUND, 0, GROUND.vertices, GROUND.faces)]
+    for i, (mesh, pose) in enumerate(zip((0, 1, 0), STRETCHED, strict=True)):
+        vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
+        things.append((Kind.OBSTACLE, i, vertices, WOOD.meshes[mesh].faces))
+    for i, vehicle in enumerate(VEHICLES):
+        vertices = trimesh.transform_points(TANK.shape.vertices_at(vehicle.articulation), vehicle.world_from_vehicle[0])
+        things.append((Kind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
+    made = trimesh.util.concatenate([trimesh.Trimesh(v, f, process=False) for _, _, v, f in things])
+    named = [[kind, which, face] for kind, which, _, faces in things for face in range(len(faces))]
+    return made, np.array(named)
+
+
+def first_triangle(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance and index of the first of all triangles along each ray, by float64 arithmetic on every one."""
+    nearest, index = np.full(len(along), np.inf), np.full(len(along), -1)
+    for k, (a, b, c) in enumerate(triangles):
+        normal = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((a - origin) @ normal) / (along @ normal)
+        at = origin + np.where(np.isfinite(t), t, 0)[:, None] * along
+        inside = np.all([np.cross(q - p, at - p) @ normal >= 0 for p, q in ((a, b), (b, c), (c, a))], axis=0)
+        closer = inside & (t > 0) & (t < nearest)
+        nearest[closer], index[closer] = t[closer], k
+    return nearest, index
+
+
+def rays(n: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    origin = rng.uniform([-15, -15, 3], [15, 15, 9], (n, 3))
+    along = rng.uniform([-9, -9, 0], [9, 9, 2], (n, 3)) - origin
+    return origin, along / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def test_the_nearest_is_that_of_all_triangles_in_the_world():
+    everything, named = in_the_world()
+    origin, along = rays(3000)
+    distance, triangle = first_triangle(origin, along, np.array(everything.triangles))
+    hits = WORLD.nearest(origin, along)
+    # Rays that graze an edge may differ between float32 frames.
+    same = np.isclose(hits.distance, distance, atol=1e-4) | (np.isinf(distance) & ~hits.hit)
+    assert same.mean() > 0.995
+    met = np.flatnonzero(same & hits.hit)
+    found = np.stack([hits.kind, hits.which, hits.face], axis=1)[met]
+    assert set(found[:, 0]) == {Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE}
+    assert {tuple(row) for row in found[:, :2]} == {(1, 0), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)}
+    # The flat instance has two faces in one place.
+    assert (found == named[triangle[met]])[(found[:, :2] != [2, 2]).any(axis=1)].all(axis=1).mean() > 0.995
+    normal, oracle = hits.normal[met], np.array(everything.face_normals)[triangle[met]]
+    assert (np.einsum("ij,ij->i", normal, along[met]) <= 0).all()
+    assert (np.abs(np.einsum("ij,ij->i", normal, oracle)) > 1 - 1e-9).mean() > 0.995
+    missed = ~hits.hit
+    assert missed.any()
+    assert (hits.kind[missed] == Kind.NOTHING).all()
+    assert (hits.which[missed] == -1).all()
+    assert np.isnan(hits.normal[missed]).all()
+
+
+def test_occluded_is_what_has_something_nearer():
+    origin, along = rays(2000)
+    hits = WORLD.nearest(origin, along)
+    reach = np.random.default_rng(1).uniform(1.0, 15.0, len(along))
+    np.testing.assert_array_equal(WORLD.occluded(origin, along, max_distance=reach), hits.distance <= reach)
+    np.testing.assert_array_equal(WORLD.nearest(origin, along, max_distance=reach).hit, hits.distance <= reach)
+
+
+def test_pencils_are_hidden_as_their_rays_are_one_by_one():
+    cameras = camera_pose([0, 0, 1.0], np.array([14.0, 20.0]), np.array([0.0, 2.0]), np.array([0.3, 0.6]))
+    pattern = np.random.default_rng(0).random((400, 2))
+    pencils = Pencils(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
+    which = np.flatnonzero(np.random.default_rng(1).random(800) < 0.9)
+    reach = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
+    kind = WORLD.hiding(pencils, cameras, which=which, reach=reach)
+    assert set(kind) == set(Kind)
+    np.testing.assert_array_equal(
+        kind != Kind.NOTHING, WORLD.occluded(*pencils.rays(cameras, which), max_distance=reach)
+    )
+
+
+def test_an_empty_world_and_no_rays_are_legal():
+    assert not World().nearest([[0, 0, 1.0]], [[0, 0, -1.0]]).hit.any()
+    assert not World().occluded([[0, 0, 1.0]], [[0, 0, -1.0]]).any()
+    assert WORLD.nearest(np.zeros((0, 3)), np.zeros((0, 3))).normal.shape == (0, 3)
+
+
+def test_the_plane_is_met_from_both_sides_at_its_distance_and_not_along_it():
+    hits = World(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
+    assert hits.distance.tolist() == [2.5, 1.0, np.inf]
+    assert hits.normal[:2].tolist() == [[0, 0, 1], [0, 0, -1]]
+
+
+def test_missing_ground_is_a_plane_at_a_height_of_the_file():
+    scenery = Scenery(
+        name="bare",
+        origin=np.array([0.0, 0.0, 500.0]),
+        ground=None,
+        ground_names=(),
+        face_ground=np.zeros(0, int),
+        obstacle_meshes=(),
+        instance_mesh=np.zeros(0, int),
+        world_from_instance=np.zeros((0, 4, 4)),
+        instance_names=(),
+        instance_gives_way=np.zeros(0, bool),
+        scenery_from_file=np.eye(4),
+    )
+    ground = World.of(scenery, fallback_z=503.0).ground
+    assert isinstance(ground, Plane)
+    assert ground.z == 3.0
+    assert World.of(scenery).ground is None
+
+
+def test_a_vehicle_in_several_poses_is_no_part_of_one_world():
+    two = PosedVehicle(TANK, np.tile(np.eye(4), (2, 1, 1)), {})
+    with pytest.raises(ValueError, match="vehicle: expected one pose, got 2"):
+        World(vehicles=[two]).occluded([[0, 0, 9.0]], [[0, 0, -1.0]])
