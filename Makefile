@@ -7,7 +7,11 @@ STAMP := $(VENV)/.installed
 export PYTHONDONTWRITEBYTECODE = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench thorough clean
+# What depends on how floats are rounded, where another processor's kernels might be seen.
+KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances overlap settle rest support \
+	footprint limits framing size shell projection clearance boxes))
+
+.PHONY: help setup demo test kernels check bench thorough clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +29,9 @@ demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/
 
 test: setup ## all tests and property tests
 	$(BIN)/python -m pytest
+
+kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
+	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -m pytest -q $(wildcard $(KERNEL_TESTS)) || exit 1; done
 
 check: setup ## linters: ruff, mypy, import rules
 	$(BIN)/ruff check .

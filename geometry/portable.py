@@ -52,6 +52,8 @@ def sin_cos(angle: ArrayLike) -> tuple[Float[np.ndarray, "..."], Float[np.ndarra
     x = np.asarray(angle, dtype=np.float64)
     turns = np.rint(x * (2.0 / math.pi))
     sine, cosine = _around_zero(x, turns)
+    if not np.any(turns):
+        return np.asarray(sine), np.asarray(cosine)
     quarter = turns.astype(np.int64) & 3
     odd = (quarter & 1) == 1
     s, c = np.where(odd, cosine, sine), np.where(odd, sine, cosine)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from geometry.portable import sin
+from geometry.portable import sin_cos
 
 
 def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
@@ -31,5 +31,5 @@ def turn(axis: Float[np.ndarray, "3"], angle: Float[np.ndarray, " n"]) -> Float[
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     theta = angle[:, None, None]
-    half = sin(theta / 2.0)
-    return np.eye(3) + sin(theta) * cross + 2.0 * (half * half) * product(cross, cross)
+    half, half_cosine = sin_cos(theta / 2.0)
+    return np.eye(3) + 2.0 * (half * half_cosine) * cross + 2.0 * (half * half) * product(cross, cross)

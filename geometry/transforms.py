@@ -11,7 +11,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
-from geometry.portable import sin, sin_cos
+from geometry.portable import sin_cos
+
+_FEW = 1 << 12  # numbers below which NumPy's calls cost more than what they compute
 
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
@@ -35,6 +37,11 @@ def rotate(
     b_from_a: Float[np.ndarray, "... 3 3"], vectors_a: Float[np.ndarray, "... n 3"]
 ) -> Float[np.ndarray, "... n 3"]:
     """Vectors of frame a in frame b: `vectors_a @ b_from_a.T`, for inner loops, without checks."""
+    if vectors_a.size < _FEW:
+        x, y, z = (vectors_a[..., i, None] for i in range(3))
+        columns = b_from_a[..., None, :, :]
+        return x * columns[..., 0] + y * columns[..., 1] + z * columns[..., 2]
+    # The same sums by rows: more calls, each over longer arrays.
     lead = np.broadcast_shapes(b_from_a.shape[:-2], vectors_a.shape[:-2])
     turned = np.empty((*lead, *vectors_a.shape[-2:]))
     x, y, z = (vectors_a[..., i] for i in range(3))
@@ -66,7 +73,8 @@ def invert_rigid(b_from_a: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
     inverse = np.zeros_like(matrix)
     rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
     inverse[..., :3, :3] = rotation
-    inverse[..., :3, 3] = -rotate(rotation, matrix[..., None, :3, 3])[..., 0, :]
+    x, y, z = (matrix[..., i, 3, None] for i in range(3))
+    inverse[..., :3, 3] = -(x * rotation[..., 0] + y * rotation[..., 1] + z * rotation[..., 2])
     inverse[..., 3, 3] = 1.0
     return inverse
 
@@ -113,10 +121,10 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 
         ],
         -2,
     )
-    # 1 - cos would lose half the digits of small angles.
-    half = sin(theta / 2)
+    # Sine and 1 - cosine from half the angle: of small angles 1 - cos would lose half the digits.
+    half, half_cosine = sin_cos(theta / 2)
     # `rotate` multiplies by the transposed matrix, which of `-cross` is `cross`.
-    return np.eye(3) + sin(theta) * cross + 2.0 * (half * half) * rotate(-cross, cross)
+    return np.eye(3) + 2.0 * (half * half_cosine) * cross + 2.0 * (half * half) * rotate(-cross, cross)
 
 
 def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
