@@ -21,7 +21,7 @@ ROUNDS = 80
 RELATIVE = 4e-15
 
 
-class Extent(NamedTuple):
+class ProjectedSize(NamedTuple):
     """Size of the tight box around projected points, in pixels, wherever in or out of the frame it is; nan: no box."""
 
     width: Float[np.ndarray, "..."]
@@ -32,11 +32,11 @@ class Extent(NamedTuple):
         return _length(np.stack([self.width, self.height], -1), measure)
 
 
-def projected_extent(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Extent:
+def projected_extent(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> ProjectedSize:
     """Size of the box around points (..., n, 3) seen from poses (..., 4, 4); nan where a point is not in front."""
     pixels = project(intrinsics, world_from_camera, points_world).pixels
     low, high = pixels.min(axis=-2), pixels.max(axis=-2)
-    return Extent(np.asarray(high[..., 0] - low[..., 0]), np.asarray(high[..., 1] - low[..., 1]))
+    return ProjectedSize(np.asarray(high[..., 0] - low[..., 0]), np.asarray(high[..., 1] - low[..., 1]))
 
 
 def solve_distance(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import Shape, block, box, joined, lathe, path_tube, profile_tube, track, tube
 
 Circle = tuple[float, float, float]  # x, z, radius of a wheel
@@ -48,7 +48,7 @@ class Running:
 LINK = 0.075  # thickness of a track link
 
 
-def tracks(m: Model, p: Paints, gear: Running) -> None:
+def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
     z = r + LINK
@@ -157,7 +157,7 @@ def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, 
     return tyre + blocks, rim + nuts
 
 
-def wheels(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
+def wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
     """Wheels on axles at the given x, the tyres standing on z = 0, with axles and springs between them."""
     tyre, rim = road_wheel(radius, width)
     for k, x in enumerate(at):
@@ -174,14 +174,14 @@ def wheels(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: float,
     m.add("Axles", axles + springs, p.dark, bevel=0)
 
 
-def ladder_frame(m: Model, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
+def ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
     """Two rails with cross members, their upper side at z."""
     rails = block((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
     cross = joined(block((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6))
     m.add("Frame", rails + cross, p.dark, bevel=0.01)
 
 
-def mudguards(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5) -> None:
+def mudguards(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5) -> None:
     """Bent sheets over the wheels."""
     angles = np.radians(np.linspace(15, 165, 9))
     sheets = []
@@ -198,7 +198,7 @@ def mudguards(m: Model, p: Paints, at: Sequence[float], *, y: float, radius: flo
 
 
 def lamps(
-    m: Model,
+    m: BlendModel,
     p: Paints,
     *,
     x: float,
@@ -224,7 +224,13 @@ def lamps(
 
 
 def antenna(
-    m: Model, p: Paints, at: tuple[float, float, float], *, height: float = 0.9, lean: float = 0.35, part: str = "hull"
+    m: BlendModel,
+    p: Paints,
+    at: tuple[float, float, float],
+    *,
+    height: float = 0.9,
+    lean: float = 0.35,
+    part: str = "hull",
 ) -> None:
     """A whip aerial on its base, bent by its weight."""
     x, y, z = at

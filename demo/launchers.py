@@ -9,7 +9,7 @@ import numpy as np
 
 from demo import chassis, materials
 from demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import Shape, block, box, joined, lathe, prism, profile_tube, slab, stack, tube
 from demo.truck_parts import cab_over
 
@@ -42,7 +42,7 @@ def dish(radius: float, depth: float) -> Shape:
     return skin + struts + profile_tube([(depth + radius * 0.62, 0.05), (depth + radius * 0.9, 0.1)])
 
 
-def sam_canister(m: Model, p: Paints, folder: Path) -> None:
+def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
     """An 8x8 launcher vehicle with four big missile canisters, half raised on a turntable."""
     axles = (3.9, 2.3, -1.5, -3.1)
     chassis.wheels(m, p, axles, y=1.15, radius=0.68, width=0.5)
@@ -110,7 +110,7 @@ def sam_canister(m: Model, p: Paints, folder: Path) -> None:
     m.add("Hoist_Rams", tube((-2.0, 0.85, 1.85), (-0.85, 0.85, 3.2), 0.1), p.steel, part="turret", mirror=True, bevel=0)
 
 
-def sam_rails(m: Model, p: Paints, folder: Path) -> None:
+def sam_rails(m: BlendModel, p: Paints, folder: Path) -> None:
     """A tracked chassis with three finned missiles on rails over a turntable."""
     gear = Running(6, -2.15, 0.82, 0.34, 1.25, 0.42, sprocket=(2.95, 0.68, 0.28), idler=(-3.0, 0.6, 0.26))
     chassis.tracks(m, p, gear)
@@ -170,7 +170,7 @@ def sam_rails(m: Model, p: Paints, folder: Path) -> None:
     m.add("Launch_Shoes", shoes.turned("y", rise, hinge), p.steel, part="gun", bevel=0)
 
 
-def sam_turret(m: Model, p: Paints, folder: Path) -> None:
+def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
     """A tracked vehicle whose big turret carries missile boxes, a search dish on top and a flat tracking radar."""
     image = bpy.data.images.load(str(folder / "textures" / "forest_blocks.png"))
     image.pack()

@@ -13,7 +13,7 @@ from mathutils import Matrix
 from demo.shapes import Point, Shape, box
 
 
-class Model:
+class BlendModel:
     """One vehicle, modelled in metres, stored in file units.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from demo.chassis import Paints
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import Outline, Shape, block, box, joined, path_tube, prism, profile_tube, tube
 
 
@@ -34,7 +34,7 @@ def barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, b
     return profile_tube(stations, z=z, sides=16) + bands
 
 
-def skirts(m: Model, p: Paints, x0: float, x1: float, y: float, z0: float, z1: float, panels: int) -> None:
+def skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: float, z1: float, panels: int) -> None:
     """A row of side plates with gaps, by an array and a mirror modifier."""
     step = (x1 - x0) / panels
     plate = prism(
@@ -45,7 +45,7 @@ def skirts(m: Model, p: Paints, x0: float, x1: float, y: float, z0: float, z1: f
     m.add("Side_Skirts", plate, p.body, mirror=True, copies=(panels, step))
 
 
-def engine_deck(m: Model, p: Paints, x0: float, x1: float, z: float, half: float) -> None:
+def engine_deck(m: BlendModel, p: Paints, x0: float, x1: float, z: float, half: float) -> None:
     """Louvred grilles on the rear deck."""
     frame = joined(
         block((x0, y - half * 0.42, z - 0.02), (x1, y + half * 0.42, z + 0.03)) for y in (-half * 0.5, half * 0.5)
@@ -59,7 +59,7 @@ def engine_deck(m: Model, p: Paints, x0: float, x1: float, z: float, half: float
     m.add("Engine_Louvres", bars, p.dark, bevel=0)
 
 
-def fittings(m: Model, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
+def fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
     """Tow hooks, cables and a rear stowage of tools."""
     hooks = joined(box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
     m.add("Tow_Hooks", hooks, p.dark, bevel=0.01)
@@ -76,7 +76,7 @@ def fittings(m: Model, p: Paints, *, front: float, rear: float, half: float, z: 
     m.add("Shovel", block((-1.2, half - 0.28, z), (0.1, half - 0.23, z + 0.05)), p.wood, bevel=0)
 
 
-def machine_gun(m: Model, p: Paints, at: tuple[float, float, float], *, part: str = "turret") -> None:
+def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float], *, part: str = "turret") -> None:
     """A heavy machine gun on a pintle."""
     x, y, z = at
     gun = box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + tube(

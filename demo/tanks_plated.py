@@ -9,7 +9,7 @@ import numpy as np
 
 from demo import chassis, materials
 from demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import (
     Outline,
     block,
@@ -24,7 +24,7 @@ from demo.shapes import (
 from demo.tank_parts import barrel, engine_deck, fittings, machine_gun, mirrored, skirts
 
 
-def mbt_wedge(m: Model, p: Paints, folder: Path) -> None:
+def mbt_wedge(m: BlendModel, p: Paints, folder: Path) -> None:
     """A modern tank with arrow-shaped add-on armour on its turret, deep skirts, seven road wheels."""
     gear = Running(7, -2.35, 0.78, 0.35, 1.47, 0.60, sprocket=(-3.15, 0.62, 0.33), idler=(3.1, 0.62, 0.31))
     chassis.tracks(m, p, gear)
@@ -100,7 +100,7 @@ def mbt_wedge(m: Model, p: Paints, folder: Path) -> None:
     m.add("Barrel", barrel(1.6, 6.5, 2.1, 0.085, evacuator=0.5), p.body, part="gun", bevel=0)
 
 
-def mbt_slab(m: Model, p: Paints, folder: Path) -> None:
+def mbt_slab(m: BlendModel, p: Paints, folder: Path) -> None:
     """A wide, low desert tank of flat plates, painted from an external image."""
     image = bpy.data.images.load(str(folder / "textures" / "desert_blocks.png"))
     paint = materials.image_paint("Desert_Blocks", image, dust="#b59b74", by_uv=True)

@@ -6,11 +6,11 @@ import numpy as np
 
 from demo import chassis
 from demo.chassis import Paints
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import block, box, hoop, joined, path_tube, prism, shell, slab, tube
 
 
-def cab_over(m: Model, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
+def cab_over(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
     """A flat-nosed cab with windscreen, side windows, doors, grille, mirrors, steps and bumper."""
     waist = z0 + 0.52 * (z1 - z0)
     outline = [
@@ -75,7 +75,7 @@ def cab_over(m: Model, p: Paints, *, x0: float, x1: float, z0: float, z1: float,
     )
 
 
-def mirrors(m: Model, p: Paints, x: float, half: float, z: float) -> None:
+def mirrors(m: BlendModel, p: Paints, x: float, half: float, z: float) -> None:
     """Rear-view mirrors on arms at both sides of the windscreen."""
     arm = path_tube(
         [
@@ -89,7 +89,7 @@ def mirrors(m: Model, p: Paints, x: float, half: float, z: float) -> None:
     m.add("Mirrors", arm + box((0.06, 0.2, 0.36), (x + 0.08, half + 0.28, z + 0.05)), p.dark, mirror=True, bevel=0.01)
 
 
-def drop_side_bed(m: Model, p: Paints, *, x0: float, x1: float, z: float, half: float, side: float) -> None:
+def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, half: float, side: float) -> None:
     """A cargo bed with boarded sides, stakes and a tailgate."""
     m.add("Bed_Planks", block((x0, -half, z), (x1, half, z + 0.12)), p.wood, bevel=0.01)
     boards = [
@@ -115,7 +115,9 @@ def drop_side_bed(m: Model, p: Paints, *, x0: float, x1: float, z: float, half: 
     )
 
 
-def canopy(m: Model, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float, hoops: int = 5) -> None:
+def canopy(
+    m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float, hoops: int = 5
+) -> None:
     """A tarpaulin sagging between hoops, open at the rear, with straps."""
     rings = []
     stations = np.linspace(x0, x1, 4 * (hoops - 1) + 1)

@@ -8,12 +8,12 @@ import numpy as np
 
 from demo import chassis
 from demo.chassis import Paints, antenna
-from demo.model import Model
+from demo.model import BlendModel
 from demo.shapes import Outline, block, box, joined, lathe, path_tube, prism, slab, tube
 from demo.truck_parts import cab_over, canopy, drop_side_bed, mirrors
 
 
-def truck_canvas(m: Model, p: Paints, folder: Path) -> None:
+def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:
     """A bonneted 6x6 with a canvas over its bed."""
     axles = (2.55, -1.35, -2.75)
     chassis.wheels(m, p, axles, y=1.0, radius=0.58, width=0.4)
@@ -86,7 +86,7 @@ def truck_canvas(m: Model, p: Paints, folder: Path) -> None:
     antenna(m, p, (0.4, 0.95, 2.6), height=0.7)
 
 
-def truck_cargo(m: Model, p: Paints, folder: Path) -> None:
+def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
     """A cab-over 4x4 with an open drop-side bed full of crates."""
     axles = (2.2, -1.9)
     chassis.wheels(m, p, axles, y=1.05, radius=0.62, width=0.42)
@@ -143,7 +143,7 @@ def truck_cargo(m: Model, p: Paints, folder: Path) -> None:
     antenna(m, p, (1.6, -1.0, 2.74), height=0.8)
 
 
-def truck_tanker(m: Model, p: Paints, folder: Path) -> None:
+def truck_tanker(m: BlendModel, p: Paints, folder: Path) -> None:
     """A cab-over 8x8 with an oval fuel tank, catwalk and ladder, modelled in centimetres."""
     axles = (3.05, 1.65, -1.6, -3.0)
     chassis.wheels(m, p, axles, y=1.05, radius=0.6, width=0.42)

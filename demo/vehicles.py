@@ -9,7 +9,7 @@ import numpy as np
 
 from demo import launchers, materials, tanks_cast, tanks_plated, trucks
 from demo.chassis import Paints
-from demo.model import Model
+from demo.model import BlendModel
 
 OLIVE = ("#4d5237", "#3c402b")
 NATO = ("#4c5a3c", "#54412f", "#25272a")
@@ -40,12 +40,12 @@ TEXTURES = {
 
 
 def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
-    """Model one vehicle and save it as folder/<name>.blend, its texture, if any, in folder/textures."""
+    """BlendModel one vehicle and save it as folder/<name>.blend, its texture, if any, in folder/textures."""
     if name in TEXTURES:
         file, blocks = TEXTURES[name]
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
     build, colours, dust, size, unit = LOOK[name]
-    model = Model(name, unit=unit)
+    model = BlendModel(name, unit=unit)
     paints = Paints(
         body=materials.camouflage("Camouflage", colours, dust=DUSTS[dust], unit=unit, size=size),
         rubber=materials.plain("Rubber", "#2b2a28", rough=0.85, mottle=0.3),

@@ -211,7 +211,7 @@ class _Rays:
 _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
-def coherent_blocks(points: Float[np.ndarray, "n d"], pool: Pool) -> Iterator[Int[np.ndarray, " k"]]:
+def coherent_blocks(points: Float[np.ndarray, "n d"], pool: WorkerThreads) -> Iterator[Int[np.ndarray, " k"]]:
     """Indices of all points, in blocks that are compact in space and in an order that keeps neighbours together.
 
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
@@ -265,7 +265,7 @@ def _dilated(shift: int) -> UInt16[np.ndarray, "256"]:
 _DILATED = (_dilated(0), _dilated(1))
 
 
-class Pool:
+class WorkerThreads:
     """So many threads, or none but the caller's own."""
 
     def __init__(self, threads: int) -> None:
@@ -274,7 +274,7 @@ class Pool:
         self.threads = threads
         self._executor = ThreadPoolExecutor(threads) if threads > 1 else None
 
-    def __enter__(self) -> Pool:
+    def __enter__(self) -> WorkerThreads:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -290,6 +290,6 @@ def in_coherent_blocks(
     work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int
 ) -> None:
     """`work` on the indices of all points, compact block by compact block, on so many threads."""
-    with Pool(threads if len(points) > BLOCK else min(threads, 1)) as pool:
+    with WorkerThreads(threads if len(points) > BLOCK else min(threads, 1)) as pool:
         for _ in pool.map(work, coherent_blocks(points, pool)):
             pass

@@ -23,7 +23,7 @@ from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
 from planning.schema import Config
 from planning.sizing import fraction_of
-from planning.stage import Placed, Site, Stage, make_stage
+from planning.stage import Placed, PlanStage, Site, make_stage
 
 ROWS = 2048  # checked together
 MOST = 1000  # findings that are listed
@@ -70,7 +70,7 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
 class _Checker:
     def __init__(self, config: Config, assets: Assets) -> None:
         self.config, self.assets = config, assets
-        self.stage: Stage = make_stage(config, assets)
+        self.stage: PlanStage = make_stage(config, assets)
         self.sites = {site.name: site for site in self.stage.sites}
         self.findings: list[str] = []
         self.images: Counter[str] = Counter()

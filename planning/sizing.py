@@ -11,7 +11,7 @@ from jaxtyping import Float
 from camera.framing import frame_target
 from camera.intrinsics import Intrinsics
 from camera.shell import camera_pose
-from camera.size import Extent, Measure, solve_distance
+from camera.size import Measure, ProjectedSize, solve_distance
 from planning.schema import CameraSection, RenderSection
 from planning.stage import Placed
 
@@ -32,7 +32,7 @@ def image_size(measure: Measure, render: RenderSection) -> float:
 
 def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
     """What share of the image's height, width, diagonal or area these boxes fill; nan without a box."""
-    size = Extent(amodal[:, 2], amodal[:, 3]).measure(measure)
+    size = ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
 
 

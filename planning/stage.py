@@ -146,14 +146,14 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Stage:
+class PlanStage:
     """All sites and models of a plan, in the order of the config."""
 
     sites: tuple[Site, ...]
     models: dict[str, Model]
 
 
-def make_stage(config: Config, assets: Assets) -> Stage:
+def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Build every hierarchy that planning needs.
 
     Raises
@@ -172,7 +172,7 @@ def make_stage(config: Config, assets: Assets) -> Stage:
                     path=config.path,
                     remedy="look at both with `hulldown inspect`, and set the scale or the file that is wrong",
                 )
-    return Stage(
+    return PlanStage(
         sites=sites,
         models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
     )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh
-from geometry.rays import BLOCK, Pool, RayCaster, coherent_blocks
+from geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
 FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
@@ -114,7 +114,7 @@ def test_coordinates_out_of_all_proportion_are_refused():
 @pytest.mark.parametrize("threads", [1, 3])
 def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
-    with Pool(threads) as pool:
+    with WorkerThreads(threads) as pool:
         blocks = list(coherent_blocks(points, pool))
     order = np.concatenate(blocks)
     assert np.sort(order).tolist() == list(range(n))
@@ -125,6 +125,6 @@ def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
 
 def test_points_on_a_line_or_in_one_place_are_sorted_too():
     line = np.column_stack([np.random.default_rng(5).uniform(0, 1, 5000), np.zeros(5000)])
-    with Pool(1) as pool:
+    with WorkerThreads(1) as pool:
         assert len(np.concatenate(list(coherent_blocks(line, pool)))) == 5000
         assert len(np.concatenate(list(coherent_blocks(np.zeros((5000, 2)), pool)))) == 5000
