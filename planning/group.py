@@ -2,12 +2,15 @@
 
 What comes out for a position depends on the config, the assets and the position's own number alone. A position's tries
 are numbered, each draws its own numbers, and the first that passes everything is taken, whatever else is in the batch.
+How many tries a position has is counted for it alone, and what is said when they are used up is about the first such
+position: batches change when something is tried, never whether.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
@@ -109,15 +112,33 @@ def plan_group(group: Group, config: Config, draws: Draws) -> Planned:
 
     Raises
     ------
-    ConfigError
-        If a position finds no place, or no place with a view, within the config's tries: with the counted reasons.
+    HopelessPosition
+        If a position finds no place, or no place with a view, within the config's tries: the first such position, with
+        the counted reasons.
     """
     return _Search(group, config, draws).run()
+
+
+class HopelessPosition(ConfigError):
+    """A position for which the config's tries are used up.
+
+    Parameters
+    ----------
+    position
+        Its number.
+    problem, path, remedy
+        As of any `ConfigError`.
+    """
+
+    def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
+        super().__init__(problem, path=path, remedy=remedy)
+        self.position = position
 
 
 class _Search:
     def __init__(self, group: Group, config: Config, draws: Draws) -> None:
         self.group, self.config, self.draws = group, config, draws
+        self.hopeless: HopelessPosition | None = None  # the first one known so far; what comes after it is left alone
         n = len(group.position)
         self.stands, self.shots = nowhere(n), no_shots(len(group.image))
         self.tries = np.zeros(n, dtype=np.int64)  # of each position, so far
@@ -136,6 +157,8 @@ class _Search:
         scouts = SCOUTS if self.group.position.min() < BEGINNING else 0
         self._settle(everywhere[:scouts])
         self._settle(everywhere[scouts:])
+        if self.hopeless:
+            raise self.hopeless
         if self.company.slots:
             self._glimpse()
         rejected = self.camera_refusals
@@ -145,8 +168,9 @@ class _Search:
 
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Places, companions and cameras for these positions."""
-        while len(pending):
+        while len(pending := self._hopeful(pending)):
             self._find_places(pending)
+            pending = self._hopeful(pending)
             roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
             self.place_refusals[pending[~roomy], Refusal.COMPANION] += 1
             self._give_up_if_crowded(pending[~roomy])
@@ -162,9 +186,12 @@ class _Search:
 
     def _find_places(self, pending: Int[np.ndarray, " p"]) -> None:
         """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
-        ahead = 1
-        while len(pending):
+        limit, ahead = self.config.placement.max_tries, 1
+        self._give_up_if_placeless(pending)
+        while len(pending := self._hopeful(pending)):
             now = pending[: max(1, CANDIDATES // ahead)]
+            left = limit - self.tries[now]
+            ahead = min(ahead, int(left.max()))
             row = np.repeat(now, ahead)
             attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
             found = try_places(
@@ -177,9 +204,10 @@ class _Search:
                 articulation=[self.articulation[i] for i in row.tolist()],
             )
             refusal = found.refusal.reshape(-1, ahead)
-            good = refusal == Refusal.NONE
+            allowed = np.arange(ahead) < left[:, None]
+            good = allowed & (refusal == Refusal.NONE)
             taken, first = good.any(axis=1), good.argmax(axis=1)
-            used = np.where(taken, first, ahead)
+            used = np.where(taken, first, np.minimum(left, ahead))
             before = np.arange(ahead) < used[:, None]
             at, column = np.nonzero(before)
             self.place_refusals[now] += tally(refusal[at, column].astype(np.int64), at, len(now))
@@ -239,32 +267,46 @@ class _Search:
                 for i, one in zip(rows.tolist(), seen, strict=True):
                     self.glimpses[i].append(one)
 
+    def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+        """Those of these positions that come before any for which there is no hope."""
+        return rows if self.hopeless is None else rows[self.group.position[rows] < self.hopeless.position]
+
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
-        limit = self.config.placement.max_tries
-        if (self.tries[rows] >= limit).any():
-            counts = self.place_refusals.sum(axis=0)
-            raise self._hopeless(
-                "finds no place to stand", {r: int(counts[r]) for r in PLACING}, "widen the limits in [placement]"
-            )
+        self._give_up(
+            rows[self.tries[rows] >= self.config.placement.max_tries],
+            "finds no place to stand",
+            PLACING,
+            "widen the limits in [placement]",
+        )
 
     def _give_up_if_crowded(self, rows: Int[np.ndarray, " p"]) -> None:
-        if (self.place_refusals[rows, Refusal.COMPANION] >= CROWDED_PLACES).any():
-            counts = self.place_refusals.sum(axis=0)
-            raise self._hopeless(
-                "finds no room for its companions",
-                {r: int(counts[r]) for r in PLACING},
-                "lower placement.vehicles_per_image or widen placement.companion_distance",
-            )
+        self._give_up(
+            rows[self.place_refusals[rows, Refusal.COMPANION] >= CROWDED_PLACES],
+            "finds no room for its companions",
+            PLACING,
+            "lower placement.vehicles_per_image or widen placement.companion_distance",
+        )
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
-        if (self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES).any():
-            counts = self.camera_refusals.sum(axis=0)
-            raise self._hopeless(
-                "cannot be seen as wanted",
-                {r: int(counts[r]) for r in AIMING},
-                "widen the limits in [camera] or raise camera.max_tries",
-            )
+        self._give_up(
+            rows[self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES],
+            "cannot be seen as wanted",
+            AIMING,
+            "widen the limits in [camera] or raise camera.max_tries",
+        )
 
-    def _hopeless(self, what: str, counts: dict[Refusal, int], remedy: str) -> ConfigError:
-        names = f"vehicle {self.group.model.shape.name!r} on scenery {self.group.site.name!r}"
-        return ConfigError(f"{names} {what}: {sentence(counts)}", path=self.config.path, remedy=remedy)
+    def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Refusal, ...], remedy: str) -> None:
+        """Note the first of these positions as hopeless, with what was tried for it."""
+        rows = self._hopeful(rows)
+        if not len(rows):
+            return
+        row, group = int(rows.min()), self.group
+        counts = self.place_refusals[row] + self.camera_refusals[group.owner == row].sum(axis=0)
+        position = int(group.position[row])
+        self.hopeless = HopelessPosition(
+            position,
+            f"position {position}: vehicle {group.model.shape.name!r} on scenery {group.site.name!r} {what}: "
+            + sentence({kind: int(counts[kind]) for kind in kinds}),
+            path=self.config.path,
+            remedy=remedy,
+        )

@@ -10,9 +10,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from assets.library import Assets
+from geometry.errors import ConfigError
 from planning.budget import make_budget
 from planning.draws import Draws, Purpose, choose
-from planning.group import Group, plan_group
+from planning.group import Group, HopelessPosition, plan_group
 from planning.light import draw_lights, hdri_weights
 from planning.row import Row, encode_rows
 from planning.rows import rows_of
@@ -48,13 +49,24 @@ class Planner:
         self._site_weights = [weights.get(name, 1.0) for name in assets.sceneries]
 
     def rows(self, start: int, stop: int) -> list[Row]:
-        """All rows of the positions from `start` to before `stop`, in order."""
+        """All rows of the positions from `start` to before `stop`, in order.
+
+        Raises
+        ------
+        ConfigError
+            If the config cannot be met: about the first of these positions for which it cannot.
+        """
         position = np.arange(start, stop)
         held = self.budget.positions(position)
         site = choose(self._site_weights, self._draws.uniform(Purpose.SCENERY, position, 0, count=1)[:, 0])
         rows: list[Row] = []
+        hopeless: HopelessPosition | None = None
         for s, v in sorted(set(zip(site.tolist(), held.vehicle.tolist(), strict=True))):
             mine = np.flatnonzero((site == s) & (held.vehicle == v))
+            if hopeless:
+                mine = mine[position[mine] < hopeless.position]
+            if not len(mine):
+                continue
             group = Group(
                 site=self._stage.sites[s],
                 model=self._stage.models[self.budget.vehicles[v]],
@@ -63,11 +75,18 @@ class Planner:
                 shots=held.shots[mine],
                 first_image=held.first_image[mine],
             )
-            planned = plan_group(group, self.config, self._draws)
+            try:
+                planned = plan_group(group, self.config, self._draws)
+            except HopelessPosition as error:
+                # Another group may hold an earlier one: what is said does not depend on how the work is cut.
+                hopeless = error
+                continue
             lights = draw_lights(
                 self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
             )
             rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
+        if hopeless:
+            raise ConfigError(hopeless.problem, path=hopeless.path, remedy=hopeless.remedy)
         rows.sort(key=lambda row: row.index)
         return rows
 
