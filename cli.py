@@ -132,7 +132,8 @@ def _plan(arguments: argparse.Namespace) -> int:
     from planning.write import write_plan
 
     if arguments.check:
-        return _check_plan(arguments)
+        arguments.plan = arguments.config
+        return _check(arguments)
     if arguments.output is None:
         raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
     if arguments.output.suffix.lower() == ".png":
@@ -163,12 +164,12 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _check_plan(arguments: argparse.Namespace) -> int:
+def _check(arguments: argparse.Namespace) -> int:
     from planning.check import check_plan
     from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
 
-    plan = read_plan(arguments.config)
+    plan = read_plan(arguments.plan)
     with _reading() as progress:
         assets = load_planned_assets(plan, progress=progress)
     with _progress("checking") as advance:
@@ -452,11 +453,17 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("config", type=Path, metavar="CONFIG", help="the config; with --check a plan")
     sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="the plan to write, such as plan.jsonl")
-    sub.add_argument("--check", action="store_true", help="recompute every limit of an existing plan instead")
+    sub.add_argument("--check", action="store_true", help="the same as `hulldown check`")
     sub.add_argument(
         "--workers", type=_at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)"
     )
     sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+
+    sub = verb(
+        "check", _check, "recompute every limit of a plan",
+        "Reads a plan and the assets it names; prints a line for each limit of the plan's own config that is broken.",
+    )  # fmt: skip
+    sub.add_argument("plan", type=Path, metavar="PLAN")
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -14,20 +13,11 @@ from geometry.arrays import checked
 from geometry.instances import InstancedScene
 from geometry.overlap import SceneTouch
 from geometry.transforms import apply, invert_rigid
+from placement.rejection import Rejection
 from placement.terrain import Terrain
 
 
-class Spot(IntEnum):
-    """What is wrong with a camera's place; of several reasons the first."""
-
-    FREE = 0
-    OFF_GROUND = 1  # no ground above or below
-    LOW = 2
-    OBSTACLE = 3
-    VEHICLE = 4
-
-
-class CameraSpots:
+class CameraRoom:
     """Judges places for cameras in one scenery. Built once, never changes.
 
     Parameters
@@ -46,7 +36,7 @@ class CameraSpots:
         self._terrain = terrain
         self._touch = SceneTouch(obstacles, solid)
 
-    def judge(
+    def rejections(
         self,
         position: ArrayLike,
         *,
@@ -55,7 +45,7 @@ class CameraSpots:
         vehicles: Sequence[PosedVehicle] = (),
         vehicle_clearance: float = 0.0,
     ) -> UInt8[np.ndarray, " n"]:
-        """A code of `Spot` for each place.
+        """A code of `Rejection` for each place: the first that applies of ground, height, obstacles and vehicles.
 
         Parameters
         ----------
@@ -76,17 +66,17 @@ class CameraSpots:
             if not metres >= 0.0:
                 raise ValueError(f"{name}: expected metres of 0 or more, got {metres}")
         n = len(place)
-        spot = np.zeros(n, dtype=np.uint8)
+        rejection = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:
-            spot[_distance_to(vehicle, place) <= vehicle_clearance] = Spot.VEHICLE
+            rejection[_distance_to(vehicle, place) <= vehicle_clearance] = Rejection.CAMERA_VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
-        spot[self._touch.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Spot.OBSTACLE
+        rejection[self._touch.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE
         ground = self._terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):
-            spot[place[:, 2] - ground.z < ground_clearance] = Spot.LOW
-        spot[~ground.hit] = Spot.OFF_GROUND
-        return spot
+            rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW
+        rejection[~ground.hit] = Rejection.CAMERA_OFF_GROUND
+        return rejection
 
 
 def _distance_to(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:

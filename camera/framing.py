@@ -14,6 +14,7 @@ from camera.projection import directions, project
 from geometry.arrays import checked
 from geometry.portable import exp, hypot, log
 from geometry.transforms import rotate, tilt_to
+from geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 ROUNDS = 20
@@ -97,7 +98,7 @@ def frame_target(
     points_world: ArrayLike,
     intrinsics: Optics,
     *,
-    rng: np.random.Generator,
+    rng: UniformNumbers,
     spread: float = 1.0,
     truncated: tuple[float, float] = (0.0, 0.0),
 ) -> Framed:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from geometry.arrays import checked
 from geometry.portable import arcsin, sin, sin_cos
 from geometry.transforms import rigid
+from geometry.uniform import UniformNumbers
 
 
 def camera_pose(
@@ -61,13 +62,13 @@ def shell_axes(
     return outward, np.stack([right, down, -outward], -1)
 
 
-def draw_azimuth(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+def draw_azimuth(n: int, *, rng: UniformNumbers) -> Float[np.ndarray, " n"]:
     """`n` azimuths uniform in 0 to 2 pi."""
     return rng.uniform(0.0, 2.0 * math.pi, n)
 
 
 def draw_elevation(
-    n: int, bounds: tuple[float, float], *, rng: np.random.Generator, uniform_in: Literal["angle", "sphere"] = "angle"
+    n: int, bounds: tuple[float, float], *, rng: UniformNumbers, uniform_in: Literal["angle", "sphere"] = "angle"
 ) -> Float[np.ndarray, " n"]:
     """`n` elevations within bounds.
 

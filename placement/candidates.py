@@ -7,10 +7,11 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
+from geometry.uniform import UniformNumbers
 
 
 def candidates(
-    bounds: ArrayLike, n: int, *, rng: np.random.Generator, margin: float = 0.8
+    bounds: ArrayLike, n: int, *, rng: UniformNumbers, margin: float = 0.8
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Positions uniform in the shrunken bounds, and headings uniform over the circle.
 

@@ -20,9 +20,9 @@ from geometry.arrays import checked
 from geometry.portable import arctan2, hypot, sin_cos
 from geometry.transforms import facing, rigid
 from placement.footprint import Spots, Underside, contact_spots, plate_spots, spots
+from placement.rejection import Rejection
 from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
-from placement.verdict import Verdict
 
 RULES = ("averaged", "least_squares", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
@@ -30,7 +30,7 @@ BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Settled:
-    """What became of each candidate; nan where a refusal came before the value was known.
+    """What became of each candidate; nan where the rejection came before the value was known.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class Settled:
         ground beneath its feet. All points are feet unless `footprint` is an `Underside`; a belly then is none.
     penetration
         (k,) metres: the largest vertical distance from the tilted underside, at its own height, up to the ground.
-    verdict
-        (k,) codes of `Verdict`.
+    rejection
+        (k,) codes of `Rejection`.
     """
 
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
@@ -61,12 +61,12 @@ class Settled:
     margin: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
     penetration: Float[np.ndarray, " k"]
-    verdict: UInt8[np.ndarray, " k"]
+    rejection: UInt8[np.ndarray, " k"]
 
     @property
     def ok(self) -> Bool[np.ndarray, " k"]:
         """Which candidates stand."""
-        return self.verdict == Verdict.OK
+        return self.rejection == Rejection.NONE
 
 
 def settle(
@@ -223,18 +223,18 @@ def _settle_block(
 ) -> Settled:
     k = len(xy)
     slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
-    verdict = np.zeros(k, dtype=np.uint8)
-    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, verdict)
+    rejection = np.zeros(k, dtype=np.uint8)
+    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, rejection)
     spot = terrain.top_hits(xy, method=options.method)
     out.slope[:] = _inclination(spot.normal)
-    out.verdict[~spot.hit] = Verdict.OFF_GROUND
-    out.verdict[out.slope > options.max_slope] = Verdict.TOO_STEEP
+    out.rejection[~spot.hit] = Rejection.OFF_GROUND
+    out.rejection[out.slope > options.max_slope] = Rejection.TOO_STEEP
 
-    rows = np.flatnonzero(out.verdict == Verdict.OK)
+    rows = np.flatnonzero(out.rejection == Rejection.NONE)
     rest, out.share[rows] = _rest(terrain, xy[rows], yaw[rows], spot.z[rows], options)
-    out.verdict[rows[~rest.found | (out.share[rows] < options.min_share)]] = Verdict.OVERHANG
+    out.rejection[rows[~rest.found | (out.share[rows] < options.min_share)]] = Rejection.OVERHANG
 
-    on = out.verdict[rows] == Verdict.OK
+    on = out.rejection[rows] == Rejection.NONE
     rows, height, gradient = rows[on], rest.height[on], rest.gradient[on]
     # The gradient is that of a frame turned by the heading.
     sin, cos = sin_cos(yaw[rows])
@@ -244,15 +244,15 @@ def _settle_block(
     out.tilt[rows], out.margin[rows] = _inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
     out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
-    out.verdict[rows[out.tilt[rows] > options.max_slope]] = Verdict.MEAN_TOO_STEEP
+    out.rejection[rows[out.tilt[rows] > options.max_slope]] = Rejection.MEAN_TOO_STEEP
 
-    rows = rows[out.verdict[rows] == Verdict.OK]
+    rows = rows[out.rejection[rows] == Rejection.NONE]
     if len(options.contact.xy):
         out.gap[rows], out.penetration[rows] = gap_and_penetration(
             terrain, out.world_from_vehicle[rows], options.contact, method=options.method
         )
-        out.verdict[rows[out.penetration[rows] > options.max_penetration]] = Verdict.PENETRATION
-        out.verdict[rows[out.gap[rows] > options.max_gap]] = Verdict.GAP
+        out.rejection[rows[out.penetration[rows] > options.max_penetration]] = Rejection.PENETRATION
+        out.rejection[rows[out.gap[rows] > options.max_gap]] = Rejection.GAP
     return out
 
 

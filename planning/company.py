@@ -9,13 +9,16 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from geometry.portable import sin_cos
+from placement.rejection import Rejection
+from placement.settle import Settled
+from planning.aiming import Views, no_views
+from planning.columns import put, take
 from planning.draws import Draws, Purpose, between
-from planning.placing import Stands, clear_of_vehicle, nowhere, stand
-from planning.refusal import Refusal
-from planning.schema import PlacementSection
+from planning.limits import COMPANION_TRIES
+from planning.placing import clear_of_vehicle, settle_clear, unsettled
+from planning.schema import Config
 from planning.stage import Model, Placed, Site, articulations
 
-TRIES = 50  # places for one companion before the target is moved elsewhere
 _MOST = 64  # companions; a companion's number and a try's are told apart by it
 
 
@@ -27,25 +30,28 @@ class Slot:
     ----------
     model
         (n,) index of each one's vehicle among the models; -1 where a position has no j-th companion.
-    stands
+    settled
         Of the n positions.
     articulation
         Of the n positions.
     tries
         (n,) places tried for each.
+    views
+        What the cameras of the m images see of them.
     """
 
     model: Int[np.ndarray, " n"]
-    stands: Stands
+    settled: Settled
     articulation: list[dict[str, float]]
     tries: Int[np.ndarray, " n"]
+    views: Views
 
     def placed(self, models: list[Model], rows: Int[np.ndarray, " k"]) -> Placed | None:
         """The companions of some positions, whose vehicle must be the same; None where there are none."""
         if not len(rows) or self.model[rows[0]] < 0:
             return None
         articulation = [self.articulation[i] for i in rows.tolist()]
-        return Placed(models[int(self.model[rows[0]])], self.stands.world_from_vehicle[rows], articulation)
+        return Placed(models[int(self.model[rows[0]])], self.settled.world_from_vehicle[rows], articulation)
 
 
 class Company:
@@ -57,18 +63,28 @@ class Company:
         Where.
     models
         All vehicles; companions are drawn from them, all alike.
-    limits
-        The config's.
+    config
+        What is wanted.
     draws
         The plan's numbers.
     position
         (n,) the positions' numbers.
+    images
+        How many images they have in all.
     """
 
     def __init__(
-        self, site: Site, models: list[Model], limits: PlacementSection, draws: Draws, position: Int[np.ndarray, " n"]
+        self,
+        site: Site,
+        models: list[Model],
+        config: Config,
+        *,
+        draws: Draws,
+        position: Int[np.ndarray, " n"],
+        images: int,
     ) -> None:
-        self.site, self.models, self.limits, self.draws, self.position = site, models, limits, draws, position
+        self.site, self.models, self.config, self.draws, self.position = site, models, config, draws, position
+        limits = config.placement
         low, high = limits.vehicles_per_image
         n = len(position)
         size = draws.uniform(Purpose.COMPANY, position, 0, count=1)[:, 0]
@@ -85,12 +101,12 @@ class Company:
                 angles = articulations(shape, uniform[mine, 1 : 1 + len(shape.part_names)])
                 for i, angle in zip(mine.tolist(), angles, strict=True):
                     turned[i] = angle
-            self.slots.append(Slot(model, nowhere(n), turned, np.zeros(n, dtype=np.int64)))
+            self.slots.append(Slot(model, unsettled(n), turned, np.zeros(n, dtype=np.int64), no_views(images)))
 
     def find_places(
         self, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
-        """Stand the companions of some positions about their targets; whether all of a position's found room.
+        """Settle the companions of some positions about their targets; whether all of a position's found room.
 
         Parameters
         ----------
@@ -106,34 +122,35 @@ class Company:
             for m in np.unique(slot.model[rows[found]]):
                 if m >= 0:
                     mine = np.flatnonzero(found & (slot.model[rows] == m))
-                    found[mine] = self._stand(j, int(m), rows[mine], target.rows(mine), place_try[mine])
+                    found[mine] = self._settle(j, int(m), rows[mine], target.rows(mine), place_try[mine])
         return found
 
-    def _stand(
+    def _settle(
         self, j: int, m: int, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
         """The first try that passes, for each position; looks further ahead the longer it takes."""
-        slot, limits = self.slots[j], self.limits
+        slot, limits = self.slots[j], self.config.placement
         pending, done, ahead = np.arange(len(rows)), 0, 1
-        while len(pending) and done < TRIES:
-            ahead = min(2 * ahead if done else 1, TRIES - done)
+        while len(pending) and done < COMPANION_TRIES:
+            ahead = min(2 * ahead if done else 1, COMPANION_TRIES - done)
             one = np.repeat(pending, ahead)
             at, attempt = rows[one], done + np.tile(np.arange(ahead), len(pending))
             uniform = self.draws.uniform(
-                Purpose.COMPANION, self.position[at] * _MOST + j, place_try[one] * TRIES + attempt, count=3
+                Purpose.COMPANION, self.position[at] * _MOST + j, place_try[one] * COMPANION_TRIES + attempt, count=3
             )
             distance, bearing = between(*limits.companion_distance, uniform[:, 0]), 2.0 * math.pi * uniform[:, 1]
             xy = distance[:, None] * np.stack(sin_cos(bearing)[::-1], axis=1)
             xy += target.world_from_vehicle[one, :2, 3]
             turned = [slot.articulation[i] for i in at.tolist()]
-            stands = stand(self.site, self.models[m], limits, xy, 2.0 * math.pi * uniform[:, 2] - math.pi, turned)
-            good = stands.refusal == Refusal.NONE
+            yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
+            settled = settle_clear(self.site, self.models[m], self.config, xy=xy, yaw=yaw, articulation=turned)
+            good = settled.rejection == Rejection.NONE
             on = np.flatnonzero(good)
-            mine = Placed(self.models[m], stands.world_from_vehicle[on], [turned[i] for i in on.tolist()])
+            mine = Placed(self.models[m], settled.world_from_vehicle[on], [turned[i] for i in on.tolist()])
             good[on] = self._clear_of_all(j, mine, at[on], target.rows(one[on]))
             passed = good.reshape(len(pending), ahead)
             taken, first = passed.any(axis=1), passed.argmax(axis=1)
-            slot.stands.put(rows[pending[taken]], stands.take(np.flatnonzero(taken) * ahead + first[taken]))
+            put(slot.settled, rows[pending[taken]], take(settled, np.flatnonzero(taken) * ahead + first[taken]))
             slot.tries[rows[pending[taken]]] = done + first[taken] + 1
             pending, done = pending[~taken], done + ahead
         found = np.ones(len(rows), dtype=bool)
@@ -141,8 +158,8 @@ class Company:
         return found
 
     def _clear_of_all(self, j: int, mine: Placed, at: Int[np.ndarray, " q"], target: Placed) -> Bool[np.ndarray, " q"]:
-        """Clear of the target and of the companions that were stood before."""
-        clearance = self.limits.vehicle_clearance
+        """Clear of the target and of the companions that were settled before."""
+        clearance = self.config.placement.vehicle_clearance
         clear = clear_of_vehicle(mine, target, clearance) & clear_of_vehicle(target, mine, clearance)
         for slot in self.slots[:j]:
             for m in np.unique(slot.model[at]):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt64
@@ -83,11 +82,8 @@ class Draws:
         return _mixed(state + attempts * _GOLDEN)
 
 
-class StackedGenerator(np.random.Generator):
-    """A Generator for functions that draw a row for each item: row i comes from item i's own stream.
-
-    Only `random` and `uniform` work, and only for a first axis of n; everything else a Generator can do is refused,
-    since it would draw from elsewhere.
+class RowStreams:
+    """Uniform numbers for functions that draw a row for each item: row i comes from item i's own stream.
 
     Parameters
     ----------
@@ -100,32 +96,22 @@ class StackedGenerator(np.random.Generator):
     """
 
     def __init__(self, draws: Draws, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
-        super().__init__(np.random.PCG64(0))
         self._states = draws.states(purpose, item, attempt)
         self._drawn = 0
 
-    def random(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
+    def random(self, size: int | tuple[int, ...]) -> Float[np.ndarray, "n ..."]:
         """Numbers uniform in [0, 1), multiples of 2**-53; `size` is n or (n, ...)."""
-        shape = (size,) if isinstance(size, (int, np.integer)) else tuple(size or ())
-        if not shape or shape[0] != len(self._states) or out is not None or dtype is not np.float64:
-            raise ValueError(f"size: expected {len(self._states)} rows of float64, got size {size!r}")
+        shape = (size,) if isinstance(size, (int, np.integer)) else tuple(size)
+        if not shape or shape[0] != len(self._states):
+            raise ValueError(f"size: expected {len(self._states)} rows, got size {size!r}")
         count = math.prod(shape[1:])
         values = _unit(_numbers(self._states, count, first=self._drawn))
         self._drawn += count
         return values.reshape(shape)
 
-    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+    def uniform(self, low: float, high: float, size: int | tuple[int, ...]) -> Float[np.ndarray, "n ..."]:
         """Numbers uniform in [low, high]; `size` is n or (n, ...)."""
         return between(low, high, self.random(size))
-
-
-def _refused(self: StackedGenerator, *args: Any, **options: Any) -> Any:
-    raise NotImplementedError("a StackedGenerator has only random() and uniform()")
-
-
-for _name in dir(np.random.Generator):
-    if not _name.startswith("_") and _name not in ("random", "uniform", "bit_generator"):
-        setattr(StackedGenerator, _name, _refused)
 
 
 def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.ndarray, "..."]:

@@ -16,11 +16,15 @@ import numpy as np
 from jaxtyping import Int
 
 from geometry.errors import ConfigError
-from planning.aiming import Glimpse, Shots, glimpse, no_shots, try_cameras
+from placement.rejection import Rejection
+from placement.settle import Settled
+from planning.aiming import Views, no_views, try_cameras, views_of_companion
+from planning.columns import put, take
 from planning.company import Company
 from planning.draws import Draws, Purpose
-from planning.placing import Stands, nowhere, try_places
-from planning.refusal import AIMING, KINDS, PLACING, Refusal, sentence, tally
+from planning.limits import PLACE_TRIES
+from planning.placing import try_candidates, unsettled
+from planning.rejections import AIMING, KINDS, PLACING, sentence, tally
 from planning.schema import Config
 from planning.stage import Model, Placed, Site, articulations
 
@@ -82,28 +86,25 @@ class Planned:
 
     Parameters
     ----------
-    stands
+    settled
         Of the n positions.
     articulation
         Of the n positions.
     tries
         (n,) places tried at each position, the taken one included.
-    shots
+    views
         Of the m images.
     companions
         Of the n positions; those of one position share its number.
-    glimpses
-        For each of the m images what its camera sees of each companion.
     rejected
-        (m, kinds) how often each refusal was met; a position's own are with its first image.
+        (m, kinds) how often each rejection was met; a position's own are with its first image.
     """
 
-    stands: Stands
+    settled: Settled
     articulation: list[dict[str, float]]
     tries: Int[np.ndarray, " n"]
-    shots: Shots
+    views: Views
     companions: Company
-    glimpses: list[list[Glimpse]]
     rejected: Int[np.ndarray, "m kinds"]
 
 
@@ -140,17 +141,18 @@ class _Search:
         self.group, self.config, self.draws = group, config, draws
         self.hopeless: HopelessPosition | None = None  # the first one known so far; what comes after it is left alone
         n = len(group.position)
-        self.stands, self.shots = nowhere(n), no_shots(len(group.image))
+        self.settled, self.views = unsettled(n), no_views(len(group.image))
         self.tries = np.zeros(n, dtype=np.int64)  # of each position, so far
-        self.place_refusals = np.zeros((n, KINDS), dtype=np.int64)
-        self.camera_refusals = np.zeros((len(group.image), KINDS), dtype=np.int64)
+        self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
+        self.camera_rejections = np.zeros((len(group.image), KINDS), dtype=np.int64)
         uniform = draws.uniform(Purpose.ARTICULATION, group.position, 0, count=len(group.model.shape.part_names))
         if not config.placement.articulate:
             self.articulation: list[dict[str, float]] = [{}] * n
         else:
             self.articulation = articulations(group.model.shape, uniform)
-        self.company = Company(group.site, group.models, config.placement, draws, group.position)
-        self.glimpses: list[list[Glimpse]] = [[] for _ in range(len(group.image))]
+        self.company = Company(
+            group.site, group.models, config, draws=draws, position=group.position, images=len(group.image)
+        )
 
     def run(self) -> Planned:
         everywhere = np.arange(len(self.group.position))
@@ -160,11 +162,11 @@ class _Search:
         if self.hopeless:
             raise self.hopeless
         if self.company.slots:
-            self._glimpse()
-        rejected = self.camera_refusals
+            self._view_companions()
+        rejected = self.camera_rejections
         first = np.cumsum(self.group.shots) - self.group.shots
-        rejected[first] += self.place_refusals
-        return Planned(self.stands, self.articulation, self.tries, self.shots, self.company, self.glimpses, rejected)
+        rejected[first] += self.place_rejections
+        return Planned(self.settled, self.articulation, self.tries, self.views, self.company, rejected)
 
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Places, companions and cameras for these positions."""
@@ -172,21 +174,21 @@ class _Search:
             self._find_places(pending)
             pending = self._hopeful(pending)
             roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
-            self.place_refusals[pending[~roomy], Refusal.COMPANION] += 1
+            self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
             self._give_up_if_crowded(pending[~roomy])
             blind = self._aim(pending[roomy])
-            self.place_refusals[blind, Refusal.NO_VIEW] += 1
+            self.place_rejections[blind, Rejection.NO_VIEW] += 1
             self._give_up_if_blind(blind)
             pending = np.union1d(pending[~roomy], blind)
 
     def _targets(self, rows: Int[np.ndarray, " p"]) -> Placed:
         """Where the vehicles of these positions, which may repeat, stand now."""
         articulation = [self.articulation[i] for i in rows.tolist()]
-        return Placed(self.group.model, self.stands.world_from_vehicle[rows], articulation)
+        return Placed(self.group.model, self.settled.world_from_vehicle[rows], articulation)
 
     def _find_places(self, pending: Int[np.ndarray, " p"]) -> None:
         """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
-        limit, ahead = self.config.placement.max_tries, 1
+        limit, ahead = int(PLACE_TRIES.highest(self.config)), 1
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful(pending)):
             now = pending[: max(1, CANDIDATES // ahead)]
@@ -194,24 +196,24 @@ class _Search:
             ahead = min(ahead, int(left.max()))
             row = np.repeat(now, ahead)
             attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
-            found = try_places(
+            found = try_candidates(
                 self.group.site,
                 self.group.model,
-                self.config.placement,
+                self.config,
                 draws=self.draws,
                 position=self.group.position[row],
                 attempt=attempt,
                 articulation=[self.articulation[i] for i in row.tolist()],
             )
-            refusal = found.refusal.reshape(-1, ahead)
+            rejection = found.rejection.reshape(-1, ahead)
             allowed = np.arange(ahead) < left[:, None]
-            good = allowed & (refusal == Refusal.NONE)
+            good = allowed & (rejection == Rejection.NONE)
             taken, first = good.any(axis=1), good.argmax(axis=1)
             used = np.where(taken, first, np.minimum(left, ahead))
             before = np.arange(ahead) < used[:, None]
             at, column = np.nonzero(before)
-            self.place_refusals[now] += tally(refusal[at, column].astype(np.int64), at, len(now))
-            self.stands.put(now[taken], found.take(np.flatnonzero(taken) * ahead + first[taken]))
+            self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
+            put(self.settled, now[taken], take(found, np.flatnonzero(taken) * ahead + first[taken]))
             self.tries[now] += used + taken
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
@@ -219,29 +221,28 @@ class _Search:
 
     def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Cameras for all images of these positions; answers with the positions where one found none."""
-        group, limits = self.group, self.config.camera
+        group, max_tries = self.group, self.config.camera.max_tries
         waiting = np.zeros(len(group.position), dtype=bool)
         waiting[positions] = True
         owner, image = group.owner, group.image
         pending = np.flatnonzero(waiting[owner])
-        for attempt in range(limits.max_tries):
+        for attempt in range(max_tries):
             refused = []
             for rows in self._batches(pending):
                 positions = owner[rows]
                 found = try_cameras(
                     group.site,
                     self._targets(positions),
-                    limits,
-                    self.config.render,
+                    self.config,
                     draws=self.draws,
                     image=image[rows],
                     # Numbered through all places of the position, so that a new place gets new cameras.
-                    attempt=self.tries[positions] * limits.max_tries + attempt,
+                    attempt=self.tries[positions] * max_tries + attempt,
                     others=self.company.placed(positions),
                 )
-                good = found.refusal == Refusal.NONE
-                self.shots.put(rows[good], found, np.flatnonzero(good))
-                np.add.at(self.camera_refusals, (rows[~good], found.refusal[~good]), 1)
+                good = found.rejection == Rejection.NONE
+                put(self.views, rows[good], take(found, np.flatnonzero(good)))
+                np.add.at(self.camera_rejections, (rows[~good], found.rejection[~good]), 1)
                 refused.append(rows[~good])
             pending = np.concatenate(refused) if refused else pending[:0]
             if not len(pending):
@@ -254,18 +255,16 @@ class _Search:
             for start in range(0, len(part), CAMERAS):
                 yield images[part[start : start + CAMERAS]]
 
-    def _glimpse(self) -> None:
+    def _view_companions(self) -> None:
         """What the cameras see of the companions, once all of both have their places."""
         owner = self.group.owner
         for rows in self._batches(np.arange(len(owner))):
             vehicles = [self._targets(owner[rows]), *self.company.placed(owner[rows])]
             for k in range(1, len(vehicles)):
                 others = vehicles[:k] + vehicles[k + 1 :]
-                seen = glimpse(
-                    self.group.site, vehicles[k], others, self.shots.of(rows), self.config.camera, self.config.render
-                )
-                for i, one in zip(rows.tolist(), seen, strict=True):
-                    self.glimpses[i].append(one)
+                cameras = take(self.views, rows)
+                seen = views_of_companion(self.group.site, vehicles[k], others, cameras=cameras, config=self.config)
+                put(self.company.slots[k - 1].views, rows, seen)
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Those of these positions that come before any for which there is no hope."""
@@ -281,7 +280,7 @@ class _Search:
 
     def _give_up_if_crowded(self, rows: Int[np.ndarray, " p"]) -> None:
         self._give_up(
-            rows[self.place_refusals[rows, Refusal.COMPANION] >= CROWDED_PLACES],
+            rows[self.place_rejections[rows, Rejection.COMPANION] >= CROWDED_PLACES],
             "finds no room for its companions",
             PLACING,
             "lower placement.vehicles_per_image or widen placement.companion_distance",
@@ -289,19 +288,19 @@ class _Search:
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
         self._give_up(
-            rows[self.place_refusals[rows, Refusal.NO_VIEW] >= BLIND_PLACES],
+            rows[self.place_rejections[rows, Rejection.NO_VIEW] >= BLIND_PLACES],
             "cannot be seen as wanted",
             AIMING,
             "widen the limits in [camera] or raise camera.max_tries",
         )
 
-    def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Refusal, ...], remedy: str) -> None:
+    def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
         """Note the first of these positions as hopeless, with what was tried for it."""
         rows = self._hopeful(rows)
         if not len(rows):
             return
         row, group = int(rows.min()), self.group
-        counts = self.place_refusals[row] + self.camera_refusals[group.owner == row].sum(axis=0)
+        counts = self.place_rejections[row] + self.camera_rejections[group.owner == row].sum(axis=0)
         position = int(group.position[row])
         self.hopeless = HopelessPosition(
             position,

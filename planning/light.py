@@ -21,8 +21,8 @@ class Lights:
     ----------
     hdri
         (n,) index into the HDRIs' names.
-    yaw_deg
-        (n,) turn about the vertical, counter-clockwise seen from above.
+    yaw
+        (n,) radians: turn about the vertical, counter-clockwise seen from above.
     strength
         (n,) factor on the HDRI's brightness.
     visibility_m
@@ -32,7 +32,7 @@ class Lights:
     """
 
     hdri: Int[np.ndarray, " n"]
-    yaw_deg: Float[np.ndarray, " n"]
+    yaw: Float[np.ndarray, " n"]
     strength: Float[np.ndarray, " n"]
     visibility_m: Float[np.ndarray, " n"]
     sample_seed: Int[np.ndarray, " n"]
@@ -73,7 +73,7 @@ def draw_lights(
     foggy = u[:, 3] < weather.probability
     return Lights(
         hdri=choose(weights, u[:, 0]),
-        yaw_deg=between(*light.yaw_deg, u[:, 1]),
+        yaw=np.radians(between(*light.yaw_deg, u[:, 1])),
         strength=between(*light.strength, u[:, 2]),
         visibility_m=np.where(foggy, between(*weather.visibility_m, u[:, 4]), np.nan),
         sample_seed=(draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).astype(np.int64),

@@ -1,86 +1,59 @@
-"""One try per row at standing a vehicle on a site (paper, section 2.1.5)."""
+"""One candidate per row for a vehicle's place on a site, settled and kept clear (paper, section 2.1.5)."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
+from geometry.portable import arctan2
 from placement.candidates import candidates
 from placement.limits import clear_of_vehicles
-from placement.settle import settle
-from planning.draws import Draws, Purpose, StackedGenerator
-from planning.refusal import Refusal
+from placement.rejection import Rejection
+from placement.settle import Settled, settle
+from planning.draws import Draws, Purpose, RowStreams
+from planning.limits import GAP, PENETRATION, SLOPE, VALID_SHARE
 from planning.row import rounded
-from planning.schema import PlacementSection
+from planning.schema import Config
 from planning.stage import Model, Placed, Site
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Stands:
-    """Vehicles that were stood somewhere, n of them; nan where refused.
-
-    Parameters
-    ----------
-    world_from_vehicle
-        (n, 4, 4) resting poses.
-    slope_deg
-        (n,) inclination of the vehicle, from the ground under the whole footprint.
-    gap, penetration
-        (n,) metres between the underside and the ground.
-    refusal
-        (n,) codes of `Refusal`.
-    """
-
-    world_from_vehicle: Float[np.ndarray, "n 4 4"]
-    slope_deg: Float[np.ndarray, " n"]
-    gap: Float[np.ndarray, " n"]
-    penetration: Float[np.ndarray, " n"]
-    refusal: UInt8[np.ndarray, " n"]
-
-    def take(self, rows: Int[np.ndarray, " k"]) -> Stands:
-        """Some of the rows."""
-        return Stands(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    def put(self, rows: Int[np.ndarray, " k"], other: Stands) -> None:
-        """Overwrite some of the rows."""
-        for f in fields(self):
-            getattr(self, f.name)[rows] = getattr(other, f.name)
+def unsettled(n: int) -> Settled:
+    """Room for n settled candidates."""
+    slope, tilt, share, margin, gap, penetration = np.full((6, n), np.nan)
+    poses, rejection = np.full((n, 4, 4), np.nan), np.zeros(n, dtype=np.uint8)
+    return Settled(poses, slope, tilt, share, margin, gap, penetration, rejection)
 
 
-def nowhere(n: int) -> Stands:
-    """Room for n stands."""
-    slope, gap, penetration = np.full((3, n), np.nan)
-    return Stands(np.full((n, 4, 4), np.nan), slope, gap, penetration, np.zeros(n, dtype=np.uint8))
-
-
-def try_places(
+def try_candidates(
     site: Site,
     model: Model,
-    limits: PlacementSection,
+    config: Config,
     *,
     draws: Draws,
     position: Int[np.ndarray, " n"],
     attempt: Int[np.ndarray, " n"],
     articulation: list[dict[str, float]],
-) -> Stands:
+) -> Settled:
     """Try `attempt` of each position: drawn, settled, and kept clear of obstacles."""
-    rng = StackedGenerator(draws, Purpose.PLACE, position, attempt)
-    xy, yaw = candidates(site.bounds, len(position), rng=rng, margin=limits.margin)
-    return stand(site, model, limits, xy, yaw, articulation)
+    rng = RowStreams(draws, Purpose.PLACE, position, attempt)
+    xy, yaw = candidates(site.bounds, len(position), rng=rng, margin=config.placement.margin)
+    return settle_clear(site, model, config, xy=xy, yaw=yaw, articulation=articulation)
 
 
-def stand(
+def settle_clear(
     site: Site,
     model: Model,
-    limits: PlacementSection,
+    config: Config,
+    *,
     xy: Float[np.ndarray, "n 2"],
     yaw: Float[np.ndarray, " n"],
     articulation: list[dict[str, float]],
-) -> Stands:
-    """Vehicles at these places with these headings, or the reasons why not."""
+) -> Settled:
+    """Vehicles settled at these places with these headings and clear of obstacles, or the rejections."""
+    limits = config.placement
     settled = settle(
         site.terrain,
         model.shape.size_xyz,
@@ -88,18 +61,34 @@ def stand(
         yaw,
         rule=limits.rule,
         n=limits.footprint,
-        max_slope=math.radians(limits.max_slope_deg),
-        min_share=limits.min_valid_share,
-        max_gap=limits.max_gap,
-        max_penetration=limits.max_penetration,
+        max_slope=math.radians(SLOPE.highest(config)),
+        min_share=VALID_SHARE.lowest(config),
+        max_gap=GAP.highest(config),
+        max_penetration=PENETRATION.highest(config),
         footprint=model.undersides[limits.contact],
     )
-    refusal = settled.verdict.copy()
+    rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
-    rows = np.flatnonzero(refusal == Refusal.NONE)
+    rows = np.flatnonzero(rejection == Rejection.NONE)
     placed = Placed(model, poses[rows], [articulation[i] for i in rows.tolist()])
-    refusal[rows[~clear_of_obstacles(site, placed, limits.obstacle_clearance)]] = Refusal.OBSTACLE
-    return Stands(poses, np.degrees(settled.tilt), settled.gap, settled.penetration, refusal)
+    rejection[rows[~clear_of_obstacles(site, placed, limits.obstacle_clearance)]] = Rejection.OBSTACLE
+    return replace(settled, world_from_vehicle=poses, rejection=rejection)
+
+
+def settle_at(site: Site, model: Model, config: Config, world_from_vehicle: Float[np.ndarray, "n 4 4"]) -> Settled:
+    """Vehicles settled by the config's rule at the places and headings of these poses, whatever the limits say."""
+    limits, forward = config.placement, world_from_vehicle[:, :2, 0]
+    return settle(
+        site.terrain,
+        model.shape.size_xyz,
+        world_from_vehicle[:, :2, 3],
+        arctan2(forward[:, 1], forward[:, 0]),
+        rule=limits.rule,
+        n=limits.footprint,
+        max_slope=math.nextafter(math.pi / 2, 0.0),
+        min_share=0.0,
+        footprint=model.undersides[limits.contact],
+    )
 
 
 def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.ndarray, " n"]:
@@ -108,7 +97,7 @@ def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.
     clear = np.ones(len(poses), dtype=bool)
     for part, extent in enumerate(placed.model.extents):
         rows = np.flatnonzero(clear)
-        clear[rows] = site.standing_room.clear(extent, poses[rows, part], clearance)
+        clear[rows] = site.vehicle_room.clear(extent, poses[rows, part], clearance)
     return clear
 
 

@@ -12,6 +12,7 @@ from camera.framing import frame_target
 from camera.intrinsics import Intrinsics
 from camera.shell import camera_pose
 from camera.size import Measure, ProjectedSize, solve_distance
+from geometry.uniform import UniformNumbers
 from planning.schema import CameraSection, RenderSection
 from planning.stage import Placed
 
@@ -45,7 +46,7 @@ def sized_cameras(
     fraction: Float[np.ndarray, " n"],
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
-    framing: Callable[[], np.random.Generator],
+    framing: Callable[[], UniformNumbers],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Cameras in the wanted directions, turned to frame the target, at the distance that gives its box its size.
 

@@ -12,7 +12,7 @@ from annotate.boxes import VehicleBoxes
 from assets.library import Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
-from camera.clearance import CameraSpots
+from camera.clearance import CameraRoom
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import Plane, World
 from geometry.errors import ConfigError
@@ -38,7 +38,7 @@ class Site:
         Its ground, or the fallback plane: where tops are.
     world
         Ground and obstacles for rays of any direction; vertical walls, which are no top, are ground here.
-    standing_room
+    vehicle_room
         Answers whether vehicles are clear of the obstacles.
     camera_room
         Answers whether cameras are clear of ground and obstacles.
@@ -49,8 +49,8 @@ class Site:
     name: str
     terrain: Terrain
     world: World
-    standing_room: Obstacles
-    camera_room: CameraSpots
+    vehicle_room: Obstacles
+    camera_room: CameraRoom
     bounds: Float[np.ndarray, "2 2"]
 
 
@@ -193,8 +193,8 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
         name=scenery.name,
         terrain=terrain,
         world=world,
-        standing_room=Obstacles(obstacles, solid=solid),
-        camera_room=CameraSpots(terrain, obstacles, solid=solid),
+        vehicle_room=Obstacles(obstacles, solid=solid),
+        camera_room=CameraRoom(terrain, obstacles, solid=solid),
         bounds=bounds,
     )
 

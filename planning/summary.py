@@ -1,4 +1,4 @@
-"""What a plan holds, in numbers a person can act on: counts, refusals, sizes, histograms; as tables and a picture."""
+"""What a plan holds, in numbers a person can act on: counts, rejections, sizes, histograms; as tables and a picture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from geometry.files import replacing
-from planning.refusal import AIMING, BY_KEY, PLACING, Refusal
+from placement.rejection import Rejection
+from planning.rejections import AIMING, BY_KEY, PLACING
 from planning.row import Row
 
 # COCO's classes of size, by area in square pixels.
@@ -113,7 +114,7 @@ class Summary:
     companions, sceneries, hdris
         How often each occurs.
     rejected
-        Tries that were refused, by reason.
+        Tries that were not taken, by reason.
     foggy
         Images with fog.
     histograms
@@ -127,7 +128,7 @@ class Summary:
     companions: Counter[str] = field(default_factory=Counter)
     sceneries: Counter[str] = field(default_factory=Counter)
     hdris: Counter[str] = field(default_factory=Counter)
-    rejected: Counter[Refusal] = field(default_factory=Counter)
+    rejected: Counter[Rejection] = field(default_factory=Counter)
     foggy: int = 0
     histograms: dict[str, Histogram] = field(default_factory=_histograms)
 
@@ -172,13 +173,13 @@ class Summary:
             "sceneries": dict(self.sceneries),
             "hdris": dict(self.hdris),
             "foggy": self.foggy,
-            "rejected": {refusal.key: n for refusal, n in sorted(self.rejected.items())},
+            "rejected": {rejection.key: n for rejection, n in sorted(self.rejected.items())},
             "histograms": {key: histogram.to_json() for key, histogram in self.histograms.items()},
         }
 
     def tables(self) -> list[Table]:
         """Tables for a terminal."""
-        return [self._class_table(), self._histogram_table(), self._refusal_table()]
+        return [self._class_table(), self._histogram_table(), self._rejection_table()]
 
     def _class_table(self) -> Table:
         table = Table(title=f"{self.images:,} images at {self.positions:,} positions", title_justify="left")
@@ -201,15 +202,15 @@ class Summary:
                 table.add_row(histogram.title, *numbers, histogram.bars())
         return table
 
-    def _refusal_table(self) -> Table:
+    def _rejection_table(self) -> Table:
         table = Table(title="what was tried and not taken", title_justify="left")
         for column in ("tries that", "times", "share"):
             table.add_column(column, justify="left" if column == "tries that" else "right")
         for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
-            refused = {kind: self.rejected[kind] for kind in kinds if self.rejected[kind]}
-            total = taken + sum(refused.values())
+            rejected = {kind: self.rejected[kind] for kind in kinds if self.rejected[kind]}
+            total = taken + sum(rejected.values())
             table.add_row(f"{what}: were taken", f"{taken:,}", _share(taken, total))
-            for kind, n in sorted(refused.items(), key=lambda item: -item[1]):
+            for kind, n in sorted(rejected.items(), key=lambda item: -item[1]):
                 table.add_row(f"{what}: {kind.phrase}", f"{n:,}", _share(n, total))
         return table
 
@@ -246,8 +247,8 @@ class Summary:
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         classes = {category: sum(models.values()) for category, models in _nested(self.vehicles).items()}
         sizes = {size: sum(n for (_, s), n in self.sizes.items() if s == size) for size in SIZES}
-        refused = {refusal.key.replace("_", " "): n for refusal, n in self.rejected.most_common(8)}
-        return {"images of each class": classes, "boxes by COCO size": sizes, "refused tries": refused}
+        rejected = {rejection.key.replace("_", " "): n for rejection, n in self.rejected.most_common(8)}
+        return {"images of each class": classes, "boxes by COCO size": sizes, "rejected tries": rejected}
 
 
 def summarise(rows: Iterable[Row]) -> Summary:

@@ -9,13 +9,13 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply, facing, rigid, rotation_z
 from placement.candidates import candidates
 from placement.footprint import Underside, spots
+from placement.rejection import Rejection
 from placement.settle import settle
 from placement.terrain import Terrain
-from placement.verdict import Verdict
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
-FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "verdict")
+FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
 # Rounding of heights of some tens of metres, through a division by the footprint's size.
 CLOSE = 1e-12
 
@@ -159,7 +159,7 @@ def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule
     moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
     there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, rule=rule, footprint=large)
     # Samples that fall on an edge of the ground may fall to its other side; the seeds met none that mattered.
-    np.testing.assert_array_equal(there.verdict, here.verdict)
+    np.testing.assert_array_equal(there.rejection, here.rejection)
     expected = there_from_here @ here.world_from_vehicle
     expected[:, :3, :3] /= scale
     np.testing.assert_allclose(there.world_from_vehicle[:, :3, :3], expected[:, :3, :3], atol=1e-9 / min(scale, 1))
@@ -178,9 +178,9 @@ def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps)
         settled = settle(Terrain(plane_mesh(gradient, 0.0)), SIZE, [[0.5, 0.25]], [yaw], rule=rule, max_slope=limit)
         # The rest plane is judged too, and may round to the other side where the ground itself passes.
         if steps > 0:
-            assert settled.verdict[0] == Verdict.TOO_STEEP
+            assert settled.rejection[0] == Rejection.TOO_STEEP
         else:
-            assert settled.verdict[0] != Verdict.TOO_STEEP
+            assert settled.rejection[0] != Rejection.TOO_STEEP
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES, raised=st.booleans())
@@ -266,4 +266,4 @@ def test_the_number_of_threads_changes_nothing(threads):
     one = settle(Terrain(mesh), SIZE, xy, yaw)
     more = settle(Terrain(mesh), SIZE, xy, yaw, threads=threads)
     np.testing.assert_array_equal(one.world_from_vehicle, more.world_from_vehicle)
-    np.testing.assert_array_equal(one.verdict, more.verdict)
+    np.testing.assert_array_equal(one.rejection, more.rejection)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from assets.vehicle import VehicleShape
-from camera.clearance import CameraSpots, Spot
-from camera.target import PosedVehicle, VehicleTarget
+from camera.clearance import CameraRoom
+from camera.target import VehicleTarget
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_z
+from placement.rejection import Rejection
 from placement.terrain import Terrain
 
 FACES = np.array(
@@ -30,48 +31,61 @@ NOTHING = InstancedScene([], [], np.zeros((0, 4, 4)))
 STREET = InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None])
 
 
-def judge(spots: CameraSpots, *position: float, **limits: object) -> Spot:
-    return Spot(int(spots.judge([list(position)], **limits)[0]))
+def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
+    return Rejection(int(room.rejections([list(position)], **limits)[0]))
 
 
 @pytest.mark.parametrize(
-    ("z", "verdict"), [(3.4, Spot.LOW), (3.6, Spot.FREE), (2.9, Spot.LOW), (-100.0, Spot.LOW), (1e6, Spot.FREE)]
+    ("z", "expected"),
+    [
+        (3.4, Rejection.CAMERA_LOW),
+        (3.6, Rejection.NONE),
+        (2.9, Rejection.CAMERA_LOW),
+        (-100.0, Rejection.CAMERA_LOW),
+        (1e6, Rejection.NONE),
+    ],
 )
-def test_cameras_keep_above_the_ground(z: float, verdict: Spot) -> None:
-    assert judge(CameraSpots(Terrain.flat(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == verdict
+def test_cameras_keep_above_the_ground(z: float, expected: Rejection) -> None:
+    assert judge(CameraRoom(Terrain.flat(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == expected
 
 
 def test_cameras_beside_the_ground_are_told_apart_from_low_ones() -> None:
     ground = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
-    spots = CameraSpots(ground, NOTHING)
-    assert judge(spots, 50.0, 0.0, 5.0) == Spot.OFF_GROUND
-    assert judge(spots, 1.0, 1.0, 5.0) == Spot.FREE
+    room = CameraRoom(ground, NOTHING)
+    assert judge(room, 50.0, 0.0, 5.0) == Rejection.CAMERA_OFF_GROUND
+    assert judge(room, 1.0, 1.0, 5.0) == Rejection.NONE
 
 
 @pytest.mark.parametrize(
-    ("x", "verdict"), [(14.1, Spot.OBSTACLE), (13.9, Spot.FREE), (15.5, Spot.OBSTACLE), (25.5, Spot.OBSTACLE)]
+    ("x", "expected"),
+    [
+        (14.1, Rejection.CAMERA_OBSTACLE),
+        (13.9, Rejection.NONE),
+        (15.5, Rejection.CAMERA_OBSTACLE),
+        (25.5, Rejection.CAMERA_OBSTACLE),
+    ],
 )
-def test_cameras_keep_clear_of_obstacles(x: float, verdict: Spot) -> None:
-    assert judge(CameraSpots(Terrain.flat(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == verdict
+def test_cameras_keep_clear_of_obstacles(x: float, expected: Rejection) -> None:
+    assert judge(CameraRoom(Terrain.flat(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == expected
 
 
 @pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
 @pytest.mark.parametrize("metres", [-0.1, math.nan])
 def test_a_clearance_that_is_none_is_refused(name: str, metres: float) -> None:
     with pytest.raises(ValueError, match=f"{name}: expected metres of 0 or more, got {metres}"):
-        judge(CameraSpots(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: metres})
+        judge(CameraRoom(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: metres})
 
 
 def test_a_camera_in_the_middle_of_a_house_is_inside_it() -> None:
-    spots = CameraSpots(Terrain.flat(0.0), STREET)
-    assert judge(spots, 20.0, 0.0, 3.0, obstacle_clearance=0.1) == Spot.OBSTACLE
-    assert judge(spots, 20.0, 0.0, 7.0, obstacle_clearance=0.1) == Spot.FREE
+    room = CameraRoom(Terrain.flat(0.0), STREET)
+    assert judge(room, 20.0, 0.0, 3.0, obstacle_clearance=0.1) == Rejection.CAMERA_OBSTACLE
+    assert judge(room, 20.0, 0.0, 7.0, obstacle_clearance=0.1) == Rejection.NONE
 
 
 def test_no_surface_is_nearer_than_the_clearance() -> None:
-    spots, rng = CameraSpots(Terrain.flat(0.0), STREET), np.random.default_rng(0)
+    room, rng = CameraRoom(Terrain.flat(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
-    free = spots.judge(place, obstacle_clearance=1.0) == Spot.FREE
+    free = room.rejections(place, obstacle_clearance=1.0) == Rejection.NONE
     beyond = np.abs(place - [20, 0, 3]) - [5, 5, 3]
     distance = np.linalg.norm(np.maximum(beyond, 0), axis=1)
     assert (distance[free] > 1.0).all()
@@ -79,21 +93,21 @@ def test_no_surface_is_nearer_than_the_clearance() -> None:
 
 
 @pytest.mark.parametrize(
-    ("position", "verdict"),
+    ("position", "expected"),
     [
-        ((0.0, 0.0, 1.0), Spot.VEHICLE),
-        ((3.9, 0.0, 1.0), Spot.VEHICLE),
-        ((0.0, 3.0, 1.0), Spot.FREE),
-        ((4.1, 0.0, 1.0), Spot.FREE),
+        ((0.0, 0.0, 1.0), Rejection.CAMERA_VEHICLE),
+        ((3.9, 0.0, 1.0), Rejection.CAMERA_VEHICLE),
+        ((0.0, 3.0, 1.0), Rejection.NONE),
+        ((4.1, 0.0, 1.0), Rejection.NONE),
     ],
 )
-def test_cameras_keep_clear_of_vehicles(position: tuple, verdict: Spot) -> None:
+def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) -> None:
     at = rigid(rotation_z(1.0), [100.0, 200, 0])
     place = at[:3, :3] @ position + at[:3, 3]
-    vehicle = PosedVehicle(CRATE, at[None], {})
-    spots = CameraSpots(Terrain.flat(0.0), NOTHING)
-    assert judge(spots, *place, vehicles=[vehicle], vehicle_clearance=1.0) == verdict
+    vehicle = Standing(CRATE, at[None], {})
+    room = CameraRoom(Terrain.flat(0.0), NOTHING)
+    assert judge(room, *place, vehicles=[vehicle], vehicle_clearance=1.0) == expected
 
 
 def test_no_places_are_legal() -> None:
-    assert CameraSpots(Terrain.flat(0.0), STREET).judge(np.zeros((0, 3)), obstacle_clearance=1.0).shape == (0,)
+    assert CameraRoom(Terrain.flat(0.0), STREET).rejections(np.zeros((0, 3)), obstacle_clearance=1.0).shape == (0,)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from planning.draws import Draws, Purpose, StackedGenerator, between, choose
+from planning.draws import Draws, Purpose, RowStreams, between, choose
 
 
 def test_a_row_does_not_depend_on_the_rows_beside_it():
@@ -44,22 +44,20 @@ def test_the_numbers_of_a_seed_never_change():
     assert Draws(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
 
 
-def test_a_stacked_generator_hands_each_row_its_own_stream():
+def test_a_generator_by_row_hands_each_row_its_own_stream():
     draws = Draws(5)
-    rng = StackedGenerator(draws, Purpose.CAMERA, np.arange(10), 2)
+    rng = RowStreams(draws, Purpose.CAMERA, np.arange(10), 2)
     first, second = rng.random((10, 3)), rng.random(10)
     expected = draws.uniform(Purpose.CAMERA, np.arange(10), 2, count=4)
     assert np.array_equal(np.column_stack([first, second]), expected)
-    again = StackedGenerator(draws, Purpose.CAMERA, np.arange(10), 2)
+    again = RowStreams(draws, Purpose.CAMERA, np.arange(10), 2)
     assert np.array_equal(again.uniform(-1.0, 1.0, (10, 3)), between(-1.0, 1.0, expected[:, :3]))
 
 
-def test_a_stacked_generator_refuses_what_it_cannot_answer_by_row():
-    rng = StackedGenerator(Draws(5), Purpose.CAMERA, np.arange(10), 0)
+def test_a_generator_by_row_refuses_what_it_cannot_answer_by_row():
+    rng = RowStreams(Draws(5), Purpose.CAMERA, np.arange(10), 0)
     with pytest.raises(ValueError, match="size: expected 10 rows"):
         rng.random((3, 2))
-    with pytest.raises(NotImplementedError):
-        rng.normal(size=10)
 
 
 def test_choices_follow_their_weights():

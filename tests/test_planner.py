@@ -265,10 +265,10 @@ BROKEN = [
     ("fov", lambda row: row.__setitem__("fov_x_deg", 99.0), "fov_x_deg is 99, allowed are 40 to 60"),
     ("visible", lambda row: row.__setitem__("visible_fraction", 0.5), "breaks visible_fraction"),
     ("slope", lambda row: row.__setitem__("slope_deg", 12.0), "breaks slope_deg"),
-    ("gun", lambda row: row["articulation"].__setitem__("gun", 1.5), "articulation.gun is 1.5"),
+    ("gun", lambda row: row["articulation"].__setitem__("gun", 1.5), "breaks articulation"),
     ("name", lambda row: row.__setitem__("hdri", "moon"), "hdri 'moon' is not in the config"),
     ("fog", lambda row: row.__setitem__("weather", {"visibility_m": 5.0}), "weather.visibility_m is 5"),
-    ("shot", lambda row: row.__setitem__("shot", 3), "breaks what the shots of a position share"),
+    ("shot", lambda row: row.__setitem__("shot", 3), "breaks index, position, shot and vehicle"),
     ("class", lambda row: row.__setitem__("vehicle", "leo"), "vehicle 't72': 5 images, its budget is 6"),
 ]
 

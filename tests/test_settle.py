@@ -6,9 +6,9 @@ import pytest
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
 from placement.footprint import spots, underside
+from placement.rejection import Rejection
 from placement.settle import settle
 from placement.terrain import Terrain
-from placement.verdict import Verdict
 from tests.planning_assets import box
 
 TANK = np.array([7.0, 3.5, 2.5])
@@ -72,8 +72,8 @@ def test_each_refusal_has_its_reason_and_leaves_what_was_not_reached_nan():
     ground = height_field(lambda x, y: np.where(x > 0, 4.0 * x, 0.0))
     xy = [[-10.0, 0.0], [10.0, 0.0], [100.0, 0.0], [-19.9, 0.0], [-0.2, 0.0]]
     settled = settle(Terrain(ground), TANK, xy, np.zeros(5))
-    assert settled.verdict.tolist() == [
-        Verdict.OK, Verdict.TOO_STEEP, Verdict.OFF_GROUND, Verdict.OVERHANG, Verdict.MEAN_TOO_STEEP,
+    assert settled.rejection.tolist() == [
+        Rejection.NONE, Rejection.TOO_STEEP, Rejection.OFF_GROUND, Rejection.OVERHANG, Rejection.MEAN_TOO_STEEP,
     ]  # fmt: skip
     known = np.isfinite(settled.world_from_vehicle).all(axis=(1, 2))
     assert known.tolist() == [True, False, False, False, True]
@@ -120,7 +120,7 @@ def test_the_margin_is_how_far_the_centre_lies_inside_its_contacts():
     xy, yaw = [[0.0, 0.0], [0.0, 0.0], [-7.9, 0.0]], [0.0, math.pi, 0.0]
     settled = settle(terrain, TANK, xy, yaw)
     np.testing.assert_allclose(settled.margin[:2], 3.5 * 1.75 / math.hypot(5.25, 1.75), atol=1e-9)
-    assert settled.verdict.tolist() == [Verdict.OK, Verdict.OK, Verdict.OVERHANG]
+    assert settled.rejection.tolist() == [Rejection.NONE, Rejection.NONE, Rejection.OVERHANG]
     assert np.isnan(settled.margin[2])
     assert np.isnan(settle(terrain, TANK, xy, yaw, rule="averaged").margin).all()
 
@@ -129,13 +129,13 @@ def test_a_bump_between_the_rays_is_seen_by_the_denser_measurement():
     terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
     free, limited = (settle(terrain, TANK, [[0.0, 0.0]], [0.0], max_penetration=d) for d in (math.inf, 0.3))
     assert free.penetration[0] > 0.35
-    assert limited.verdict.tolist() == [Verdict.PENETRATION]
+    assert limited.rejection.tolist() == [Rejection.PENETRATION]
 
 
 def test_a_gap_over_a_hole_is_limited():
     terrain = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
     settled = settle(terrain, TANK, [[0.0, 0.0]] * 2, [0.0, 0.0], max_gap=0.8)
-    assert settled.verdict.tolist() == [Verdict.GAP] * 2
+    assert settled.rejection.tolist() == [Rejection.GAP] * 2
     np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
 
 
@@ -143,7 +143,7 @@ def test_the_footprint_may_lie_off_the_origin():
     ground = Terrain(height_field(lambda x, y: 0.1 * x + np.where(x > 2.1, 5.0, 0.0)))
     whole = settle(ground, TANK, [[0.0, 0.0]], [0.0])
     rear = settle(ground, TANK, [[0.0, 0.0]], [0.0], footprint=[[-3.5, -1.75], [1.5, 1.75]])
-    assert whole.verdict.tolist() == [Verdict.MEAN_TOO_STEEP]
+    assert whole.rejection.tolist() == [Rejection.MEAN_TOO_STEEP]
     assert rear.ok.all()
     np.testing.assert_allclose(rear.world_from_vehicle[0, :3, 3], 0, atol=1e-12)
 

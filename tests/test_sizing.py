@@ -17,7 +17,7 @@ from planning.row import encode, encode_rows
 from planning.write import make_header
 from tests.planning_assets import small_assets, small_config
 
-# Of the wanted size: what the plan promises, and `hulldown plan --check` allows.
+# Of the wanted size: what the plan promises, and `hulldown check` allows.
 RELATIVE = 1e-9
 MEASURES = {
     "height": lambda w, h: h / 1080,

@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from planning.refusal import AIMING, BY_KEY, PLACING, Refusal, sentence
+from placement.rejection import Rejection
+from planning.rejections import AIMING, BY_KEY, PLACING, sentence
 from planning.summary import Histogram, summarise
 
 
@@ -92,14 +93,14 @@ def test_a_histogram_counts_everything_even_beyond_its_edges():
 
 
 def test_every_reason_has_words_and_a_key():
-    assert {*PLACING, *AIMING} == set(Refusal) - {Refusal.NONE}
+    assert {*PLACING, *AIMING} == set(Rejection) - {Rejection.NONE}
     for reason in (*PLACING, *AIMING):
         assert reason.phrase
         assert BY_KEY[reason.key] is reason
 
 
 def test_reasons_are_told_most_frequent_first():
-    counts = {Refusal.TOO_STEEP: 710, Refusal.OFF_GROUND: 289, Refusal.OBSTACLE: 1, Refusal.GAP: 0}
+    counts = {Rejection.TOO_STEEP: 710, Rejection.OFF_GROUND: 289, Rejection.OBSTACLE: 1, Rejection.GAP: 0}
     text = "of 1,000 tries 71 % were too steep at the spot, 29 % had no ground below, 0.1 % were too near an obstacle"
     assert sentence(counts) == text
 

@@ -1,0 +1,49 @@
+"""Why a place or a camera that was tried is not taken."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Rejection(IntEnum):
+    """Reasons, with a phrase that completes "of 100 tries 3 % ..."; 0 stands for a try that was taken.
+
+    Those of a place come first, in the order in which they are looked for, then those of a camera. Codes and names are
+    those of plan files, and never change.
+    """
+
+    phrase: str
+
+    def __new__(cls, code: int, phrase: str) -> Rejection:
+        """A code that knows its phrase."""
+        member = int.__new__(cls, code)
+        member._value_ = code
+        member.phrase = phrase
+        return member
+
+    NONE = 0, "were taken"
+    OFF_GROUND = 1, "had no ground below"
+    TOO_STEEP = 2, "were too steep at the spot"
+    OVERHANG = 3, "hung over an edge or a hole"
+    MEAN_TOO_STEEP = 4, "were too steep under the whole footprint"
+    GAP = 5, "left too wide a gap under the vehicle"
+    PENETRATION = 6, "sank too deep into the ground"
+    OBSTACLE = 7, "were too near an obstacle"
+    VEHICLE = 8, "were too near another vehicle"
+    COMPANION = 9, "had no room for the other vehicles"
+    NO_VIEW = 10, "could not be seen by any camera"
+    DISTANCE = 11, "needed a camera outside camera.distance_m"
+    CAMERA_OFF_GROUND = 12, "had the camera beyond the ground"
+    CAMERA_LOW = 13, "had the camera in or too near the ground"
+    CAMERA_OBSTACLE = 14, "had the camera in or too near an obstacle"
+    CAMERA_VEHICLE = 15, "had the camera in or too near a vehicle"
+    TRUNCATION = 16, "were cut off more or less than camera.truncated_fraction"
+    SMALL = 17, "were smaller than camera.min_box_px"
+    HIDDEN = 18, "were hidden more than camera.visible_fraction"
+    EXPOSED = 19, "were hidden less than camera.visible_fraction"
+    SIZE = 20, "could have the wanted size at no distance"
+
+    @property
+    def key(self) -> str:
+        """The reason as `rejected` in a plan's rows writes it."""
+        return self.name.lower()

@@ -1,0 +1,30 @@
+"""Frozen dataclasses of arrays as tables: every field has one row for each of the same n things."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Int
+
+
+@runtime_checkable
+class Columns(Protocol):
+    """A dataclass whose fields are arrays of the same length."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+Table = TypeVar("Table", bound=Columns)
+
+
+def take(table: Table, rows: Int[np.ndarray, " k"]) -> Table:
+    """Some of the rows."""
+    return type(table)(*(getattr(table, field.name)[rows] for field in fields(table)))
+
+
+def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
+    """Overwrite some of the rows with those of another table."""
+    for field in fields(table):
+        getattr(table, field.name)[rows] = getattr(values, field.name)

@@ -1,0 +1,32 @@
+"""How often each rejection was met, and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int
+
+from placement.rejection import Rejection
+
+PLACING = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW)
+AIMING = tuple(r for r in Rejection if r > Rejection.NO_VIEW)
+KINDS = max(Rejection) + 1
+BY_KEY = {r.key: r for r in Rejection}
+
+
+def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
+    """How often each code stands beside each row."""
+    return np.bincount(row * KINDS + codes, minlength=rows * KINDS).reshape(rows, KINDS)
+
+
+def sentence(counts: Mapping[Rejection, int]) -> str:
+    """The rejections of one kind in words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
+    total = sum(counts.values())
+    met = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
+    return f"of {total:,} tries " + ", ".join(f"{_percent(counts[r], total)} {r.phrase}" for r in met)
+
+
+def _percent(part: int, total: int) -> str:
+    share = 100 * part / total
+    return f"{share:.0f} %" if share >= 1 else f"{share:.2g} %"

@@ -1,0 +1,14 @@
+from placement.rejection import Rejection
+
+
+def test_every_rejection_has_words_of_its_own():
+    assert len({r.phrase for r in Rejection}) == len(Rejection)
+
+
+def test_codes_and_keys_of_plan_files_never_change():
+    assert [r.key for r in Rejection] == [
+        "none", "off_ground", "too_steep", "overhang", "mean_too_steep", "gap", "penetration", "obstacle", "vehicle",
+        "companion", "no_view", "distance", "camera_off_ground", "camera_low", "camera_obstacle", "camera_vehicle",
+        "truncation", "small", "hidden", "exposed", "size",
+    ]  # fmt: skip
+    assert [int(r) for r in Rejection] == list(range(len(Rejection)))
