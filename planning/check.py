@@ -10,7 +10,8 @@ import numpy as np
 
 from assets.library import Assets
 from planning.config import parse_config
-from planning.limits import LIMITS, Limit
+from planning.limit import Limit
+from planning.limits import LIMITS
 from planning.plan_file import Plan
 from planning.recomputed import Recomputed, Source
 from planning.row import Row

@@ -6,91 +6,18 @@ lists them. A new limit is one entry here, and one line where the search asks it
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
 
 from placement.rejection import Rejection
+from planning.limit import INFINITY, Bounds, Limit
 from planning.schema import Config
 
-if TYPE_CHECKING:
-    from planning.recomputed import Recomputed
-
-Bounds = tuple[float | int, float | int]
-INFINITY = math.inf
 # Poses are exact in the file; what is recomputed from them differs by what it was rounded to.
 METRES, DEGREES, SHARE = 1e-6, 1e-6, 1e-9
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
 COMPANION_TRIES = 50  # places for one companion before the target is moved elsewhere
-
-
-def _holds(config: Config) -> Bounds:
-    return 1.0, 1.0
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Limit:
-    """One limit.
-
-    Parameters
-    ----------
-    name
-        What findings and docs call it.
-    keys
-        Keys of the config that set it, as "section.key".
-    how
-        What it is recomputed from, for the docs.
-    measure
-        The n values that it bounds; or whether it holds, if it is no matter of degree.
-    bounds
-        Least and largest value that the config allows; None where this config has no such limit.
-    of
-        What it is about: each image, each target, each companion, or each vehicle, targets included.
-    slack, relative
-        What rounding may add, absolute and as a share of the bounds.
-    below, above
-        The rejection of a try whose value is too small or too large. NONE where tries are drawn within the bounds.
-    """
-
-    name: str
-    keys: tuple[str, ...]
-    how: str
-    measure: Callable[[Recomputed], np.ndarray]
-    bounds: Callable[[Config], Bounds | None] = _holds
-    of: Literal["image", "target", "companion", "vehicle"] = "image"
-    slack: float = 0.0
-    relative: float = 0.0
-    below: Rejection = Rejection.NONE
-    above: Rejection = Rejection.NONE
-
-    def rejections(self, values: Float[np.ndarray, " n"], config: Config) -> UInt8[np.ndarray, " n"]:
-        """A code of `Rejection` for each value of the search; nan is too small."""
-        low, high = self.bounds(config) or (-INFINITY, INFINITY)
-        return np.where(values >= low, np.where(values <= high, Rejection.NONE, self.above), self.below).astype(
-            np.uint8
-        )
-
-    def highest(self, config: Config) -> float:
-        """The largest value allowed."""
-        return float((self.bounds(config) or (-INFINITY, INFINITY))[1])
-
-    def lowest(self, config: Config) -> float:
-        """The least value allowed."""
-        return float((self.bounds(config) or (-INFINITY, INFINITY))[0])
-
-    def kept(self, values: np.ndarray, config: Config) -> Bool[np.ndarray, " n"]:
-        """Which recomputed values are within the bounds, but for rounding; nan is not."""
-        bounds = self.bounds(config)
-        if bounds is None:
-            return np.ones(len(values), dtype=bool)
-        low, high = bounds
-        # No share of an infinite bound, which would be nan.
-        below, above = (self.slack + (self.relative * abs(bound) if self.relative else 0.0) for bound in bounds)
-        return np.asarray((values >= low - below) & (values <= high + above))
 
 
 def _factors(config: Config) -> Bounds | None:

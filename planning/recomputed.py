@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -10,63 +9,22 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from annotate.boxes import Boxes
-from assets.library import Assets
 from camera.intrinsics import Intrinsics, Lenses
 from placement.footprint import contact_spots
 from placement.settle import Settled, gap_and_penetration
 from planning.aiming import camera_rejections, intrinsics_of, visible_shares
-from planning.budget import Budget, make_budget
-from planning.draws import Draws
-from planning.light import Lights, draw_lights, hdri_weights
+from planning.light import Lights, draw_lights
 from planning.limits import METRES, SHARE
 from planning.placing import clear_of_obstacles, clear_of_vehicle, settle_at
 from planning.rejections import AIMING, PLACING
 from planning.row import PlannedVehicle, Row
 from planning.schema import Config
 from planning.sizing import fraction_of
-from planning.stage import Placed, Site, Stage, make_stage
+from planning.source import Source
+from planning.stage import Placed, Site
 
 PIXELS = 1e-6
 CONTACT = 9  # points a side of the underside at which gap and penetration are looked at
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Source:
-    """What a plan was made from, ready for questions.
-
-    Parameters
-    ----------
-    config, assets
-        The plan's.
-    stage, budget, draws
-        What planning makes of them.
-    hdri_weights
-        Name -> weight.
-    scenery_weights
-        Name -> weight.
-    """
-
-    config: Config
-    assets: Assets
-    stage: Stage
-    budget: Budget
-    draws: Draws
-    hdri_weights: dict[str, float]
-    scenery_weights: dict[str, float]
-
-    @classmethod
-    def of(cls, config: Config, assets: Assets) -> Source:
-        """Build every hierarchy."""
-        weights = hdri_weights(config.light, assets.hdris).tolist()
-        return cls(
-            config=config,
-            assets=assets,
-            stage=make_stage(config, assets),
-            budget=make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles}),
-            draws=Draws(config.seed),
-            hdri_weights=dict(zip(assets.hdris, weights, strict=True)),
-            scenery_weights={entry.name: entry.weight for entry in config.assets.sceneries},
-        )
 
 
 class Recomputed:

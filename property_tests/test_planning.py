@@ -210,3 +210,27 @@ def test_the_order_and_company_in_which_positions_are_planned_never_matter(confi
     again = Planner(config, ASSETS)
     apart = [row for start, stop in parts for row in again.rows(start, stop)]
     assert encode_rows(sorted(apart, key=lambda row: row.index)) == encode_rows(rows)
+
+
+def outcome(config, cuts):
+    """The lines, or why there are none, of positions planned in blocks that begin at these."""
+    planner = Planner(config, ASSETS)
+    n = planner.budget.n_positions
+    try:
+        blocks = [planner.lines(*block) for block in zip([0, *cuts], [*cuts, n], strict=True)]
+    except ConfigError as error:
+        return str(error)
+    return sorted(line for lines, _ in blocks for line in lines.splitlines())
+
+
+@FEWER
+@given(configs(), st.integers(1, 20), st.sampled_from([16, 64]), st.data())
+def test_whether_a_plan_succeeds_never_depends_on_how_the_work_is_cut(config, tries, candidates, data):
+    placement = config.placement.model_copy(update={"max_tries": tries})
+    config = config.model_copy(update={"placement": placement})
+    n = Planner(config, ASSETS).budget.n_positions
+    cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
+    whole = outcome(config, [])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planning.group.CANDIDATES", candidates)
+        assert outcome(config, cuts) == whole

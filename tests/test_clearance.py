@@ -104,7 +104,7 @@ def test_no_surface_is_nearer_than_the_clearance() -> None:
 def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) -> None:
     at = rigid(rotation_z(1.0), [100.0, 200, 0])
     place = at[:3, :3] @ position + at[:3, 3]
-    vehicle = Standing(CRATE, at[None], {})
+    vehicle = PosedVehicle(CRATE, at[None], {})
     room = CameraRoom(Terrain.flat(0.0), NOTHING)
     assert judge(room, *place, vehicles=[vehicle], vehicle_clearance=1.0) == expected
 
