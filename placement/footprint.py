@@ -131,7 +131,7 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Spots:
+class Samples:
     """Points of a footprint at which the ground is compared with the underside.
 
     Parameters
@@ -151,19 +151,19 @@ class Spots:
     foot: Bool[np.ndarray, " m"]
     centre: Float[np.ndarray, "2"]
 
-    def solid(self) -> Spots:
+    def solid(self) -> Samples:
         """Those that are under something."""
         kept = np.isfinite(self.height)
-        return Spots(self.xy[kept], self.height[kept], self.foot[kept], self.centre)
+        return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.centre)
 
 
-def plate_spots(box: Float[np.ndarray, "2 2"], n: int) -> Spots:
+def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
     """N x n points over a rectangle, border included; one point is its middle. All are feet of height 0."""
     share = _shares(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     centre = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
-    return Spots(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), centre)
+    return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), centre)
 
 
 def _shares(n: int) -> Float[np.ndarray, " n"]:
@@ -171,14 +171,14 @@ def _shares(n: int) -> Float[np.ndarray, " n"]:
 
 
 @lru_cache(maxsize=64)
-def spots(footprint: Underside, n: int) -> Spots:
+def underside_samples(footprint: Underside, n: int) -> Samples:
     """The lowest spot near each of n x n points that cover an underside: under wheels and tracks where there are any.
 
     Near each point is what is nearer to it than to the others. A spot gives way to one nearer to the point that is
     higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
     underside has them at the points themselves.
     """
-    regular, share = plate_spots(footprint.box, n), _shares(n)
+    regular, share = plate_samples(footprint.box, n), _shares(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)
     step = (footprint.box[1] - footprint.box[0]) / cells
@@ -199,9 +199,9 @@ def spots(footprint: Underside, n: int) -> Spots:
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
-    return Spots(xy, height, foot, regular.centre)
+    return Samples(xy, height, foot, regular.centre)
 
 
-def contact_spots(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Spots:
-    """Where gap and penetration are measured: at n x n spots, but at none that is under nothing."""
-    return spots(footprint, n).solid() if isinstance(footprint, Underside) else plate_spots(footprint, n)
+def contact_samples(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Samples:
+    """Where gap and penetration are measured: at n x n samples, but at none that is under nothing."""
+    return underside_samples(footprint, n).solid() if isinstance(footprint, Underside) else plate_samples(footprint, n)

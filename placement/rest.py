@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from placement.footprint import Spots
+from placement.footprint import Samples
 from placement.support import support_plane
 
 
@@ -87,14 +87,14 @@ def least_squares(
     return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found, np.full(len(found), np.nan))
 
 
-def support(spots: Spots, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:
+def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:
     """The lowest plane above all hits at the centre of the footprint, where the centre of gravity is taken to be.
 
     Where the underside is higher than the plane, a hit may be as much higher too. That height is taken straight up from
     the plane: docs/settling.md bounds what this leaves out.
     """
-    solid = np.isfinite(spots.height)  # what is above nothing carries nothing
-    clear = np.compress(solid, heights, axis=1) - spots.height[solid]
-    plane = support_plane(spots.xy[solid] - spots.centre, clear, np.compress(solid, valid, axis=1))
-    height = plane.height - plane.gradient[:, 0] * spots.centre[0] - plane.gradient[:, 1] * spots.centre[1]
+    solid = np.isfinite(samples.height)  # what is above nothing carries nothing
+    clear = np.compress(solid, heights, axis=1) - samples.height[solid]
+    plane = support_plane(samples.xy[solid] - samples.centre, clear, np.compress(solid, valid, axis=1))
+    height = plane.height - plane.gradient[:, 0] * samples.centre[0] - plane.gradient[:, 1] * samples.centre[1]
     return Rest(height, plane.gradient, plane.found, plane.margin)

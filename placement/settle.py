@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from geometry.arrays import checked
 from geometry.portable import arctan2, hypot, sin_cos
 from geometry.transforms import facing, rigid
-from placement.footprint import Spots, Underside, contact_spots, plate_spots, spots
+from placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
 from placement.rejection import Rejection
 from placement.rest import Rest, averaged, least_squares, support
 from placement.terrain import Method, Terrain
@@ -165,11 +165,11 @@ def settle(
         if not limit >= 0.0:
             raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
     if isinstance(footprint, Underside):
-        box, contact = footprint.box, contact_spots(footprint, contact_n)
-        samples = spots(footprint, n) if rule == "support" else plate_spots(box, n)
+        box, contact = footprint.box, contact_samples(footprint, contact_n)
+        samples = underside_samples(footprint, n) if rule == "support" else plate_samples(box, n)
     else:
         box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
-        samples, contact = plate_spots(box, n), contact_spots(box, contact_n)
+        samples, contact = plate_samples(box, n), contact_samples(box, contact_n)
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     if threads < 1:
@@ -181,8 +181,8 @@ def settle(
 @dataclass(frozen=True, eq=False, slots=True)
 class _Options:
     rule: str
-    samples: Spots
-    contact: Spots
+    samples: Samples
+    contact: Samples
     max_slope: float
     min_share: float
     max_gap: float
@@ -283,7 +283,7 @@ def _rest(
 
 
 def gap_and_penetration(
-    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Spots, *, method: Method = "certified"
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """`Settled.gap` and `Settled.penetration` of posed vehicles; points over no ground count for neither.
 
@@ -294,7 +294,7 @@ def gap_and_penetration(
     world_from_vehicle
         (k, 4, 4) rigid poses.
     contact
-        The points of the underside that are looked at: `placement.footprint.contact_spots`.
+        The points of the underside that are looked at: `placement.footprint.contact_samples`.
     method
         How top hits are found; see `Terrain.top_hits`.
     """

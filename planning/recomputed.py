@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from annotate.boxes import Boxes
 from camera.intrinsics import Intrinsics, Lenses
-from placement.footprint import contact_spots
+from placement.footprint import contact_samples
 from placement.settle import Settled, gap_and_penetration
 from planning.aiming import camera_rejections, intrinsics_of, visible_shares
 from planning.light import Lights, draw_lights
@@ -138,7 +138,7 @@ class Recomputed:
     def contact(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Gap under what it stands on, and penetration of all of its underside."""
         underside = self.placed.model.undersides[self.config.placement.contact]
-        looked_at = contact_spots(underside, CONTACT)
+        looked_at = contact_samples(underside, CONTACT)
         return gap_and_penetration(self.site.terrain, self.placed.world_from_vehicle, looked_at)
 
     @property

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from geometry.meshes import Mesh
 from geometry.transforms import apply, facing, rigid, rotation_z
 from placement.candidates import candidates
-from placement.footprint import Underside, spots
+from placement.footprint import Underside, underside_samples
 from placement.rejection import Rejection
 from placement.settle import settle
 from placement.terrain import Terrain
@@ -219,7 +219,7 @@ def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
     settled = settle(terrain, SIZE, xy, yaw, rule="support", n=n, max_slope=1.4, contact_n=0, footprint=shape)
-    at = spots(shape, n).solid()
+    at = underside_samples(shape, n).solid()
     assert settled.ok.sum() >= 5
     for i in np.flatnonzero(settled.ok):
         points = xy[i] + at.xy @ rotation_z(yaw[i])[:2, :2].T
@@ -247,7 +247,7 @@ def test_gap_and_penetration_are_those_of_the_posed_underside(seed, rule):
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 6, rng=np.random.default_rng(seed), margin=0.6)
     settled = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.4, footprint=shape)
-    at = spots(shape, 9).solid()
+    at = underside_samples(shape, 9).solid()
     for i in np.flatnonzero(settled.ok):
         points = apply(settled.world_from_vehicle[i], np.column_stack([at.xy, at.height]))
         ground = terrain.top_hits(points[:, :2]).z

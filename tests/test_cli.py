@@ -12,7 +12,7 @@ import cli
 from dataset.coco import CocoDataset
 
 ROOT = Path(__file__).parents[1]
-VERBS = ["init", "inspect", "plan", "preview", "render", "join", "verify", "export", "doctor", "demo"]
+VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
 
 
 def run(*words, cwd):
@@ -36,6 +36,8 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
     [
         (["plan", "none.toml", "-o", "plan.jsonl"], "none.toml"),
         (["preview", "none.jsonl"], "none.jsonl"),
+        (["check", "none.jsonl"], "none.jsonl"),
+        (["plan", "--check", "none.jsonl"], "none.jsonl"),
         (["render", "none.jsonl", "-o", "dataset"], "none.jsonl"),
         (["verify", "none"], "none"),
         (["join", "none", "-o", "dataset"], "none"),

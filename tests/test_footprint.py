@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh, merge
-from placement.footprint import LEAN, Underside, contact_footprint, plate_spots, spots, underside
+from placement.footprint import LEAN, Underside, contact_footprint, plate_samples, underside, underside_samples
 from tests.planning_assets import box
 
 
@@ -53,7 +53,7 @@ def test_nothing_above_the_ground_is_infinitely_high():
     frame = [box((-2.0, y, 0.0), (2.0, y + 0.2, 0.3)) for y in (-1.0, 0.8)]
     seen = underside(merge(frame)[0])
     assert np.isinf(seen.heights[:, 64]).all()
-    at = spots(seen, 5)
+    at = underside_samples(seen, 5)
     assert np.isinf(at.height.reshape(5, 5)[:, 2]).all()
     assert len(at.solid().xy) == 10
     assert not at.solid().height.any()
@@ -100,7 +100,7 @@ def test_a_slanting_belly_is_as_high_as_its_plane():
 
 
 def test_both_edges_of_a_track_have_their_spots():
-    at = spots(underside(tank()), 5)
+    at = underside_samples(underside(tank()), 5)
     y = at.xy[:, 1].reshape(5, 5)
     np.testing.assert_allclose(y[2], [-1.6, -1.0, 0.0, 1.0, 1.6], atol=0.03)
     np.testing.assert_array_equal(at.height.reshape(5, 5)[2], [0.0, 0.0, 0.45, 0.0, 0.0])
@@ -111,7 +111,7 @@ def test_both_edges_of_a_track_have_their_spots():
 @pytest.mark.parametrize("x", [-1.9, 0.3, 0.75, 1.1])
 def test_a_wheel_between_the_points_has_a_spot(x):
     wheels = [box((a - 0.1, y - 0.1, 0.0), (a + 0.1, y + 0.1, 0.4)) for a in (-2.9, x, 2.9) for y in (-1.2, 1.2)]
-    at = spots(underside(merge([*wheels, box((-3.0, -1.3, 0.4), (3.0, 1.3, 1.0))])[0]), 5)
+    at = underside_samples(underside(merge([*wheels, box((-3.0, -1.3, 0.4), (3.0, 1.3, 1.0))])[0]), 5)
     for side in (-1.2, 1.2):
         assert ((np.abs(at.xy - [x, side]) <= 0.15).all(axis=1) & (at.height == 0)).any()
 
@@ -119,7 +119,7 @@ def test_a_wheel_between_the_points_has_a_spot(x):
 @pytest.mark.parametrize("n", [0, 1, 2, 5, 7, 9, 40])
 def test_a_flat_underside_is_looked_at_where_a_plate_is(n):
     corners = np.array([[-1.3, -0.7], [2.9, 1.1]])
-    flat, plate = spots(Underside(corners, np.zeros((128, 128))), n), plate_spots(corners, n)
+    flat, plate = underside_samples(Underside(corners, np.zeros((128, 128))), n), plate_samples(corners, n)
     for name in ("xy", "height", "foot", "centre"):
         np.testing.assert_array_equal(getattr(flat, name), getattr(plate, name), err_msg=name)
 
@@ -131,7 +131,7 @@ def test_a_spot_is_as_low_as_anything_near_its_point(n):
         np.array([[-3.5, -1.75], [3.5, 1.75]]),
         rng.choice([0.0, 0.4, 0.9, np.inf], (128, 128), p=[0.01, 0.1, 0.79, 0.1]),
     )
-    at, share = spots(seen, n), (np.arange(128) + 0.5) / 128
+    at, share = underside_samples(seen, n), (np.arange(128) + 0.5) / 128
     nearest = np.rint(share * (n - 1)).astype(int)
     spread = np.hypot(7.0, 3.5) / max(n - 1, 1)
     height = at.height.reshape(n, n)[nearest[:, None], nearest]

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from placement.footprint import Spots
+from placement.footprint import Samples
 from placement.rest import averaged, least_squares, support
 
 SAMPLES = np.stack(np.meshgrid(np.linspace(-3, 4, 5), np.linspace(-1.5, 2, 4), indexing="ij"), -1).reshape(-1, 2)
 
-PLATE = Spots(SAMPLES, np.zeros(20), np.ones(20, dtype=bool), np.array([0.5, 0.25]))
+PLATE = Samples(SAMPLES, np.zeros(20), np.ones(20, dtype=bool), np.array([0.5, 0.25]))
 
 
 def rows(seed, k=30):

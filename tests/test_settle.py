@@ -5,7 +5,7 @@ import pytest
 
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
-from placement.footprint import spots, underside
+from placement.footprint import underside, underside_samples
 from placement.rejection import Rejection
 from placement.settle import settle
 from placement.terrain import Terrain
@@ -219,7 +219,7 @@ def test_on_a_slope_rails_lie_flat_and_the_belly_is_no_gap(degrees):
 def test_the_feet_of_a_tilted_vehicle_are_where_they_are_said_to_be():
     # Under every spot of the posed vehicle: its own height above the slope, at right angles.
     settled = settle(slope(0.4), TANK, [[1.0, 2.0]], [0.7], footprint=RAILS)
-    at = spots(RAILS, 9)
+    at = underside_samples(RAILS, 9)
     points = apply(settled.world_from_vehicle[0], np.column_stack([at.xy, at.height]))
     normal = np.array([-math.sin(0.4), 0.0, math.cos(0.4)])
     np.testing.assert_allclose(points @ normal, at.height, atol=1e-12)
