@@ -5,7 +5,7 @@ import pytest
 
 from assets.vehicle import VehicleShape
 from camera.clearance import CameraRoom
-from camera.target import VehicleTarget
+from camera.target import PosedVehicle, VehicleTarget
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_z
