@@ -9,7 +9,7 @@ from planning.budget import Budget, make_budget
 from planning.draws import Draws
 from planning.light import hdri_weights
 from planning.schema import Config
-from planning.stage import Stage, make_stage
+from planning.stage import PlanStage, make_stage
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,7 +30,7 @@ class Source:
 
     config: Config
     assets: Assets
-    stage: Stage
+    stage: PlanStage
     budget: Budget
     draws: Draws
     hdri_weights: dict[str, float]
