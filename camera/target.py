@@ -119,15 +119,18 @@ class PosedVehicle:
         Raises
         ------
         ValueError
-            As there, and if the vehicle has several poses.
+            If the vehicle has several poses.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        reach = np.broadcast_to(max_distance, len(start))
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1)
         for part, world_from_part in self._parts():
-            rays = _into(world_from_part, start, along)
-            met = part.caster.cast(*rays, max_distance=np.minimum(max_distance, distance), threads=threads)
-            closer = met.distance < distance
-            distance[closer], face[closer] = met.distance[closer], part.face[met.face[closer]]
+            asked = np.flatnonzero(_near(part, world_from_part, start, along))
+            rays = _into(world_from_part, start[asked], along[asked])
+            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[asked], threads=threads)
+            closer = met.distance < distance[asked]
+            at = asked[closer]
+            distance[at], face[at] = met.distance[closer], part.face[met.face[closer]]
         return RayHits(distance, face)
 
     def occluded(
@@ -138,9 +141,9 @@ class PosedVehicle:
         reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
         for part, world_from_part in self._parts():
-            left = np.flatnonzero(~blocked)
-            rays = _into(world_from_part, start[left], along[left])
-            blocked[left] = part.caster.occluded(*rays, max_distance=reach[left], threads=threads)
+            asked = np.flatnonzero(~blocked & _near(part, world_from_part, start, along))
+            rays = _into(world_from_part, start[asked], along[asked])
+            blocked[asked] = part.caster.occluded(*rays, max_distance=reach[asked], threads=threads)
         return blocked
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -162,6 +165,22 @@ def _into(
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Rays in the world as rays in a part's frame."""
     return apply(invert_rigid(world_from_part), start), along @ world_from_part[:3, :3]
+
+
+def _near(
+    part: TargetPart,
+    world_from_part: Float[np.ndarray, "4 4"],
+    start: Float[np.ndarray, "n 3"],
+    along: Float[np.ndarray, "n 3"],
+) -> Bool[np.ndarray, " n"]:
+    """Which rays in the world may meet a part: those that cross a sphere around it, with room for rounding."""
+    low, high = part.hull.min(axis=0), part.hull.max(axis=0)
+    to_centre = apply(world_from_part, (low + high)[None] / 2) - start
+    away = np.einsum("ij,ij->i", to_centre, to_centre)
+    ahead = np.einsum("ij,ij->i", to_centre, along)
+    room = 1.00001 * ((high - low) ** 2).sum() / 4 + 1e-12 * away
+    aside = (away - room) * np.einsum("ij,ij->i", along, along) <= ahead**2
+    return (away <= room) | ((ahead > 0.0) & aside)
 
 
 def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:

@@ -193,7 +193,7 @@ class World:
         reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
         for _, _, thing in self._things():
-            left = np.flatnonzero(~blocked)
+            left = np.flatnonzero(~blocked) if blocked.any() else slice(None)
             blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], threads=threads)
         return blocked
 
