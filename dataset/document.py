@@ -222,7 +222,7 @@ def check_is_dataset(folder: Path) -> None:
 def read_coco(folder: Path | str) -> dict[str, Any]:
     """The dataset in `folder` as one COCO dictionary, journal included; changes nothing, needs no lock.
 
-    A split as `hulldown export` and Roboflow write it, with ``_annotations.coco.json`` beside its pictures, is read too.
+    A split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, is read too.
 
     Raises
     ------

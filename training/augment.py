@@ -303,10 +303,10 @@ def _transform(name: str, line: Change | OneOf, height: int) -> Any:
         case "gamma":
             return A.RandomGamma(gamma_limit=tuple(100 * n for n in _pair(o["gamma"])), p=p)
         case "clahe":
-            return A.CLAHE(clip_limit=_pair(o["clip_limit"]), tile_grid_size=(int(o["tiles"]),) * 2, p=p)
+            return A.CLAHE(clip_limit=_pair(o["clip_limit"]), tile_grid_size=(round(_pair(o["tiles"])[1]),) * 2, p=p)
         case "hue_saturation_value":
-            limits = {"hue": "hue", "sat": "saturation", "val": "value"}
-            shifts = {f"{short}_shift_limit": _pair(o[key]) for short, key in limits.items()}
+            shorts = {"hue": "hue", "sat": "saturation", "val": "value"}
+            shifts = {f"{short}_shift_limit": _pair(o[key]) for short, key in shorts.items()}
             return A.HueSaturationValue(**shifts, p=p)
         case "colour_jitter":
             factors = {key: tuple(1 + n for n in _pair(o[key])) for key in ("brightness", "contrast", "saturation")}

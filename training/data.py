@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -125,9 +126,19 @@ class Batches(Sampler[list[int]]):
             yield from (piece.tolist() for piece in pieces[self._rank :: self._ranks])
 
 
-def loader(examples: DrawnExamples, batches: Batches, *, workers: int, pin_memory: bool = False) -> DataLoader[Example]:
-    """A loader of lists of examples, a batch each."""
+def loader(
+    collate: Callable[[list[Example]], Any], *, examples: DrawnExamples, batches: Batches, workers: int
+) -> DataLoader[Example]:
+    """A loader of what `collate` makes of the examples of each batch, in order."""
     return DataLoader(
-        examples, batch_sampler=batches, collate_fn=list, num_workers=workers, pin_memory=pin_memory,
-        persistent_workers=False, prefetch_factor=4 if workers else None,
+        examples, batch_sampler=batches, collate_fn=collate, num_workers=workers,
+        prefetch_factor=4 if workers else None,
     )  # fmt: skip
+
+
+def network_pictures(
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
+) -> UInt8[torch.Tensor, "n 3 h w"]:
+    """Pictures of any sizes as a network of (width, height) sees them, made as for training."""
+    nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64), ()
+    return torch.stack([example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])

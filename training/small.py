@@ -12,19 +12,24 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytorch_lightning as pl
 import torch
 from jaxtyping import UInt8
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import LambdaLR
 from torchvision.models.detection import FCOS
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.fcos import FCOSHead
 from torchvision.models.resnet import BasicBlock, conv1x1
 from torchvision.ops import FeaturePyramidNetwork
 
+from training.data import Example, network_pictures
 from training.detector import Detections, DetectorError, read_weights
+from training.settings import Settings, rate_factor
 
 RESOLUTION = 256  # pixels of the longer side
 ASPECT = 9 / 16
@@ -90,8 +95,8 @@ def small_network(classes: int, size: tuple[int, int]) -> FCOS:
 class SmallDetector:
     """The small network as a detector; see `training.detector.Detector`."""
 
-    def __init__(self, network: FCOS, classes: tuple[str, ...], device: torch.device) -> None:
-        self.classes = classes
+    def __init__(self, network: FCOS, classes: tuple[str, ...], size: tuple[int, int], device: torch.device) -> None:
+        self.classes, self._size = classes, size
         self._network = network.to(device, memory_format=torch.channels_last).eval()
         self._device = device
 
@@ -100,14 +105,14 @@ class SmallDetector:
         """What is in each of some RGB pictures."""
         if not images:
             return []
-        pictures = [torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))) for image in images]
-        found = self._network([picture.to(self._device).float() / 255 for picture in pictures])
-        return [_detections(one) for one in found]
+        pictures = network_pictures(images, self._size).to(self._device).float() / 255
+        scales = [(image.shape[1] / self._size[0], image.shape[0] / self._size[1]) for image in images]
+        return [_detections(*one) for one in zip(self._network(list(pictures)), scales, strict=True)]
 
 
-def _detections(found: dict[str, Tensor]) -> Detections:
+def _detections(found: dict[str, Tensor], scale: tuple[float, float]) -> Detections:
     score, order = found["scores"].sort(descending=True, stable=True)
-    corners = found["boxes"][order].cpu().double().numpy()
+    corners = found["boxes"][order].cpu().double().numpy() * (scale * 2)
     return Detections(
         np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1),
         score.cpu().double().numpy(),
@@ -135,4 +140,36 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
     width, height = found["size"]
     network = small_network(len(found["classes"]), (width, height))
     network.load_state_dict(found["model"])
-    return SmallDetector(network, tuple(found["classes"]), device)
+    return SmallDetector(network, tuple(found["classes"]), (width, height), device)
+
+
+class SmallModule(pl.LightningModule):
+    """The small network as Lightning trains it.
+
+    Parameters
+    ----------
+    network
+        To be trained.
+    settings
+        Completed.
+    steps
+        Of the whole run.
+    """
+
+    def __init__(self, network: FCOS, settings: Settings, steps: int) -> None:
+        super().__init__()
+        self.network = network.to(memory_format=torch.channels_last)
+        self._settings, self._steps = settings, steps
+
+    def training_step(self, batch: list[Example], batch_idx: int) -> Tensor:
+        """The loss of a batch."""
+        pictures = [example.picture.to(self.device).float() / 255 for example in batch]
+        targets = [{"boxes": e.xyxy.to(self.device), "labels": e.label.to(self.device)} for e in batch]
+        return torch.stack(list(self.network(pictures, targets).values())).sum()
+
+    def configure_optimizers(self) -> dict[str, object]:
+        """AdamW with the run's schedule."""
+        settings = self._settings
+        optimizer = torch.optim.AdamW(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=self._steps))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}

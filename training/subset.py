@@ -164,9 +164,9 @@ def _spread(
         labels = {a["category_id"] for image in members for a in annotations.get(image["id"], ())}
         kinds.setdefault(tuple(sorted(labels)), []).append(members)
     placed = []
-    for labels, groups in kinds.items():
+    for kind, groups in kinds.items():
         ends = list(accumulate(len(members) for members in groups))
-        placed += [((end - len(m) / 2) / ends[-1], labels, m) for end, m in zip(ends, groups, strict=True)]
+        placed += [((end - len(m) / 2) / ends[-1], kind, m) for end, m in zip(ends, groups, strict=True)]
     return [members for _, _, members in sorted(placed, key=lambda entry: entry[:2])]
 
 
