@@ -28,7 +28,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from annotate.masks import mask_box
 from geometry.errors import ConfigError
 
-Option: TypeAlias = float | tuple[float, float]
+Number: TypeAlias = int | float
+Option: TypeAlias = Number | tuple[Number, Number]
 
 MIN_VISIBLE = 0.2  # share of a box that must be left inside the picture for it to stay
 MASK_ROUNDING = 1.0  # pixels: what the box of a mask may differ from the box of the outline that was rasterised
@@ -271,7 +272,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
 
 
-def _pair(value: Option) -> tuple[float, float]:
+def _pair(value: Option) -> tuple[Number, Number]:
     return value if isinstance(value, tuple) else (-value, value)
 
 

@@ -16,6 +16,7 @@ from geometry.files import sync_folder
 
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
+CHECKPOINT_S = 60.0
 
 
 class StepSeeds(pl.Callback):
@@ -32,7 +33,7 @@ class StepSeeds(pl.Callback):
     ) -> None:
         """Seed PyTorch for one batch."""
         entropy = np.random.SeedSequence([self._seed, batch_idx, trainer.global_rank])
-        torch.manual_seed(int(entropy.generate_state(1, np.uint64)[0] >> 1))
+        torch.manual_seed(int(entropy.generate_state(1)[0]))
 
 
 class AveragedWeights(pl.Callback):
@@ -82,8 +83,8 @@ class Recorder(pl.Callback):
     ----------
     checkpoint
         The file; each one takes the place of the one before.
-    every_s
-        Seconds between two; 0: one after each step.
+    every
+        Steps between two; None: as many as pass in a minute.
     progress
         Told (steps done, all) after each step.
     estimate
@@ -97,13 +98,13 @@ class Recorder(pl.Callback):
         checkpoint: Path,
         *,
         steps: int,
-        every_s: float,
+        every: int | None,
         progress: Callable[[int, int], None],
         estimate: Callable[[float], None],
         on_checkpoint: Callable[[list[list[float]]], None],
     ) -> None:
         self.rows: list[list[float]] = []  # step, loss, learning rate, seconds, seconds waited for data
-        self._checkpoint, self._steps, self._every_s = checkpoint, steps, every_s
+        self._checkpoint, self._steps, self._every = checkpoint, steps, every
         self._progress, self._estimate, self._on_checkpoint = progress, estimate, on_checkpoint
         self._losses: list[torch.Tensor] = []
         self._done = 0  # steps in this process
@@ -135,12 +136,13 @@ class Recorder(pl.Callback):
         now = time.monotonic()
         rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
         loss = float(torch.stack(self._losses).mean())
-        self.rows.append([trainer.global_step, loss, rate, now - self._last, self._waited])
+        self.rows.append([float(trainer.global_step), loss, rate, now - self._last, self._waited])
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
         self._progress(trainer.global_step, self._steps)
         if self._done == ESTIMATE_AFTER:
             self._estimate((now - self._first) / self._done * (self._steps - trainer.global_step))
-        if now - self._saved >= self._every_s and trainer.global_step < self._steps:
+        due = now - self._saved >= CHECKPOINT_S if self._every is None else trainer.global_step % self._every == 0
+        if due and trainer.global_step < self._steps:
             self._save(trainer)
             self._saved = time.monotonic()
 

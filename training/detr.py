@@ -33,6 +33,7 @@ from torch.utils.data import DataLoader
 
 from training.data import Example, network_pictures
 from training.detector import Detections, DetectorError, read_weights
+from training.extra import quiet
 from training.settings import Settings, rate_factor
 
 CONFIGS = {
@@ -271,7 +272,8 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     if not path.is_file():
         raise DetectorError("no such run folder or checkpoint", path=path, remedy="name one")
     try:
-        model = RFDETR.from_checkpoint(str(path), device=device.type)
+        with quiet():
+            model = RFDETR.from_checkpoint(str(path), device=device.type)
     except Exception as error:  # whatever RF-DETR finds wrong with a file, the file is wrong
         reason = str(error).strip().split("\n")[0][:200]
         raise DetectorError(f"is no checkpoint of RF-DETR ({reason})", path=path, remedy="name another") from None

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import logging
 import math
 import os
 import platform
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,13 +24,13 @@ from training.callbacks import AveragedWeights, Recorder, StepSeeds
 from training.data import Batches, DrawnExamples, loader
 from training.detector import RUN_NAME, Detector, DetectorError, chosen_device
 from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
+from training.extra import quiet
 from training.run_folder import RunFolder, opened
 from training.settings import Settings
 from training.small import SmallDetector, SmallModule, save_small, small_network, small_size
 from training.sources import Source, check_pictures, read_sources
 from training.validate import average_precision
 
-CHECKPOINT_S = 60.0
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
 
@@ -45,7 +42,7 @@ def train(
     valid: Path | str | None = None,
     workers: int | None = None,
     device: str = "auto",
-    checkpoint_s: float = CHECKPOINT_S,
+    checkpoint_every: int | None = None,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
@@ -65,8 +62,8 @@ def train(
         Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
     device
         ``"auto"``, ``"cpu"`` or ``"gpu"``.
-    checkpoint_s
-        Seconds between checkpoints; 0: one after each step.
+    checkpoint_every
+        Steps between checkpoints; None: as many as pass in a minute.
     progress
         Told what is done, how much of it, and all.
     say
@@ -113,9 +110,9 @@ def train(
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table)
         started = time.monotonic()
-        with _quiet():
+        with quiet():
             fitted = (_fit_small if small else _fit_detr)(
-                settings, classes, examples, folder, weights=weights, device=chosen, checkpoint_s=checkpoint_s,
+                settings, classes, examples, folder, weights=weights, device=chosen, checkpoint_every=checkpoint_every,
                 workers=_workers() if workers is None else workers, progress=partial(progress, "training"), say=say,
             )  # fmt: skip
         detector, saved, rows = fitted
@@ -145,14 +142,14 @@ def _weights(settings: Settings) -> Path | None:
 
 def _fit_small(
     settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
-    weights: Path | None, device: torch.device, checkpoint_s: float, workers: int,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
     progress: Callable[[int, int], None], say: Callable[[str], None],
 ) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
     parts, ranks = _parts(settings, device)
     batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
     pl.seed_everything(settings.seed % 2**32, verbose=False)
     module = SmallModule(small_network(len(classes), examples.size), settings, batches.steps)
-    recorder = _recorder(folder, batches.steps, checkpoint_s, progress, say)
+    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
     trainer = pl.Trainer(
         max_epochs=1, accelerator="gpu" if device.type == "cuda" else "cpu", devices=ranks,
         accumulate_grad_batches=parts // ranks, precision="bf16-mixed" if device.type == "cuda" else "32-true",
@@ -166,7 +163,7 @@ def _fit_small(
 
 def _fit_detr(
     settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
-    weights: Path | None, device: torch.device, checkpoint_s: float, workers: int,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
     progress: Callable[[int, int], None], say: Callable[[str], None],
 ) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
     from rfdetr.training.trainer import build_trainer
@@ -180,7 +177,7 @@ def _fit_detr(
     )
     pl.seed_everything(settings.seed % 2**32, verbose=False)
     module = detr_module(model_config, train_config)
-    recorder = _recorder(folder, batches.steps, checkpoint_s, progress, say)
+    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
     trainer = build_trainer(
         train_config, model_config, devices=ranks, accumulate_grad_batches=parts // ranks,
         callbacks=[StepSeeds(settings.seed), averaging(train_config), recorder], **_OURS,
@@ -235,13 +232,13 @@ def _steps_done(folder: RunFolder) -> int:
 
 
 def _recorder(
-    folder: RunFolder, steps: int, every_s: float, progress: Callable[[int, int], None], say: Callable[[str], None]
+    folder: RunFolder, steps: int, every: int | None, progress: Callable[[int, int], None], say: Callable[[str], None]
 ) -> Recorder:
     def estimate(seconds: float) -> None:
         say(f"about {_duration(seconds)} of training left")
 
     return Recorder(
-        folder.checkpoint, steps=steps, every_s=every_s, progress=progress, estimate=estimate,
+        folder.checkpoint, steps=steps, every=every, progress=progress, estimate=estimate,
         on_checkpoint=folder.write_metrics,
     )  # fmt: skip
 
@@ -313,19 +310,3 @@ def _peak_memory_mb() -> float | None:
     except ImportError:
         return None
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Lightning and RF-DETR tell of their habits, which are no news to whoever trains; errors come through."""
-    loggers = [logging.getLogger(name) for name in ("pytorch_lightning", "lightning_fabric", "rf-detr")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
