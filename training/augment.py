@@ -13,6 +13,7 @@ Information 11(2), 2020.
 
 from __future__ import annotations
 
+import math
 import random
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -155,6 +156,7 @@ class Augmenter:
     def __init__(self, table: Table = TABLE, *, height: int) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a wrong argument's name is only a warning to Albumentations
+            warnings.filterwarnings("ignore", message="Got processor for bboxes")  # a table may leave boxes alone
             self._compose = A.Compose(
                 [_transform(name, change, height) for name, change in table.items()],
                 bbox_params=A.BboxParams(
@@ -269,7 +271,7 @@ def _hint(name: str, known: Sequence[str]) -> str:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _pair(value: Option) -> tuple[Number, Number]:
