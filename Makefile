@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
 STAMP := $(VENV)/.installed
+TRAINING_STAMP := $(VENV)/.installed-training
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 export PYTHONDONTWRITEBYTECODE = 1
 
 .DEFAULT_GOAL := help
@@ -11,23 +13,29 @@ export PYTHONDONTWRITEBYTECODE = 1
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances overlap settle rest support \
 	footprint limits framing size shell projection clearance boxes))
 
-.PHONY: help setup demo test kernels check bench thorough clean
+.PHONY: help setup setup-training demo test kernels check bench thorough clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(STAMP) ## create .venv and install hulldown, Blender and the development tools; no demo
 
 $(STAMP): pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable '.[blender,dev]'
+	$(INSTALL) '.[blender,dev]'
+	@touch $@
+
+setup-training: $(TRAINING_STAMP) ## the same with PyTorch, RF-DETR and Albumentations: 6 GB more
+
+$(TRAINING_STAMP): $(STAMP)
+	$(INSTALL) '.[blender,dev,training]'
 	@touch $@
 
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
 
-test: setup ## all tests and property tests
+test: setup-training ## all tests and property tests
 	$(BIN)/python -m pytest
 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
@@ -42,7 +50,7 @@ check: setup ## linters: ruff, mypy, import rules
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)
 	$(BIN)/python -m benchmarks $(BENCH)
 
-thorough: setup ## the property tests with thousands of examples each
+thorough: setup-training ## the property tests with thousands of examples each
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
 
 clean: ## remove what the other targets made, .venv included

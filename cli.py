@@ -17,7 +17,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -287,6 +287,55 @@ def _export(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _subset(arguments: argparse.Namespace) -> int:
+    from training.subset import write_subsets
+
+    with _progress("linking images") as advance:
+        counts = write_subsets(
+            arguments.dataset, arguments.output, fractions=arguments.fractions, seed=arguments.seed,
+            stratified=arguments.stratified, progress=advance,
+        )  # fmt: skip
+    if arguments.json:
+        _print_json(counts)
+    _say(f"wrote {arguments.output}: " + ", ".join(f"{n} images in {name}" for name, n in counts.items()))
+    return DONE
+
+
+def _augment(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+
+    require_extra()
+    from training.sheet import augmentation_sheet
+
+    _make_room(arguments.output)
+    with _progress("augmenting") as advance:
+        sheet = augmentation_sheet(
+            arguments.dataset, rows=arguments.rows, seed=arguments.seed, config=arguments.config, progress=advance
+        )
+    sheet.save(arguments.output)
+    _say(f"wrote {arguments.output}")
+    return DONE
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+    from training.settings import FLAGS, load_settings
+
+    settings = load_settings(arguments.config, {name: getattr(arguments, name) for name in FLAGS})
+    require_extra()
+    from training.train import train
+
+    with _stages() as advance:
+        run = train(
+            dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
+            workers=arguments.workers, device=arguments.device, progress=advance, say=_say,
+        )  # fmt: skip
+    if arguments.json:
+        _print_json(run)
+    _say(f"wrote {arguments.output}; next: hulldown predict {arguments.output} DATASET -o predictions.json")
+    return DONE
+
+
 def _doctor(arguments: argparse.Namespace) -> int:
     from render.doctor import diagnose
 
@@ -385,6 +434,21 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
             bar.stop()
 
 
+@contextmanager
+def _stages() -> Iterator[Callable[[str, int, int], None]]:
+    """Bars on stderr, one after the other; yields what is to be called with a title, the steps done, their total."""
+    with ExitStack() as bars:
+        advance: dict[str, Callable[[int, int], None]] = {}
+
+        def show(title: str, done: int, total: int) -> None:
+            if title not in advance:
+                bars.close()
+                advance[title] = bars.enter_context(_progress(title))
+            advance[title](done, total)
+
+        yield show
+
+
 def _picture(text: str) -> Path:
     if Path(text).suffix.lower() != ".png":
         raise argparse.ArgumentTypeError(f"expected the name of a .png file, got {text!r}")
@@ -399,6 +463,20 @@ def _shares(text: str) -> tuple[float, ...]:
     if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1.0) > 1e-6:
         raise argparse.ArgumentTypeError(f"expected three shares that add up to 1, such as 0.7,0.2,0.1, got {text!r}")
     return shares
+
+
+def _fractions(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected shares such as 1,0.5,0.25, got {text!r}") from None
+
+
+def _named(text: str) -> tuple[str, Path]:
+    name, equals, folder = text.partition("=")
+    if not (name and equals and folder):
+        raise argparse.ArgumentTypeError(f"expected NAME=DIR, such as real=photographs, got {text!r}")
+    return name, Path(folder)
 
 
 def _share(text: str) -> tuple[int, int]:
@@ -423,7 +501,7 @@ def _parser() -> argparse.ArgumentParser:
     def verb(name: str, run: Callable[[argparse.Namespace], int], does: str, more: str) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
         sub.set_defaults(run=run)
-        if name not in ("init", "preview", "demo"):
+        if name not in ("init", "preview", "augment", "demo"):
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
@@ -519,6 +597,49 @@ def _parser() -> argparse.ArgumentParser:
         "--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
     )  # fmt: skip
+
+    sub = verb(
+        "subset", _subset, "make nested smaller datasets of one",
+        "Reads a dataset; writes OUT/100, OUT/50 and so on, each within the larger ones, pictures as hard links.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=Path, metavar="OUT", required=True, help="a new or an empty folder")
+    sub.add_argument(
+        "--fractions", type=_fractions, default=(1.0, 0.5, 0.25, 0.1, 0.05), metavar="A,B,...",
+        help="shares of the images (default: 1,0.5,0.25,0.1,0.05)",
+    )  # fmt: skip
+    sub.add_argument("--seed", type=int, default=0, help="another seed, other subsets (default: 0)")
+    sub.add_argument("--stratified", action="store_true", help="keep the proportion of classes in each")
+
+    sub = verb(
+        "augment", _augment, "show what augmentation makes of a dataset's pictures",
+        "Reads a dataset; writes a sheet: in each row a picture as it is and eight times augmented, with its boxes.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", required=True)
+    sub.add_argument("--seed", type=int, default=0, help="another seed, other augmentations (default: 0)")
+    sub.add_argument("--rows", type=_at_least_one, default=6, help="pictures, evenly from the dataset (default: 6)")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="of a training; its [augmentation] is used")
+
+    sub = verb(
+        "train", _train, "train a detector under a fixed budget",
+        "Reads datasets; writes RUN with weights, metrics, config and draws. What is left out here stands in the "
+        "config, or is what suits the model. The same command goes on with a run that was stopped.",
+    )  # fmt: skip
+    sub.add_argument(
+        "--data", type=_named, action="append", required=True, metavar="NAME=DIR",
+        help="a dataset to draw pictures from, such as real=photographs; once for each",
+    )  # fmt: skip
+    sub.add_argument("-o", "--output", type=Path, metavar="RUN", required=True, help="the run's folder")
+    sub.add_argument("--valid", type=Path, metavar="DIR", help="a dataset to measure the result on; it decides nothing")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="keys: see docs/training.md")
+    sub.add_argument("--model", help="small, for a CPU; or nano, rf-small, medium, large of RF-DETR (default: medium)")
+    sub.add_argument("--budget", type=_at_least_one, help="pictures drawn, with replacement (default: 25000)")
+    sub.add_argument("--seed", type=int, help="of draws, augmentation and weights (default: 0)")
+    sub.add_argument("--resolution", type=_at_least_one, help="pixels that the model sees (default: the model's)")
+    sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
+    sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
+    sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
 
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

@@ -21,6 +21,7 @@ from geometry.errors import DatasetError
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
+COCO_NAME = "_annotations.coco.json"  # what RF-DETR and Roboflow look for in every split's folder
 
 
 class Document:
@@ -221,12 +222,16 @@ def check_is_dataset(folder: Path) -> None:
 def read_coco(folder: Path | str) -> dict[str, Any]:
     """The dataset in `folder` as one COCO dictionary, journal included; changes nothing, needs no lock.
 
+    A split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, is read too.
+
     Raises
     ------
     DatasetError
         If there is none, or it is damaged.
     """
     folder = Path(folder)
+    if not (folder / ANNOTATIONS_NAME).exists() and (folder / COCO_NAME).exists():
+        return _read_annotations(folder / COCO_NAME).to_dict()
     check_is_dataset(folder)
     return read_document(folder).to_dict()
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import orjson
 
+from dataset.document import COCO_NAME
 from dataset.pictures import link_or_copy
 from dataset.records import read_usable
 from dataset.yolo import class_numbers, label_lines, write_data_file
@@ -18,7 +19,6 @@ from geometry.errors import DatasetError
 
 SPLITS = ("train", "valid", "test")
 UNFINISHED_NAME = ".unfinished"
-COCO_NAME = "_annotations.coco.json"  # what RF-DETR and Roboflow look for in every split's folder
 
 
 def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> str:
@@ -135,7 +135,7 @@ def export(
     split_of = share_out(coco["images"], boxes, fractions=fractions, seed=seed)
     names = _flat_names(coco["images"])
     numbers = class_numbers(coco["categories"])
-    with _all_or_nothing(out) as unfinished:
+    with all_or_nothing(out) as unfinished:
         for folder in [part for split in SPLITS for part in _folders(unfinished, layout, split)]:
             folder.mkdir(parents=True, exist_ok=True)
         for done, image in enumerate(coco["images"], start=1):
@@ -167,7 +167,7 @@ def export(
 
 
 @contextmanager
-def _all_or_nothing(out: Path) -> Iterator[Path]:
+def all_or_nothing(out: Path) -> Iterator[Path]:
     """A folder to write to, whose content becomes that of `out` if all goes well.
 
     It lies in `out`, so that moving is renaming. What a killed export left in it is not seen by training tools, and

@@ -1,0 +1,197 @@
+import json
+
+import numpy as np
+import pytest
+
+from geometry.errors import ConfigError
+from tests.training_pictures import make_dataset
+from training.augment import NOTHING, TABLE, Augmenter, Change, OneOf, Sample, changed_table
+from training.data import Batches, DrawnExamples
+from training.draws import make_draws
+from training.sheet import augmentation_sheet
+from training.sources import read_sources
+
+OFF = {name: {"probability": 0.0} for name in TABLE}
+
+
+def ellipse_sample(angle_deg=0.0, masked=True):
+    """An ellipse of 60 x 24 in a picture of 200 x 120, turned counter-clockwise, with its exact box."""
+    rows, columns = np.mgrid[:120, :200] + 0.5
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    x, y = columns - 100, rows - 60
+    mask = ((c * x - s * y) / 30) ** 2 + ((s * x + c * y) / 12) ** 2 <= 1
+    picture = np.where(mask[..., None], 200, 40).astype(np.uint8) * np.ones(3, dtype=np.uint8)
+    half = np.hypot([30 * c, 30 * s], [12 * s, 12 * c])
+    xywh = np.array([[100 - half[0], 60 - half[1], 2 * half[0], 2 * half[1]]])
+    return Sample(picture, xywh, np.array([1]), (mask if masked else None,))
+
+
+def bright_box(picture):
+    rows, columns = np.nonzero(picture[..., 0] > 120)
+    return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+
+
+def corners(xywh):
+    return np.concatenate((xywh[:2], xywh[:2] + xywh[2:]))
+
+
+@pytest.mark.parametrize("masked", [True, False])
+@pytest.mark.parametrize("line", ["shift_scale_rotate", "shear"])
+def test_boxes_follow_what_is_in_them(line, masked):
+    # The box of a turned or sheared ellipse is far smaller than that of its turned box, with a mask and without.
+    augment = Augmenter(changed_table(OFF | {line: {"probability": 1.0}}), height=120)
+    for seed in range(40):
+        found = augment(ellipse_sample(masked=masked), seed)
+        assert np.abs(corners(found.xywh[0]) - bright_box(found.picture)).max() <= 2.0  # a pixel by interpolation
+
+
+def test_two_flips_are_none():
+    augment = Augmenter(changed_table(OFF | {"horizontal_flip": {"probability": 1.0}}), height=120)
+    sample = ellipse_sample(20)
+    once = augment(sample, 0)
+    twice = augment(once, 1)
+    np.testing.assert_array_equal(once.picture, sample.picture[:, ::-1])
+    np.testing.assert_array_equal(twice.picture, sample.picture)
+    np.testing.assert_allclose(twice.xywh, sample.xywh, atol=1e-4)  # Albumentations computes boxes in float32
+    np.testing.assert_array_equal(twice.masks[0], sample.masks[0])
+
+
+def test_an_empty_table_changes_nothing():
+    sample = ellipse_sample(20)
+    found = Augmenter(NOTHING, height=120)(sample, 0)
+    np.testing.assert_array_equal(found.picture, sample.picture)
+    np.testing.assert_allclose(found.xywh, sample.xywh, atol=1e-4)
+
+
+def test_a_box_with_less_than_a_fifth_left_goes_and_the_others_keep_their_masks():
+    picture = np.zeros((100, 100, 3), dtype=np.uint8)
+    masks = np.zeros((3, 100, 100), dtype=bool)
+    masks[0, 40:60, 0:20], masks[1, 40:60, 40:60], masks[2, 70:80, 70:90] = True, True, True
+    xywh = np.array([[0, 40, 20, 20], [40, 40, 20, 20], [70, 70, 20, 10]], dtype=float)
+    sample = Sample(picture, xywh, np.array([0, 1, 2]), (masks[0], None, masks[2]))
+    augment = Augmenter(
+        changed_table(OFF | {"shift_scale_rotate": {"probability": 1.0, "shift": 0.4, "scale": 1.0, "rotate_deg": 0}}),
+        height=100,
+    )
+    sizes = set()
+    for seed in range(60):
+        found = augment(sample, seed)
+        sizes.add(len(found.label))
+        for box, label, mask in zip(found.xywh, found.label, found.masks, strict=True):
+            assert (mask is None) == (label == 1)
+            assert box[2] * box[3] >= 0.2 * (400, 400, 200)[label] - 20  # a mask's pixels are whole
+            if mask is not None:
+                assert np.abs(corners(box) - mask_corners(mask)).max() <= 1.0 + 1e-3
+    assert min(sizes) < 3 == max(sizes)
+
+
+def mask_corners(mask):
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+
+
+def test_lines_are_applied_as_often_as_the_table_says_and_independently():
+    # Three lines whose effect can be seen alone: flip, channel shuffle of a coloured picture, and a shift.
+    table = changed_table(
+        OFF
+        | {
+            "horizontal_flip": {"probability": 0.5},
+            "hue_saturation_value": {"probability": 0.3, "hue": 0, "saturation": 0, "value": 20},
+            "gaussian_noise": {"probability": 0.3},
+        }
+    )
+    picture = np.full((32, 48, 3), (90, 120, 150), dtype=np.uint8)
+    picture[:, :24] = (30, 60, 90)
+    sample = Sample(picture, np.zeros((0, 4)), np.zeros(0, dtype=np.int64), ())
+    augment = Augmenter(table, height=32)
+    seen = []
+    for seed in range(1000):
+        found = augment(sample, seed).picture.astype(float)
+        flipped = found[:, :24].mean() > found[:, 24:].mean()
+        noisy = found[:, :24].std(axis=(0, 1)).max() > 0.5
+        other = picture[:, ::-1] if flipped else picture
+        shifted = abs((found - other).mean()) > 0.7
+        seen.append((flipped, noisy, shifted))
+    flipped, noisy, shifted = np.array(seen).T
+    for found, expected in ((flipped, 0.5), (noisy, 0.3), (shifted, 0.3), (noisy & shifted, 0.09)):
+        assert abs(found.mean() - expected) < 5 * np.sqrt(expected * (1 - expected) / 1000) + 0.01
+    assert abs((flipped & noisy).mean() - 0.15) < 0.07
+
+
+def test_every_line_of_the_table_does_something():
+    rng = np.random.default_rng(0)
+    picture = rng.integers(0, 255, (72, 128, 3), dtype=np.uint8)
+    sample = Sample(picture, np.array([[40.0, 20, 30, 20]]), np.array([0]), (None,))
+    for name, line in TABLE.items():
+        inner = line.changes if isinstance(line, OneOf) else {name: line}
+        for one in inner:
+            table = {one: Change(1.0, inner[one].options)}
+            changed = [Augmenter(table, height=72)(sample, seed).picture for seed in range(4)]
+            assert any((other != picture).any() for other in changed), one
+            assert all(other.shape == picture.shape and other.dtype == np.uint8 for other in changed), one
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sheer": {}}, r"unknown key augmentation\.sheer; did you mean shear\?"),
+        ({"shear": 0.5}, r"augmentation\.shear = 0\.5: expected a table"),
+        ({"shear": {"probability": 1.5}}, r"augmentation\.shear\.probability = 1\.5: expected a number from 0 to 1"),
+        ({"shear": {"degrees": 5}}, r"unknown key augmentation\.shear\.degrees; known here: probability, shear_deg"),
+        ({"gamma": {"gamma": [1.3, 0.7]}}, r"augmentation\.gamma\.gamma = \[1\.3, 0\.7\]: expected a range"),
+        ({"shear": {"shear_deg": "x"}}, r"augmentation\.shear\.shear_deg = 'x': expected a number from 0 on"),
+    ],
+)
+def test_a_wrong_change_of_the_table_is_named(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        changed_table(changes)
+
+
+def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path):
+    _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
+    draws = make_draws([12], 30, seed=5)
+    examples = [DrawnExamples(sources, draws, (64, 48), TABLE) for _ in range(2)]
+    forwards = [examples[0][k] for k in range(30)]
+    for k in range(29, -1, -1):
+        again = examples[1][k]
+        assert (again.picture == forwards[k].picture).all()
+        assert (again.xyxy == forwards[k].xyxy).all()
+        assert again.picture.shape == (3, 48, 64)
+
+
+@pytest.mark.parametrize(
+    ("draws", "batch", "parts", "sizes"),
+    [
+        (10, 4, 1, [[4], [4], [2]]),
+        (10, 2, 2, [[2, 2], [2, 2], [1, 1]]),
+        (9, 2, 2, [[2, 2], [3, 2]]),  # one draw is too few for two batches
+        (3, 4, 1, [[3]]),
+    ],
+)
+def test_every_draw_is_in_one_step_and_a_restart_goes_on_in_the_midst(draws, batch, parts, sizes):
+    batches = Batches(draws, batch=batch, parts=parts)
+    found = list(batches)
+    assert [k for one in found for k in one] == list(range(draws))
+    assert [len(one) for one in found] == [n for step in sizes for n in step]
+    assert (batches.steps, len(batches)) == (len(sizes), len(found))
+    assert list(Batches(draws, batch=batch, parts=parts, first=1)) == found[parts:]
+    for rank in range(parts):
+        assert list(Batches(draws, batch=batch, parts=parts, rank=rank, ranks=parts)) == found[rank::parts]
+
+
+def test_the_sheet_has_a_row_of_nine_for_each_picture(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 5)
+    one, two = augmentation_sheet(dataset, rows=1), augmentation_sheet(dataset, rows=2)
+    assert one.width == two.width
+    assert 1.8 < two.height / one.height < 2.2
+    assert augmentation_sheet(dataset, rows=1).tobytes() == one.tobytes()
+    assert augmentation_sheet(dataset, rows=1, seed=1).tobytes() != one.tobytes()
+
+
+def test_the_config_of_a_training_changes_the_sheet(tmp_path):
+    config = tmp_path / "train.toml"
+    lines = [f"{name} = {json.dumps({'probability': 0.0}).replace(':', ' =')}" for name in TABLE]
+    config.write_text("[augmentation]\n" + "\n".join(line.replace('"', "") for line in lines))
+    sheet = np.asarray(augmentation_sheet(make_dataset(tmp_path / "set", 1), config=config))
+    tile = sheet.shape[1] // 9
+    assert np.abs(sheet[:, 4 : tile - 8].astype(int) - sheet[:, 4 + tile : 2 * tile - 8]).mean() < 12

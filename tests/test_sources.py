@@ -1,0 +1,282 @@
+import json
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from geometry.errors import ConfigError, DatasetError, HulldownError
+from tests.training_pictures import edit, make_dataset
+from training.settings import load_settings, rate_factor
+from training.sources import check_pictures, read_sources
+
+ROOT = Path(__file__).parents[1]
+
+
+def train_with(data, out, changes):
+    from training.train import train
+
+    return train(data, out, settings=load_settings(None, changes), device="cpu")
+
+
+def test_classes_are_matched_by_name_whatever_their_ids(tmp_path):
+    real = make_dataset(tmp_path / "real", 8)
+    made = make_dataset(tmp_path / "made", 8, first=100)
+
+    def renumber(coco):
+        coco["categories"] = [{"id": 40, "name": "disc"}, {"id": 7, "name": "square"}]
+        for annotation in coco["annotations"]:
+            annotation["category_id"] = {1: 7, 2: 40}[annotation["category_id"]]
+
+    edit(made, renumber)
+    classes, (first, second) = read_sources({"real": real, "made": made})
+    assert classes == ("square", "disc")
+    np.testing.assert_array_equal(first.label, second.label)
+    assert read_sources({"made": made})[0] == ("square", "disc")
+    assert read_sources({"made": made}, classes=("disc", "square"))[1][0].label.tolist() == (1 - first.label).tolist()
+
+
+def test_a_parent_category_that_no_box_has_is_no_class(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 4)
+
+    def group(coco):
+        coco["categories"] = [
+            {"id": 0, "name": "shapes", "supercategory": "none"},
+            *({**category, "supercategory": "shapes"} for category in coco["categories"]),
+        ]
+
+    edit(dataset, group)
+    assert read_sources({"real": dataset})[0] == ("square", "disc")
+    edit(dataset, lambda coco: coco["annotations"][0].update(category_id=0))
+    assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
+
+
+def test_pictures_without_boxes_take_part_and_crowds_are_left_out(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 8)
+    edit(dataset, lambda coco: coco["annotations"][0].update(iscrowd=1))
+    _, (source,) = read_sources({"real": dataset})
+    assert np.diff(source.starts).tolist() == [0, 1, 1, 0, 1, 1, 1, 0]
+    assert source.sample(3).xywh.shape == (0, 4)
+    assert source.sample(1).masks[0].sum() > 0
+
+
+def test_the_order_of_records_changes_neither_arrays_nor_digest(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 8)
+    _, (before,) = read_sources({"real": dataset})
+    edit(dataset, lambda coco: (coco["images"].reverse(), coco["annotations"].reverse()))
+    _, (after,) = read_sources({"real": dataset})
+    np.testing.assert_array_equal(before.xywh, after.xywh)
+    assert check_pictures([before]) == check_pictures([after])
+    edit(dataset, lambda coco: coco["annotations"][0]["bbox"].__setitem__(0, 1))
+    assert read_sources({"real": dataset})[1][0].digest != before.digest
+
+
+def test_a_changed_picture_changes_the_digest(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 3)
+    _, sources = read_sources({"real": dataset})
+    before = check_pictures(sources)
+    Image.new("RGB", (96, 54)).save(dataset / "images/0002.png")
+    assert check_pictures(sources) != before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda c: c["annotations"][0].update(bbox=[90, 0, 20, 5]),
+            r"0000\.png: annotation 1: bbox .* leaves its",
+        ),
+        (lambda c: c["annotations"][0].update(bbox=[9, 0, 0, 5]), r"annotation 1: bbox \[9, 0, 0, 5\] has no area"),
+        (lambda c: c["annotations"][0].update(category_id=9), "annotation 1: category 9 does not exist"),
+        (lambda c: c["annotations"][0].update(image_id=99), "annotation 1: image 99 does not exist"),
+        (lambda c: c["images"][0].update(file_name="../x.png"), r"file_name '\.\./x\.png' is no path inside"),
+        (lambda c: c.update(images=[], annotations=[]), "has no images; name a dataset that has some"),
+    ],
+)
+def test_a_record_that_nothing_can_be_learned_from_is_named(tmp_path, change, message):
+    dataset = make_dataset(tmp_path / "set", 4)
+    edit(dataset, change)
+    with pytest.raises(DatasetError, match=message):
+        read_sources({"real": dataset})
+
+
+def test_other_classes_are_refused_with_both_lists(tmp_path):
+    data = {
+        "real": make_dataset(tmp_path / "real", 4),
+        "made": make_dataset(tmp_path / "made", 4, classes=("Square", "disc")),
+    }
+    with pytest.raises(DatasetError, match=r"classes of made are 'Square', 'disc', those of real are 'disc', 'square'"):
+        read_sources(data)
+
+
+def test_a_folder_that_is_no_dataset_is_named(tmp_path):
+    with pytest.raises(DatasetError, match=r"no annotations\.json"):
+        read_sources({"real": tmp_path})
+
+
+def missing(path):
+    path.unlink()
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[:-400])
+
+
+def no_picture(path):
+    path.write_text("not a picture")
+
+
+def of_another_size(path):
+    Image.new("RGB", (5, 5)).save(path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (missing, r"0002\.png: no such picture"),
+        (truncated, r"0002\.png: cannot be read as a picture"),
+        (no_picture, r"0002\.png: cannot be read as a picture"),
+        (of_another_size, r"0002\.png: is 5 x 5 pixels, its record says 96 x 54"),
+    ],
+)
+def test_a_picture_that_cannot_be_used_is_named_before_training(tmp_path, spoil, message):
+    from training.train import train
+
+    dataset = make_dataset(tmp_path / "set", 4)
+    spoil(dataset / "images/0002.png")
+    settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 4})
+    with pytest.raises(DatasetError, match=message):
+        train({"real": dataset}, tmp_path / "run", settings=settings, device="cpu")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model": "huge"}, r"model = 'huge': expected 'small', 'nano'"),
+        ({"budget": 0}, r"budget = 0: expected greater than or equal to 1"),
+        ({"model": "nano", "resolution": 100, "weights": "none"}, r"expected a multiple of 32 for nano; take 96"),
+        ({"model": "nano", "weights": "nowhere.pth"}, r"nowhere\.pth: no such file"),
+        ({"shares": {"real": 0.5, "made": 0.5}}, r"shares\.made: no source has this name; there are real"),
+        ({"augmentation": {"sheer": {}}}, r"unknown key augmentation\.sheer"),
+        ({"weights": "some.pth"}, "weights: small starts from random ones"),
+    ],
+)
+def test_a_wrong_setting_is_named_before_anything_is_written(tmp_path, changes, message):
+    dataset = make_dataset(tmp_path / "set", 4)
+    with pytest.raises(HulldownError, match=message):
+        train_with({"real": dataset}, tmp_path / "run", {"model": "small", "budget": 4} | changes)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_holds_something_else_is_not_trained_in(tmp_path):
+    from training.train import train
+
+    dataset = make_dataset(tmp_path / "set", 4)
+    settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 4})
+    with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or an empty folder"):
+        train({"real": dataset}, dataset, settings=settings, device="cpu")
+
+
+def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
+    path = tmp_path / "train.toml"
+    path.write_text('model = "nano"\nbudget = 100\n[shares]\nreal = 0.5\n')
+    settings = load_settings(path, {"budget": 200, "seed": None})
+    assert (settings.model, settings.budget, settings.shares) == ("nano", 200, {"real": 0.5})
+    assert (settings.batch, settings.accumulate, settings.effective_batch) == (4, 4, 16)
+    path.write_text("bugdet = 100\n")
+    with pytest.raises(ConfigError, match=r"train\.toml: unknown key bugdet; known here: model, budget"):
+        load_settings(path, {})
+    path.write_text("budget =\n")
+    with pytest.raises(ConfigError, match=r"train\.toml: is no TOML"):
+        load_settings(path, {})
+    with pytest.raises(ConfigError, match="no such file"):
+        load_settings(tmp_path / "none.toml", {})
+
+
+def test_the_learning_rate_follows_the_steps_of_the_budget():
+    settings = load_settings(None, {"model": "medium"})
+    rates = [rate_factor(step, settings, 1000) for step in range(1000)]
+    assert rates[0] < 0.1
+    assert rates[20:800] == [1.0] * 780
+    assert rates[800:] == [0.1] * 200
+    cosine = [rate_factor(step, load_settings(None, {"model": "small"}), 1000) for step in range(1000)]
+    assert max(cosine) == 1.0
+    assert cosine[-1] < 1e-4
+    assert all(a >= b for a, b in pairwise(cosine[20:]))
+
+
+def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_place(tmp_path):
+    from training.detr import starting_weights
+
+    # A proxy that refuses stands for a machine without a network.
+    code = (
+        "from training.settings import load_settings\n"
+        "from training.detr import starting_weights\n"
+        "starting_weights(load_settings(None, {'model': 'medium'}))"
+    )
+    places = {"RF_HOME": str(tmp_path), "HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:9"}
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        env={**os.environ, **places},
+        timeout=300,
+    )
+    last = ran.stderr.strip().splitlines()[-1]
+    assert "the pre-trained weights of medium cannot be downloaded" in last
+    assert f"put rf-detr-medium.pth into {tmp_path}, or give --weights FILE or --weights none" in last
+    (tmp_path / "rf-detr-medium.pth").touch()
+    settings = load_settings(None, {"model": "medium"})
+    before = os.environ.get("RF_HOME")
+    os.environ["RF_HOME"] = str(tmp_path)
+    try:
+        assert starting_weights(settings) == tmp_path / "rf-detr-medium.pth"
+    finally:
+        os.environ.pop("RF_HOME") if before is None else os.environ.update(RF_HOME=before)
+
+
+def test_a_verb_without_the_extra_says_how_to_install_it():
+    code = (
+        "import importlib.util, sys, cli\n"
+        "find = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name: None if name in ('torch', 'rfdetr') else find(name)\n"
+        "sys.exit(cli.main(['train', '--data', 'real=x', '-o', 'run', '--model', 'small']))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert ran.returncode == 2
+    assert ran.stderr == "hulldown: torch, rfdetr: not installed; pip install 'hulldown[training]'\n"
+
+
+def test_a_subset_needs_no_extra():
+    code = "import sys, training.subset; assert not {'torch', 'cv2', 'albumentations'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
+
+
+def test_run_json_says_what_the_run_was(tmp_path):
+    from training.train import train
+
+    dataset = make_dataset(tmp_path / "set", 8)
+    settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 9, "batch": 4})
+    told = []
+    run = train(
+        {"real": dataset, "made": dataset}, tmp_path / "run", settings=settings, valid=dataset, workers=0,
+        device="cpu", say=told.append,
+    )  # fmt: skip
+    assert run == json.loads((tmp_path / "run" / "run.json").read_text())
+    assert (run["status"], run["steps"], run["effective_batch"], run["resolution"]) == ("finished", 3, 4, [64, 32])
+    assert run["sources"]["real"]["drawn"] + run["sources"]["made"]["drawn"] == 9
+    assert set(run["figures"]["valid"]) == {"ap", "ap50", "ap75"}
+    with Image.open(tmp_path / "run" / "loss.png") as picture:
+        picture.load()
+    again = train(
+        {"real": dataset, "made": dataset}, tmp_path / "run", settings=settings, valid=dataset, workers=0,
+        device="cpu", say=told.append,
+    )  # fmt: skip
+    assert again == run
+    assert told[-1].endswith("is finished already")

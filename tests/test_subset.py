@@ -1,0 +1,113 @@
+import json
+
+import pytest
+from PIL import Image
+
+from dataset.records import read_usable
+from geometry.errors import DatasetError
+from training.subset import shuffled_images, write_subsets
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
+
+
+def make(folder, count, shots=1):
+    (folder / "images").mkdir(parents=True)
+    images, annotations = [], []
+    for i in range(count):
+        name = f"images/{i:03}.png"
+        images.append({"id": i + 1, "file_name": name, "width": 4, "height": 3, "scenery": "hills"})
+        if shots > 1:
+            images[-1] |= {"position": i // shots, "shot": i % shots}
+        Image.new("RGB", (4, 3)).save(folder / name)
+        label = 1 if i // shots % 4 else 2
+        annotations.append({"id": i + 1, "image_id": i + 1, "category_id": label, "bbox": [0, 0, 2, 2]})
+    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck"}]
+    coco = {"images": images, "annotations": annotations, "categories": categories}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def names(folder):
+    return {image["file_name"] for image in read_usable(folder)["images"]}
+
+
+def test_subsets_of_the_paper_are_nested_datasets_with_linked_pictures(tmp_path):
+    dataset = make(tmp_path / "real", 420)
+    assert write_subsets(dataset, tmp_path / "out") == {"100": 420, "50": 210, "25": 105, "10": 42, "5": 21}
+    larger = names(dataset)
+    for name in ("100", "50", "25", "10", "5"):
+        mine = names(tmp_path / "out" / name)
+        assert mine <= larger
+        larger = mine
+        coco = read_usable(tmp_path / "out" / name)
+        assert {a["image_id"] for a in coco["annotations"]} == {image["id"] for image in coco["images"]}
+        for file_name in mine:
+            assert (tmp_path / "out" / name / file_name).samefile(dataset / file_name)
+
+
+def test_the_order_of_records_and_ids_change_nothing_but_the_seed_does(tmp_path):
+    coco = read_usable(make(tmp_path / "real", 40))
+    boxes = {a["image_id"]: [a] for a in coco["annotations"]}
+
+    def chosen(images, **options):
+        by_id = {image["id"]: image["file_name"] for image in images}
+        return [by_id[i] for i in shuffled_images(images, boxes, **options)]
+
+    assert chosen(coco["images"]) == chosen(coco["images"][::-1])
+    assert chosen(coco["images"]) != chosen(coco["images"], seed=1)
+    assert sorted(chosen(coco["images"])) == sorted(image["file_name"] for image in coco["images"])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("stratified", [False, True])
+def test_shots_of_a_position_stay_together(tmp_path, seed, stratified):
+    dataset = make(tmp_path / "set", 60, shots=5)
+    counts = write_subsets(dataset, tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=stratified)
+    assert counts == {"50": 30, "10": 5}
+    for name in counts:
+        positions = [image["position"] for image in read_usable(tmp_path / "out" / name)["images"]]
+        assert all(positions.count(p) == 5 for p in positions)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_classes_keep_their_proportion_where_asked(tmp_path, seed):
+    write_subsets(make(tmp_path / "set", 160), tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=True)
+    for name, trucks in (("50", 20), ("10", 4)):
+        labels = [a["category_id"] for a in read_usable(tmp_path / "out" / name)["annotations"]]
+        assert abs(labels.count(2) - trucks) <= 1
+
+
+@pytest.mark.parametrize(
+    ("fractions", "message"),
+    [
+        ((0.0,), "fraction 0: expected a share above 0 and at most 1"),
+        ((1.5,), r"fraction 1\.5: expected a share"),
+        ((float("nan"),), "fraction nan: expected a share"),
+        ((0.5, 0.5), r"fraction 0\.5 is there twice"),
+    ],
+)
+def test_fractions_out_of_range_are_refused(tmp_path, fractions, message):
+    with pytest.raises(DatasetError, match=message):
+        write_subsets(make(tmp_path / "set", 4), tmp_path / "out", fractions=fractions)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_picture_is_named_and_nothing_is_left(tmp_path):
+    dataset = make(tmp_path / "set", 4)
+    (dataset / "images/002.png").unlink()
+    with pytest.raises(DatasetError, match=r"002\.png: cannot be linked \(No such file"):
+        write_subsets(dataset, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_dataset_and_an_empty_one_are_refused(tmp_path):
+    with pytest.raises(DatasetError, match=r"no annotations\.json"):
+        write_subsets(tmp_path, tmp_path / "out")
+    with pytest.raises(DatasetError, match="has no images"):
+        write_subsets(make(tmp_path / "set", 0), tmp_path / "out")
+
+
+def test_an_exported_split_is_a_dataset_too(tmp_path):
+    dataset = make(tmp_path / "set", 4)
+    (dataset / "annotations.json").rename(dataset / "_annotations.coco.json")
+    assert write_subsets(dataset, tmp_path / "out", fractions=(0.5,)) == {"50": 2}

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from geometry.errors import ConfigError, DatasetError
+from training.draws import make_draws, read_draws, source_shares, write_draws
+
+
+def test_a_row_is_a_function_of_seed_and_number_alone():
+    few, many = make_draws([7, 30], 50, seed=3), make_draws([7, 30], 500, seed=3)
+    for column in ("source", "image", "seed"):
+        np.testing.assert_array_equal(getattr(few, column), getattr(many, column)[:50])
+    assert (make_draws([7, 30], 50, seed=4).image != few.image).any()
+
+
+def test_the_first_draws_of_seed_0_stay_what_they_are():
+    draws = make_draws([21, 420], 5, seed=0)
+    assert draws.source.tolist() == [0, 1, 1, 1, 1]
+    assert draws.image.tolist() == [5, 210, 414, 298, 107]
+    assert draws.seed.tolist() == [478570405, 1192306873, 1090160368, 563777444, 3715313275]
+
+
+def test_draws_are_uniform_over_the_union_as_in_the_paper():
+    sizes, budget = [21, 420], 100_000
+    counts = np.concatenate(make_draws(sizes, budget, seed=1).counts(sizes))
+    assert counts.sum() == budget
+    mean = budget / sum(sizes)
+    # Chi-squared with 440 degrees of freedom: its mean is 440, its standard deviation 30.
+    assert 440 - 150 < ((counts - mean) ** 2 / mean).sum() < 440 + 150
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.5, [0.5, 0.125, 0.375]), (0.0, [0, 0.25, 0.75])])
+def test_shares_rule_and_the_rest_is_by_size(share, expected):
+    names, sizes = ["real", "a", "b"], [10, 20, 60]
+    draws = make_draws(sizes, 20_000, seed=0, shares=source_shares(names, {"real": share}))
+    found = [counts.sum() / 20_000 for counts in draws.counts(sizes)]
+    np.testing.assert_allclose(found, expected, atol=0.02)  # six standard deviations
+    if share == 0.0:
+        assert found[0] == 0.0
+
+
+def test_shares_of_all_sources_add_up_to_1():
+    assert source_shares(["a", "b"], {"a": 0.25, "b": 0.75}) == [0.25, 0.75]
+    for shares, message in (
+        ({"c": 0.5}, r"shares\.c: no source has this name; there are a, b"),
+        ({"a": 1.5}, r"shares\.a = 1\.5: expected a number from 0 to 1"),
+        ({"a": 0.5, "b": 0.6}, "they add up to 1.1, expected 1; leave one of them out"),
+        ({"a": 0.5, "b": 0.4}, "they add up to 0.9, expected 1"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            source_shares(["a", "b"], shares)
+
+
+def test_a_file_of_draws_gives_them_back(tmp_path):
+    files = [["a.png", "b,c.png"], ["a.png"]]
+    draws = make_draws([2, 1], 40, seed=0)
+    write_draws(draws, ["real", "made"], files, tmp_path / "draws.csv")
+    back = read_draws(tmp_path / "draws.csv", ["real", "made"], files)
+    for column in ("source", "image", "seed"):
+        np.testing.assert_array_equal(getattr(back, column), getattr(draws, column))
+
+
+@pytest.mark.parametrize(
+    "line", ["1,real,c.png,5", "1,no,a.png,5", "7,real,a.png,5", "1,real,a.png", "1,real,a.png,-1"]
+)
+def test_a_row_that_is_no_draw_is_named(tmp_path, line):
+    path = tmp_path / "draws.csv"
+    path.write_text(f"draw,source,image,augmentation_seed\n0,real,a.png,1\n{line}\n")
+    with pytest.raises(DatasetError, match=r"draws\.csv: line 3: no draw"):
+        read_draws(path, ["real"], [["a.png"]])

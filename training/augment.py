@@ -1,0 +1,350 @@
+"""Random changes to pictures and their boxes before each training step: the paper's Table 1, by Albumentations.
+
+Where the paper leaves a choice: saturation and value are shifted by as much of their range of 0 to 255 as the number
+says without its percent sign, as Albumentations has it, since 30 % of the range makes grey roads green. The hue is in
+OpenCV's half degrees. What comes in from outside the picture is black, since a mirrored picture has vehicles without
+labels. Kernels are in pixels of the picture as it is augmented, which is about as large as the model sees it.
+
+References
+----------
+The paper, section 2.2 and Table 1. Buslaev et al., Albumentations: fast and flexible image augmentations,
+Information 11(2), 2020.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any, TypeAlias
+
+import albumentations as A
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from annotate.masks import mask_box
+from geometry.errors import ConfigError
+
+Number: TypeAlias = int | float
+Option: TypeAlias = Number | tuple[Number, Number]
+
+MIN_VISIBLE = 0.2  # share of a box that must be left inside the picture for it to stay
+MASK_ROUNDING = 1.0  # pixels: what the box of a mask may differ from the box of the outline that was rasterised
+MIN_SIDE = 1.0  # pixels of a box's width and height, at least: less is nothing to learn from
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A line of the table.
+
+    Parameters
+    ----------
+    probability
+        Of being applied; within a group, of being the one that is picked.
+    options
+        Numbers and ranges, as the paper gives them.
+    """
+
+    probability: float
+    options: Mapping[str, Option]
+
+
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """Changes of which one at most is applied.
+
+    Parameters
+    ----------
+    probability
+        That one is.
+    changes
+        Name -> change; their probabilities are weights.
+    """
+
+    probability: float
+    changes: Mapping[str, Change]
+
+
+Table: TypeAlias = Mapping[str, Change | OneOf]
+
+TABLE: Table = {
+    # geometric
+    "horizontal_flip": Change(0.5, {}),
+    "shift_scale_rotate": Change(0.6, {"shift": 0.05, "scale": (0.8, 1.2), "rotate_deg": 15}),
+    "shear": Change(0.3, {"shear_deg": 10}),
+    # photometric
+    "brightness": OneOf(
+        0.7,
+        {
+            "brightness_contrast": Change(1 / 3, {"brightness": 0.3, "contrast": 0.3}),
+            "gamma": Change(1 / 3, {"gamma": (0.7, 1.3)}),
+            "clahe": Change(1 / 3, {"clip_limit": (1.0, 4.0), "tiles": 8}),
+        },
+    ),
+    "hue_saturation_value": Change(0.5, {"hue": 15, "saturation": 30, "value": 20}),
+    "colour_jitter": Change(0.3, {"brightness": 0.1, "contrast": 0.1, "saturation": 0.2, "hue": 0.05}),
+    "channel_shuffle": Change(0.05, {}),
+    # blur and noise
+    "blur": OneOf(
+        0.3,
+        {
+            "gaussian_blur": Change(1 / 3, {"kernel": (3, 7)}),
+            "motion_blur": Change(1 / 3, {"kernel": (3, 7)}),
+            "median_blur": Change(1 / 3, {"kernel": (3, 5)}),  # the paper's kernel of 1 is no blur
+        },
+    ),
+    "gaussian_noise": Change(0.3, {"std": (0.01, 0.05)}),
+    # from clean renders to photographs
+    "compression": Change(0.3, {"quality": (40, 90)}),
+    "downscale": Change(0.2, {"scale": (0.5, 0.8)}),
+    "shadow": Change(0.2, {"count": (1, 3), "darkness": (0.3, 0.6)}),
+    "flare": Change(0.1, {"count": (1, 3), "radius": 0.15}),  # radius: share of the picture's height
+}
+NOTHING: Table = {}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sample:
+    """A picture with what is on it.
+
+    Parameters
+    ----------
+    picture
+        (h, w, 3) RGB.
+    xywh
+        (n, 4) boxes, pixels.
+    label
+        (n,) of each, an index of its class.
+    masks
+        Of each, its pixels, or None where they are not known.
+    """
+
+    picture: UInt8[np.ndarray, "h w 3"]
+    xywh: Float[np.ndarray, "n 4"]
+    label: Int[np.ndarray, " n"]
+    masks: tuple[Bool[np.ndarray, "h w"] | None, ...]
+
+    def resized(self, width: int, height: int) -> Sample:
+        """The same at another size, sides scaled each by itself."""
+        was_height, was_width = self.picture.shape[:2]
+        if (was_width, was_height) == (width, height):
+            return self
+        shrinks = width * height < was_width * was_height
+        return Sample(
+            cv2.resize(self.picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR),
+            self.xywh * ([width / was_width, height / was_height] * 2),
+            self.label,
+            tuple(None if mask is None else _resized_mask(mask, width, height) for mask in self.masks),
+        )
+
+
+class Augmenter:
+    """Applies a table to samples, each time in the way that a seed says.
+
+    Parameters
+    ----------
+    table
+        What to apply, in this order.
+    height
+        Of the pictures, about: what flares are measured by.
+    """
+
+    def __init__(self, table: Table = TABLE, *, height: int) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a wrong argument's name is only a warning to Albumentations
+            warnings.filterwarnings("ignore", message="Got processor for bboxes")  # a table may leave boxes alone
+            self._compose = A.Compose(
+                [_transform(name, change, height) for name, change in table.items()],
+                bbox_params=A.BboxParams(
+                    format="pascal_voc", label_fields=["index"], min_visibility=MIN_VISIBLE,
+                    min_width=MIN_SIDE, min_height=MIN_SIDE, clip=True, check_each_transform=False,
+                ),
+            )  # fmt: skip
+
+    def __call__(self, sample: Sample, seed: int) -> Sample:
+        """The sample, changed; boxes that are hardly in the picture any more are left out.
+
+        A box follows from its mask where there is one, else from the ellipse in it: the outline of an object turned
+        by 15 degrees fills its corners rarely.
+
+        Parameters
+        ----------
+        sample
+            Its boxes lie in its picture.
+        seed
+            The same seed does the same to the same sample.
+        """
+        # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
+        # applied with a probability of 0.05 would then be applied with all the rest.
+        self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))
+        masked = [i for i, mask in enumerate(sample.masks) if mask is not None]
+        given: dict[str, Any] = {
+            "image": sample.picture,
+            "bboxes": np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1),
+            "index": np.arange(len(sample.label)),
+        }
+        if masked:
+            given["masks"] = [sample.masks[i].view(np.uint8) for i in masked]  # type: ignore[union-attr]
+        found = self._compose(**given)
+        index = np.asarray(found["index"], dtype=np.int64)
+        corners = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)
+        masks = dict(zip(masked, (np.asarray(m, dtype=bool) for m in found.get("masks", ())), strict=True))
+        xywh = np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1)
+        kept = []
+        for row, i in enumerate(index.tolist()):
+            if i in masks:
+                seen = mask_box(masks[i])
+                if seen is None:
+                    continue
+                if np.abs(_corners(seen) - corners[row]).max() > MASK_ROUNDING:
+                    xywh[row] = seen
+            kept.append(row)
+        return Sample(
+            np.ascontiguousarray(found["image"]),
+            xywh[kept],
+            sample.label[index[kept]],
+            tuple(masks.get(i) for i in index[kept].tolist()),
+        )
+
+
+def changed_table(changes: Mapping[str, Any], table: Table = TABLE) -> Table:
+    """The table with other numbers here and there.
+
+    Parameters
+    ----------
+    changes
+        Name of a line -> its new ``probability`` and options; what is not named stays.
+
+    Raises
+    ------
+    ConfigError
+        Naming what there is not, or what is no such number.
+    """
+    result = dict(table)
+    for name, keys in changes.items():
+        group = next((key for key, line in table.items() if isinstance(line, OneOf) and name in line.changes), None)
+        if name not in table and group is None:
+            known = [*table, *(inner for line in table.values() if isinstance(line, OneOf) for inner in line.changes)]
+            raise ConfigError(f"unknown key augmentation.{name}; {_hint(name, known)}")
+        if not isinstance(keys, Mapping):
+            raise ConfigError(f"augmentation.{name} = {keys!r}: expected a table, such as {{ probability = 0.0 }}")
+        if group is None:
+            result[name] = _changed(name, result[name], keys)
+        else:
+            of = result[group]
+            assert isinstance(of, OneOf)
+            line = _changed(name, of.changes[name], keys)
+            result[group] = replace(of, changes={**of.changes, name: line})
+    return result
+
+
+def _changed(name: str, line: Any, keys: Mapping[str, Any]) -> Any:
+    options = dict(line.options) if isinstance(line, Change) else {}
+    probability = line.probability
+    for key, value in keys.items():
+        where = f"augmentation.{name}.{key}"
+        if key == "probability":
+            if not _is_number(value) or not 0.0 <= value <= 1.0:
+                raise ConfigError(f"{where} = {value!r}: expected a number from 0 to 1")
+            probability = float(value)
+        elif key not in options:
+            raise ConfigError(f"unknown key {where}; {_hint(key, ['probability', *options])}")
+        elif isinstance(options[key], tuple):
+            pair = value if isinstance(value, list | tuple) else [value, value]
+            if len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
+                raise ConfigError(f"{where} = {value!r}: expected a range, such as {list(_pair(options[key]))}")
+            options[key] = (pair[0], pair[1])
+        elif not _is_number(value) or value < 0:
+            raise ConfigError(f"{where} = {value!r}: expected a number from 0 on")
+        else:
+            options[key] = value
+    return Change(probability, options) if isinstance(line, Change) else replace(line, probability=probability)
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    near = get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(known))}"
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _pair(value: Option) -> tuple[Number, Number]:
+    return value if isinstance(value, tuple) else (-value, value)
+
+
+def _whole(value: Option) -> tuple[int, int]:
+    low, high = _pair(value)
+    return round(low), round(high)
+
+
+def _transform(name: str, line: Change | OneOf, height: int) -> Any:
+    """A line of the table as Albumentations has it."""
+    if isinstance(line, OneOf):
+        return A.OneOf([_transform(*change, height) for change in line.changes.items()], p=line.probability)
+    p, o = line.probability, line.options
+    outside = {"fill": 0, "border_mode": cv2.BORDER_CONSTANT, "rotate_method": "ellipse"}
+    match name:
+        case "horizontal_flip":
+            return A.HorizontalFlip(p=p)
+        case "shift_scale_rotate":
+            shift = _pair(o["shift"])
+            return A.Affine(
+                translate_percent={"x": shift, "y": shift}, scale=_pair(o["scale"]), keep_ratio=True,
+                rotate=_pair(o["rotate_deg"]), **outside, p=p,
+            )  # fmt: skip
+        case "shear":
+            return A.Affine(shear=_pair(o["shear_deg"]), **outside, p=p)
+        case "brightness_contrast":
+            limits = {f"{key}_limit": _pair(o[key]) for key in ("brightness", "contrast")}
+            return A.RandomBrightnessContrast(**limits, p=p)
+        case "gamma":
+            return A.RandomGamma(gamma_limit=tuple(100 * n for n in _pair(o["gamma"])), p=p)
+        case "clahe":
+            return A.CLAHE(clip_limit=_pair(o["clip_limit"]), tile_grid_size=(round(_pair(o["tiles"])[1]),) * 2, p=p)
+        case "hue_saturation_value":
+            shorts = {"hue": "hue", "sat": "saturation", "val": "value"}
+            shifts = {f"{short}_shift_limit": _pair(o[key]) for short, key in shorts.items()}
+            return A.HueSaturationValue(**shifts, p=p)
+        case "colour_jitter":
+            factors = {key: tuple(1 + n for n in _pair(o[key])) for key in ("brightness", "contrast", "saturation")}
+            return A.ColorJitter(**factors, hue=_pair(o["hue"]), p=p)
+        case "channel_shuffle":
+            return A.ChannelShuffle(p=p)
+        case "gaussian_blur":
+            return A.GaussianBlur(blur_limit=_whole(o["kernel"]), p=p)
+        case "motion_blur":
+            return A.MotionBlur(blur_limit=_whole(o["kernel"]), p=p)
+        case "median_blur":
+            return A.MedianBlur(blur_limit=_whole(o["kernel"]), p=p)
+        case "gaussian_noise":
+            return A.GaussNoise(std_range=_pair(o["std"]), p=p)
+        case "compression":
+            return A.ImageCompression(quality_range=_whole(o["quality"]), p=p)
+        case "downscale":
+            smooth = {"downscale": cv2.INTER_AREA, "upscale": cv2.INTER_LINEAR}
+            return A.Downscale(scale_range=_pair(o["scale"]), interpolation_pair=smooth, p=p)
+        case "shadow":
+            return A.RandomShadow(
+                shadow_roi=(0, 0.3, 1, 1), num_shadows_limit=_whole(o["count"]),
+                shadow_intensity_range=_pair(o["darkness"]), p=p,
+            )  # fmt: skip
+        case "flare":
+            radius = max(2, round(float(_pair(o["radius"])[1]) * height))
+            return A.RandomSunFlare(num_flare_circles_range=_whole(o["count"]), src_radius=radius, p=p)
+    raise ValueError(f"table: expected the name of a change, got {name!r}")
+
+
+def _corners(xywh: Iterable[float]) -> Float[np.ndarray, "4"]:
+    x, y, w, h = xywh
+    return np.array([x, y, x + w, y + h])
+
+
+def _resized_mask(mask: Bool[np.ndarray, "h w"], width: int, height: int) -> Bool[np.ndarray, "a b"]:
+    share = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    return share >= 0.5

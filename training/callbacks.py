@@ -1,0 +1,165 @@
+"""What goes on beside the steps of a run: seeds, averaged weights, figures, checkpoints."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+
+from geometry.files import sync_folder
+
+AVERAGE_DECAY = 0.998
+ESTIMATE_AFTER = 10  # steps
+CHECKPOINT_S = 60.0
+
+
+class StepSeeds(pl.Callback):
+    """Makes what a network draws at random in a step a function of the run's seed and the step.
+
+    So a run that was killed goes on as if nothing had happened, without a generator's state in its checkpoints.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+
+    def on_train_batch_start(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
+    ) -> None:
+        """Seed PyTorch for one batch."""
+        entropy = np.random.SeedSequence([self._seed, batch_idx, trainer.global_rank])
+        torch.manual_seed(int(entropy.generate_state(1)[0]))
+
+
+class AveragedWeights(pl.Callback):
+    """The exponential moving average of a module's weights over its steps."""
+
+    def __init__(self, decay: float = AVERAGE_DECAY) -> None:
+        self._decay, self._steps = decay, 0
+        self._state: dict[str, torch.Tensor] = {}
+
+    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Begin with the first weights, unless a checkpoint has brought an average."""
+        if not self._state:
+            self._state = {key: value.detach().clone() for key, value in pl_module.state_dict().items()}
+        self._state = {key: value.to(pl_module.device) for key, value in self._state.items()}
+
+    def on_train_batch_end(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Take up the weights of a step. The first steps weigh less: they are forgotten sooner."""
+        if trainer.global_step == self._steps:
+            return
+        self._steps = trainer.global_step
+        decay = min(self._decay, (1 + self._steps) / (10 + self._steps))
+        for key, value in pl_module.state_dict().items():
+            if value.is_floating_point():
+                self._state[key].lerp_(value.detach(), 1.0 - decay)
+            else:
+                self._state[key].copy_(value)
+
+    def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Leave the average in the module: it is the result."""
+        pl_module.load_state_dict(self._state)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"steps": self._steps, "state": self._state}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up what a checkpoint has kept."""
+        self._steps, self._state = state_dict["steps"], dict(state_dict["state"])
+
+
+class Recorder(pl.Callback):
+    """A row of figures for each step, and a checkpoint from time to time.
+
+    Parameters
+    ----------
+    checkpoint
+        The file; each one takes the place of the one before.
+    every
+        Steps between two; None: as many as pass in a minute.
+    progress
+        Told (steps done, all) after each step.
+    estimate
+        Told the seconds that are left, once, after some steps.
+    on_checkpoint
+        Told the rows when a checkpoint has been written.
+    """
+
+    def __init__(
+        self,
+        checkpoint: Path,
+        *,
+        steps: int,
+        every: int | None,
+        progress: Callable[[int, int], None],
+        estimate: Callable[[float], None],
+        on_checkpoint: Callable[[list[list[float]]], None],
+    ) -> None:
+        self.rows: list[list[float]] = []  # step, loss, learning rate, seconds, seconds waited for data
+        self._checkpoint, self._steps, self._every = checkpoint, steps, every
+        self._progress, self._estimate, self._on_checkpoint = progress, estimate, on_checkpoint
+        self._losses: list[torch.Tensor] = []
+        self._done = 0  # steps in this process
+        self._first = self._last = self._saved = time.monotonic()
+        self._waited = 0.0
+        self._fetching = time.monotonic()
+
+    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Start the clocks."""
+        self._first = self._last = self._saved = self._fetching = time.monotonic()
+
+    def on_train_batch_start(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
+    ) -> None:
+        """Note how long the batch was waited for."""
+        self._waited += time.monotonic() - self._fetching
+
+    def on_train_batch_end(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Note what a step has done, once its last batch is through."""
+        loss = outputs["loss"] if isinstance(outputs, dict) else outputs
+        self._losses.append(loss.detach())
+        if trainer.global_step > len(self.rows):
+            self._end_step(trainer)
+        self._fetching = time.monotonic()
+
+    def _end_step(self, trainer: pl.Trainer) -> None:
+        now = time.monotonic()
+        rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
+        loss = float(torch.stack(self._losses).mean())
+        self.rows.append([float(trainer.global_step), loss, rate, now - self._last, self._waited])
+        self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
+        self._progress(trainer.global_step, self._steps)
+        if self._done == ESTIMATE_AFTER:
+            self._estimate((now - self._first) / self._done * (self._steps - trainer.global_step))
+        due = now - self._saved >= CHECKPOINT_S if self._every is None else trainer.global_step % self._every == 0
+        if due and trainer.global_step < self._steps:
+            self._save(trainer)
+            self._saved = time.monotonic()
+
+    def _save(self, trainer: pl.Trainer) -> None:
+        temporary = self._checkpoint.with_name(f".{self._checkpoint.name}.tmp")
+        trainer.save_checkpoint(temporary)
+        if trainer.is_global_zero:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            os.replace(temporary, self._checkpoint)
+            sync_folder(self._checkpoint.parent)
+            self._on_checkpoint(self.rows)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up what a checkpoint has kept."""
+        self.rows = [list(row) for row in state_dict["rows"]]

@@ -1,0 +1,155 @@
+"""What finds objects in pictures, whichever network does it; loaded from a run or a checkpoint."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from geometry.errors import HulldownError
+from training.extra import require_extra
+
+RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
+
+
+class DetectorError(HulldownError):
+    """A run or checkpoint that cannot be used, or a network that cannot be built."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Detections:
+    """What was found in a picture, by falling score.
+
+    Parameters
+    ----------
+    xywh
+        (k, 4) boxes in the picture's pixels, inside it.
+    score
+        (k,) confidence, from 0 to 1.
+    label
+        (k,) index into the detector's classes.
+    """
+
+    xywh: Float[np.ndarray, "k 4"]
+    score: Float[np.ndarray, " k"]
+    label: Int[np.ndarray, " k"]
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """A trained network.
+
+    Parameters
+    ----------
+    classes
+        Names of what it knows.
+    """
+
+    classes: tuple[str, ...]
+
+    def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
+        """What is in each of some RGB pictures, of any sizes; all go through the network at once."""
+
+
+def load_detector(path: Path | str, device: str = "auto") -> Detector:
+    """The detector of a run folder, or of an RF-DETR checkpoint.
+
+    Parameters
+    ----------
+    path
+        A folder that `hulldown train` has finished, or a checkpoint file of RF-DETR (.pth, .pt, .ckpt).
+    device
+        ``"auto"``: a GPU if there is one; or a name that PyTorch knows, such as ``"cpu"`` or ``"cuda:1"``.
+
+    Raises
+    ------
+    DetectorError
+        If it is neither, the run is not finished, or the device does not exist.
+    """
+    require_extra()
+    path = Path(path)
+    if not path.is_dir():
+        from training.detr import load_checkpoint
+
+        return load_checkpoint(path, device=chosen_device(device))
+    run = read_run(path)
+    if run.get("status") != "finished":
+        raise DetectorError(
+            f"training is {run.get('status')}, not finished", path=path, remedy="run the same `hulldown train` again"
+        )
+    weights = path / WEIGHTS_NAME
+    if run["model"] == "small":
+        from training.small import load_small
+
+        return load_small(weights, device=chosen_device(device))
+    from training.detr import load_checkpoint
+
+    return load_checkpoint(weights, device=chosen_device(device))
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """What run.json of a run folder says.
+
+    Raises
+    ------
+    DetectorError
+        If there is none, or it is damaged.
+    """
+    path = folder / RUN_NAME
+    try:
+        run = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DetectorError(f"no {RUN_NAME} here", path=folder, remedy="name a folder of `hulldown train`") from None
+    except (OSError, ValueError) as error:
+        raise DetectorError(f"cannot be read ({error})", path=path, remedy="train again in another folder") from None
+    if not isinstance(run, dict) or not isinstance(run.get("model"), str):
+        raise DetectorError("is no run of hulldown", path=path, remedy="name a folder of `hulldown train`")
+    return run
+
+
+def read_weights(path: Path) -> dict[str, Any]:
+    """What a weights file of hulldown or RF-DETR holds; code in it is refused, not run.
+
+    Raises
+    ------
+    DetectorError
+        If there is none, or it is no such file.
+    """
+    import torch
+
+    try:
+        found = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise DetectorError("no such file", path=path, remedy="name a run folder or a checkpoint") from None
+    except Exception as error:  # whatever PyTorch finds wrong with a file, the file is wrong
+        line = str(error).strip().split("\n")[0]
+        raise DetectorError(f"is no weights file ({line})", path=path, remedy="name another") from None
+    if not isinstance(found, dict):
+        raise DetectorError("is no weights file of a detector", path=path, remedy="name another")
+    return found
+
+
+def chosen_device(device: str) -> Any:
+    """The device that a user has named.
+
+    Raises
+    ------
+    DetectorError
+        If it does not exist here.
+    """
+    import torch
+
+    if device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        chosen = torch.device(device)
+        torch.empty(0, device=chosen)
+    except (RuntimeError, AssertionError) as error:
+        line = str(error).strip().split("\n")[0]
+        raise DetectorError(f"device {device!r} cannot be used ({line})", remedy="name auto or cpu") from None
+    return chosen

@@ -1,0 +1,145 @@
+"""Which picture is trained on when, settled before training begins: a file with a row for each draw.
+
+"25,000 randomly sampled images (with replacement)" (paper, section 2.2). Row k is a function of the seed and k alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from geometry.errors import ConfigError, DatasetError
+from geometry.files import replacing
+
+HEADER = ("draw", "source", "image", "augmentation_seed")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Draws:
+    """n draws from the pictures of several sources.
+
+    Parameters
+    ----------
+    source
+        (n,) which source.
+    image
+        (n,) which of its pictures.
+    seed
+        (n,) of its augmentation.
+    """
+
+    source: Int[np.ndarray, " n"]
+    image: Int[np.ndarray, " n"]
+    seed: Int[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def counts(self, sizes: Sequence[int]) -> list[Int[np.ndarray, " images"]]:
+        """How often each picture of each source is drawn."""
+        return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
+
+
+def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float | None] = ()) -> Draws:
+    """Draw pictures with replacement.
+
+    Parameters
+    ----------
+    sizes
+        Pictures of each source, at least 1.
+    budget
+        How many draws.
+    seed
+        From 0 on. Draws of a smaller budget are the beginning of those of a larger one.
+    shares
+        Of each source, its part of the draws, or None: those share what is left by their sizes. Empty: all are None,
+        every picture is as likely as any other.
+
+    Examples
+    --------
+    >>> draws = make_draws([21, 420], 25_000, seed=0)
+    >>> [int(counts.sum()) for counts in draws.counts([21, 420])]
+    [1147, 23853]
+    """
+    low = np.concatenate(([0.0], np.cumsum(_parts(sizes, shares))))
+    # Raw output of a counter-based generator: the same on every machine and with every version of NumPy.
+    raw = np.random.Philox(key=seed).random_raw(3 * budget).reshape(budget, 3)
+    unit = (raw[:, :2] >> np.uint64(11)) * 2.0**-53
+    source = np.minimum(np.searchsorted(low, unit[:, 0], side="right") - 1, len(sizes) - 1)
+    image = (unit[:, 1] * np.asarray(sizes)[source]).astype(np.int64)
+    return Draws(source.astype(np.int64), image, (raw[:, 2] >> np.uint64(32)).astype(np.int64))
+
+
+def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[float | None]:
+    """Shares in the order of the sources.
+
+    Raises
+    ------
+    ConfigError
+        If one is of no source or out of range, or all together are not 1.
+    """
+    for name, share in shares.items():
+        if name not in names:
+            raise ConfigError(f"shares.{name}: no source has this name; there are {', '.join(names)}")
+        if not 0.0 <= share <= 1.0:
+            raise ConfigError(f"shares.{name} = {share:g}: expected a number from 0 to 1")
+    total = math.fsum(shares.values())
+    if total > 1.0 + 1e-9 or (len(shares) == len(names) and total < 1.0 - 1e-9):
+        raise ConfigError(f"shares: they add up to {total:g}, expected 1", remedy="leave one of them out")
+    return [shares.get(name) for name in names]
+
+
+def write_draws(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]], path: Path) -> None:
+    """Write a row for each draw: its number, the source's name, the picture's, the seed of its augmentation."""
+    text = io.StringIO(newline="")
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(HEADER)
+    for k, (source, image, seed) in enumerate(zip(draws.source, draws.image, draws.seed, strict=True)):
+        rows.writerow((k, names[source], file_names[source][image], int(seed)))
+    with replacing(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:
+    """The draws of a file, whoever made it.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first row that is none.
+    """
+    index = [{name: i for i, name in enumerate(mine)} for mine in file_names]
+    source, image, seeds = [], [], []
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = csv.reader(file)
+        if tuple(next(rows, ())) != HEADER:
+            raise DatasetError(f"line 1: expected {','.join(HEADER)}", path=path, remedy="restore the file")
+        for k, row in enumerate(rows):
+            try:
+                number, name, picture, seed = row
+                found = names.index(name)
+                source.append(found)
+                image.append(index[found][picture])
+                seeds.append(int(seed))
+                if int(number) != k or not 0 <= seeds[-1] < 1 << 32:
+                    raise ValueError
+            except (ValueError, KeyError):
+                raise DatasetError(f"line {k + 2}: no draw: {row}", path=path, remedy="restore the file") from None
+    return Draws(*(np.array(column, dtype=np.int64) for column in (source, image, seeds)))
+
+
+def _parts(sizes: Sequence[int], shares: Sequence[float | None]) -> Float[np.ndarray, " sources"]:
+    """The part of the draws that each source gets."""
+    if not sizes or min(sizes) < 1:
+        raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
+    given = list(shares) or [None] * len(sizes)
+    left = 1.0 - math.fsum(share for share in given if share is not None)
+    open_sizes = sum(size for size, share in zip(sizes, given, strict=True) if share is None)
+    return np.array([left * n / open_sizes if share is None else share for n, share in zip(sizes, given, strict=True)])

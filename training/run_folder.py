@@ -1,0 +1,148 @@
+"""The folder of a training run: what it was made with, how far it has come, what came out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from geometry.errors import ConfigError
+from geometry.files import replacing
+from training.detector import RUN_NAME, WEIGHTS_NAME, DetectorError, read_run
+
+CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
+CHECKPOINT_NAME = "checkpoint.ckpt"
+LOCK_NAME = ".hulldown.lock"
+METRICS = ("step", "loss", "learning_rate", "seconds", "waited_for_data_s")
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Paths of a run."""
+
+    path: Path
+
+    @property
+    def config(self) -> Path:
+        """What decides the weights: settings, classes, hashes of data."""
+        return self.path / CONFIG_NAME
+
+    @property
+    def draws(self) -> Path:
+        """Which picture is trained on when."""
+        return self.path / DRAWS_NAME
+
+    @property
+    def checkpoint(self) -> Path:
+        """The last state that training can go on from."""
+        return self.path / CHECKPOINT_NAME
+
+    @property
+    def weights(self) -> Path:
+        """The result."""
+        return self.path / WEIGHTS_NAME
+
+    def finished(self) -> dict[str, Any] | None:
+        """What run.json says, if the run is finished."""
+        if not (self.path / RUN_NAME).exists() or not self.weights.exists():
+            return None
+        run = read_run(self.path)
+        return run if run.get("status") == "finished" else None
+
+    def write_json(self, name: str, value: Mapping[str, Any]) -> None:
+        """Replace a file in one step."""
+        with replacing(self.path / name) as file:
+            file.write(json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
+
+    def write_metrics(self, rows: Sequence[Sequence[float]]) -> None:
+        """Replace metrics.csv and the picture of the loss."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(METRICS)
+        writer.writerows([int(step), *(f"{value:.6g}" for value in values)] for step, *values in rows)
+        with replacing(self.path / METRICS_NAME) as file:
+            file.write(text.getvalue().encode())
+        _draw_losses(rows, self.path / CURVE_NAME)
+
+
+@contextmanager
+def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
+    """The folder, made if there is none, with this process alone in it.
+
+    Parameters
+    ----------
+    path
+        New, empty, or of a run with the same config.
+    config
+        What decides the weights, as plain JSON.
+
+    Raises
+    ------
+    DetectorError
+        If another process is training in it, or it holds something else.
+    ConfigError
+        If it holds a run of another config, naming the first key that differs.
+    """
+    folder = RunFolder(path)
+    if path.exists() and not folder.config.exists():
+        strangers = [p.name for p in path.iterdir() if p.name != LOCK_NAME] if path.is_dir() else [path.name]
+        if strangers:
+            raise DetectorError(f"holds {strangers[0]} and no run", path=path, remedy="name a new or an empty folder")
+    if folder.config.exists():
+        _check_same(folder.config, config)
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(path / LOCK_NAME, timeout=0):
+            folder.write_json(CONFIG_NAME, config)
+            yield folder
+    except Timeout:
+        raise DetectorError(
+            "another process is training in it", path=path, remedy="wait until it has ended, or name another folder"
+        ) from None
+
+
+def _check_same(path: Path, config: Mapping[str, Any]) -> None:
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"cannot be read ({error})", path=path, remedy="name a new folder") from None
+    was, now = (dict(_flat(value)) for value in (before, json.loads(json.dumps(config))))
+    for key in sorted({*was, *now}):
+        if was.get(key) != now.get(key):
+            raise ConfigError(
+                f"the run in this folder has {key} = {was.get(key)!r:.60}, not {now.get(key)!r:.60}",
+                path=path, remedy="name a new folder, or train with what that run has",
+            )  # fmt: skip
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else name)
+    else:
+        yield key, value
+
+
+def _draw_losses(rows: Sequence[Sequence[float]], path: Path) -> None:
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    steps, losses = (np.array([row[i] for row in rows]) for i in (0, 1))
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(steps, losses, lw=0.5, alpha=0.4, color="tab:blue", label="each step")
+    width = max(1, len(losses) // 50)
+    if len(losses) >= 2 * width:
+        smooth = np.convolve(losses, np.ones(width) / width, mode="valid")
+        axes.plot(steps[width - 1 :], smooth, color="tab:blue", label=f"mean of {width}")
+    axes.set(xlabel="step", ylabel="loss", ylim=(0.0, None))
+    axes.legend()
+    with replacing(path) as file:
+        figure.savefig(file, format="png", dpi=120)

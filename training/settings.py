@@ -1,0 +1,120 @@
+"""What a training run is made with: read from TOML, completed with what suits the model, written into the run."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from geometry.errors import ConfigError
+
+Model = Literal["small", "nano", "rf-small", "medium", "large"]
+FLAGS = ("model", "budget", "seed", "resolution", "weights")  # what the command line may say itself
+
+
+class Settings(BaseModel):
+    """All that decides what a run's weights are, beside the data; None: what suits the model."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    model: Model = Field("medium", description="small for a CPU without weights; nano to large are RF-DETR's")
+    budget: int = Field(25_000, ge=1, description="pictures drawn, with replacement")
+    seed: int = Field(0, ge=0, lt=2**63, description="of draws, augmentation and weights")
+    resolution: int | None = Field(None, ge=32, le=4096, description="pixels: of a side, of small the width")
+    weights: str | None = Field(None, description="file to start from, or none; default: the model's own")
+    batch: int | None = Field(None, ge=1, description="pictures that go through the network at once")
+    accumulate: int | None = Field(None, ge=1, description="batches in a step: their gradients are added")
+    learning_rate: float | None = Field(None, gt=0.0, description="at its highest")
+    weight_decay: float = Field(1e-4, ge=0.0)
+    schedule: Literal["step", "cosine"] | None = Field(None, description="step: a tenth of the rate at the end")
+    warmup: float = Field(0.02, ge=0.0, lt=1.0, description="share of the steps in which the rate rises from 0")
+    drop: float = Field(0.8, gt=0.0, le=1.0, description="share of the steps after which it is a tenth")
+    shares: dict[str, float] = Field({}, description="source -> its part of the draws")
+    augmentation: dict[str, Any] = Field({}, description="line of Table 1 -> its probability and numbers")
+    multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
+    queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
+    groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
+
+    @property
+    def effective_batch(self) -> int:
+        """Pictures in a step, of a completed setting."""
+        return (self.batch or 1) * (self.accumulate or 1)
+
+
+# RF-DETR's default of batches in a step went from 4 to 1 between versions: here it is written down.
+_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step"}
+_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 2e-3, "schedule": "cosine"},
+    "nano": {"resolution": 384, **_RF_DETR},
+    "rf-small": {"resolution": 512, **_RF_DETR},
+    "medium": {"resolution": 576, **_RF_DETR},
+    "large": {"resolution": 704, **_RF_DETR},
+}
+
+
+def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
+    """Settings of a TOML file, if there is one, with changes from the command line, completed.
+
+    Parameters
+    ----------
+    path
+        A file with the fields of `Settings` as its keys.
+    changes
+        Field -> value; None leaves it as it is.
+
+    Raises
+    ------
+    ConfigError
+        Naming file, key, value and what is allowed.
+    """
+    data: dict[str, Any] = {}
+    if path is not None:
+        try:
+            data = tomllib.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise ConfigError("no such file", path=path) from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f"cannot be read: {error}", path=path) from None
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"is no TOML: {error}", path=path) from None
+    data.update({key: value for key, value in changes.items() if value is not None})
+    try:
+        return completed(Settings.model_validate(data))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(step) for step in first["loc"])
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(Settings.model_fields)
+            raise ConfigError(f"unknown key {key}; known here: {known}", path=path) from None
+        what = first["msg"].replace("Input should be", "expected")
+        raise ConfigError(f"{key} = {first['input']!r:.60}: {what}", path=path) from None
+
+
+def completed(settings: Settings) -> Settings:
+    """The same with a value where None asks for what suits the model; `weights`, `queries` and `groups` may stay."""
+    missing = {key: value for key, value in _DEFAULTS[settings.model].items() if getattr(settings, key) is None}
+    return settings.model_copy(update=missing)
+
+
+def rate_factor(step: int, settings: Settings, steps: int) -> float:
+    """The learning rate of a step as a share of its highest: in steps of the budget, never in epochs.
+
+    Parameters
+    ----------
+    step
+        From 0 on.
+    settings
+        Completed.
+    steps
+        Of the whole run.
+    """
+    rise = math.ceil(settings.warmup * steps)
+    if step < rise:
+        return (step + 1) / (rise + 1)
+    if settings.schedule == "cosine":
+        return 0.5 * (1.0 + math.cos(math.pi * (step - rise) / max(1, steps - rise)))
+    return 1.0 if step < settings.drop * steps else 0.1

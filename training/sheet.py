@@ -1,0 +1,75 @@
+"""A sheet that shows what augmentation does to a dataset's pictures (paper, Figure 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from annotate.drawing import contact_sheet, draw
+from training.augment import Augmenter, Sample, changed_table
+from training.data import at_work_size
+from training.settings import load_settings
+from training.sources import read_sources
+
+TIMES = 8  # augmentations in a row
+WORK_SIZE = (512, 288)  # what the pictures are shrunk to, as for a network of that size
+TILE_WIDTH = 256
+
+
+def augmentation_sheet(
+    dataset: Path | str,
+    *,
+    rows: int = 6,
+    seed: int = 0,
+    config: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Image.Image:
+    """In each row a picture as it is, and eight times augmented.
+
+    Parameters
+    ----------
+    dataset
+        The folder of a COCO dataset.
+    rows
+        Pictures, evenly taken from its whole length.
+    seed
+        Of the augmentations.
+    config
+        Of a training, whose augmentation is used; None: the paper's.
+    progress
+        Told (pictures done, all).
+
+    Raises
+    ------
+    DatasetError, ConfigError
+        If dataset or config cannot be used.
+    """
+    table = changed_table(load_settings(config, {}).augmentation)
+    classes, (source,) = read_sources({"dataset": dataset})
+    names = dict(enumerate(classes, start=1))
+    augment = Augmenter(table, height=WORK_SIZE[1])
+    chosen = np.unique(np.linspace(0, len(source) - 1, min(rows, len(source))).round().astype(int))
+    pictures = []
+    for row, i in enumerate(chosen.tolist()):
+        sample = at_work_size(source.sample(i), WORK_SIZE)
+        changed = [augment(sample, hash_of(seed, i, k)) for k in range(TIMES)]
+        pictures += [_drawn(one, names) for one in (sample, *changed)]
+        if progress is not None:
+            progress(row + 1, len(chosen))
+    return contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH)
+
+
+def hash_of(*numbers: int) -> int:
+    """A seed that is a function of some numbers."""
+    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
+
+
+def _drawn(sample: Sample, names: dict[int, str]) -> Image.Image:
+    boxes = [
+        {"bbox": xywh.tolist(), "category_id": int(label) + 1}
+        for xywh, label in zip(sample.xywh, sample.label, strict=True)
+    ]
+    return draw(Image.fromarray(sample.picture), boxes, names)

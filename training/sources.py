@@ -1,0 +1,224 @@
+"""The datasets that a detector is trained on, as arrays; checked before anything begins."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from jaxtyping import Float, Int, UInt8
+from PIL import Image
+
+from annotate.masks import decode
+from dataset.document import read_coco
+from dataset.records import OUTSIDE, check_usable
+from geometry.errors import DatasetError
+from training.augment import Sample
+
+READERS = 4  # threads that look at pictures before training
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Source:
+    """A dataset of n pictures with m labelled boxes, in the order of the pictures' names.
+
+    Parameters
+    ----------
+    name
+        What the user calls it.
+    folder
+        Where its pictures are.
+    file_names
+        Of each picture, relative to the folder.
+    sizes
+        (n, 2) width and height, pixels.
+    starts
+        (n + 1,) the boxes of picture i are those from ``starts[i]`` to ``starts[i + 1]``.
+    xywh
+        (m, 4) pixels.
+    label
+        (m,) index into the classes that all sources share.
+    segmentations
+        Of each box as COCO has it; None where there is none.
+    digest
+        SHA-256 of what a detector learns from it beside the pixels.
+    """
+
+    name: str
+    folder: Path
+    file_names: tuple[str, ...]
+    sizes: Int[np.ndarray, "n 2"]
+    starts: Int[np.ndarray, " n+1"]
+    xywh: Float[np.ndarray, "m 4"]
+    label: Int[np.ndarray, " m"]
+    segmentations: tuple[Any, ...]
+    digest: str
+
+    def __len__(self) -> int:
+        return len(self.file_names)
+
+    def sample(self, i: int) -> Sample:
+        """Picture i with what is on it.
+
+        Raises
+        ------
+        DatasetError
+            If the picture cannot be read, or is not as large as its record says.
+        """
+        boxes = slice(self.starts[i], self.starts[i + 1])
+        width, height = (int(n) for n in self.sizes[i])
+        masks = tuple(None if s is None else decode(s, width, height) for s in self.segmentations[boxes])
+        return Sample(read_picture(self.folder / self.file_names[i], (width, height)), self.xywh[boxes],
+                      self.label[boxes], masks)  # fmt: skip
+
+
+def read_picture(path: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture's RGB values, as they are stored: what an EXIF tag says of its orientation is not followed.
+
+    Raises
+    ------
+    DatasetError
+        If it is missing, truncated, no picture, or of another size than `size` (width, height).
+    """
+    try:
+        with Image.open(path) as picture:
+            if picture.size != size:
+                raise DatasetError(
+                    f"is {picture.width} x {picture.height} pixels, its record says {size[0]} x {size[1]}",
+                    path=path, remedy="correct the record or the picture",
+                )  # fmt: skip
+            return np.asarray(picture.convert("RGB"))
+    except FileNotFoundError:
+        raise DatasetError("no such picture", path=path, remedy="put it there or delete its record") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="replace it") from None
+
+
+def read_sources(
+    folders: Mapping[str, Path | str], *, classes: Sequence[str] | None = None
+) -> tuple[tuple[str, ...], tuple[Source, ...]]:
+    """The classes of all datasets, and each dataset with labels that index them.
+
+    Classes are matched by name; ids are each dataset's own. A category that no box has and that another one names as
+    its ``supercategory`` only groups others and is no class. Regions of many (``iscrowd``) are left out.
+
+    Parameters
+    ----------
+    folders
+        Name -> folder of a COCO dataset.
+    classes
+        What the classes must be, in this order; None: those of the first dataset, in the order of their ids.
+
+    Raises
+    ------
+    DatasetError
+        If a folder is no dataset or has no images, a record or box cannot be used, or classes differ, naming both.
+    """
+    cocos = {name: _checked(Path(folder)) for name, folder in folders.items()}
+    known, of = (list(classes), "the detector") if classes is not None else ([], "")
+    for name, coco in cocos.items():
+        mine = _classes(coco)
+        if not of:
+            known, of = mine, name
+        if sorted(mine) != sorted(known):
+            raise DatasetError(
+                f"the classes of {name} are {_listed(mine)}, those of {of} are {_listed(known)}",
+                path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
+            )  # fmt: skip
+    return tuple(known), tuple(_source(name, Path(folders[name]), coco, known) for name, coco in cocos.items())
+
+
+def check_pictures(sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None) -> dict[str, str]:
+    """SHA-256 of each source, records and pictures, having looked at every picture.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first picture, in the order of sources and names, that cannot be used.
+    """
+    digests, done, total = {}, 0, sum(map(len, sources))
+    with ThreadPoolExecutor(READERS) as pool:
+        for source in sources:
+            digest = hashlib.sha256(source.digest.encode())
+            sizes = [(int(w), int(h)) for w, h in source.sizes]
+            paths = [source.folder / name for name in source.file_names]
+            for found in pool.map(_digest, paths, sizes):
+                digest.update(found)
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+            digests[source.name] = digest.hexdigest()
+    return digests
+
+
+def _digest(path: Path, size: tuple[int, int]) -> bytes:
+    read_picture(path, size)
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
+def _checked(folder: Path) -> dict[str, Any]:
+    """A dataset whose records can all be learned from."""
+    coco = read_coco(folder)
+    check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
+    if not coco["images"]:
+        raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
+    images = {image["id"]: image for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        where = f"annotation {annotation['id']}"
+        if (image := images.get(annotation["image_id"])) is None:
+            raise DatasetError(
+                f"{where}: image {annotation['image_id']} does not exist", path=folder, remedy="delete it"
+            )
+        x, y, w, h = annotation["bbox"]
+        outside = x < -OUTSIDE or y < -OUTSIDE or x + w > image["width"] + OUTSIDE or y + h > image["height"] + OUTSIDE
+        if w <= 0 or h <= 0 or outside:
+            what = f"leaves its image of {image['width']} x {image['height']}" if outside else "has no area"
+            raise DatasetError(
+                f"{image['file_name']}: {where}: bbox {annotation['bbox']} {what}", path=folder, remedy="correct it"
+            )
+    return coco
+
+
+def _classes(coco: Mapping[str, Any]) -> list[str]:
+    """Names of what boxes are of, each once, in the order of ids."""
+    used = {annotation["category_id"] for annotation in coco["annotations"]}
+    parents = {c.get("supercategory") for c in coco["categories"] if c.get("supercategory") != c["name"]}
+    ordered = sorted(coco["categories"], key=lambda category: category["id"])
+    return list(dict.fromkeys(c["name"] for c in ordered if c["id"] in used or c["name"] not in parents))
+
+
+def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> Source:
+    images = sorted(coco["images"], key=lambda image: str(image["file_name"]))
+    names = {category["id"]: category["name"] for category in coco["categories"]}
+    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in images}
+    for annotation in sorted(coco["annotations"], key=lambda annotation: annotation["id"]):
+        if not annotation.get("iscrowd"):
+            boxes[annotation["image_id"]].append(annotation)
+    ordered = [annotation for image in images for annotation in boxes[image["id"]]]
+    counts = [len(boxes[image["id"]]) for image in images]
+    sizes = [(image["width"], image["height"]) for image in images]
+    learned = [
+        [image["file_name"], *size, [[a["bbox"], names[a["category_id"]], a.get("segmentation")] for a in mine]]
+        for image, size in zip(images, sizes, strict=True)
+        for mine in [boxes[image["id"]]]
+    ]
+    return Source(
+        name=name,
+        folder=folder,
+        file_names=tuple(str(image["file_name"]) for image in images),
+        sizes=np.array(sizes, dtype=np.int64).reshape(-1, 2),
+        starts=np.concatenate(([0], np.cumsum(counts, dtype=np.int64))),
+        xywh=np.array([a["bbox"] for a in ordered], dtype=np.float64).reshape(-1, 4),
+        label=np.array([classes.index(names[a["category_id"]]) for a in ordered], dtype=np.int64),
+        segmentations=tuple(a.get("segmentation") or None for a in ordered),
+        digest=hashlib.sha256(orjson.dumps(learned)).hexdigest(),
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(repr(name) for name in sorted(names)) or "none"

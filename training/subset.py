@@ -1,0 +1,174 @@
+"""Smaller datasets out of a dataset, each within the next larger one: real data made scarce (paper, section 2.2)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from dataset.document import ANNOTATIONS_NAME
+from dataset.layout import write_coco
+from dataset.pictures import link_or_copy
+from dataset.records import read_usable
+from dataset.split import all_or_nothing, group_of
+from geometry.errors import DatasetError
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
+
+
+def subset_name(fraction: float) -> str:
+    """The folder of a fraction: its percentage, as short as it can be written.
+
+    Examples
+    --------
+    >>> [subset_name(fraction) for fraction in (1.0, 0.05, 0.125)]
+    ['100', '5', '12.5']
+    """
+    return f"{100 * fraction:.10g}"
+
+
+def shuffled_images(
+    images: Sequence[Mapping[str, Any]],
+    annotations: Mapping[int, Sequence[Mapping[str, Any]]],
+    *,
+    seed: int = 0,
+    stratified: bool = False,
+) -> list[int]:
+    """The ids of all images in the one order whose beginnings are the subsets.
+
+    The order depends on the seed and the file names alone. The shots of one position follow each other, as they show
+    one vehicle on one piece of ground.
+
+    Parameters
+    ----------
+    images
+        COCO image records.
+    annotations
+        Image id -> its COCO annotation records.
+    seed
+        Another seed, another order.
+    stratified
+        Whether every beginning shall have each class in the proportion of the whole, as well as whole positions
+        allow.
+    """
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for image in images:
+        groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
+    for members in groups.values():
+        members.sort(key=lambda image: str(image["file_name"]))
+    order = sorted(groups.values(), key=lambda members: _shuffled(str(members[0]["file_name"]), seed))
+    if stratified:
+        order = _spread(order, annotations)
+    return [int(image["id"]) for members in order for image in members]
+
+
+def write_subsets(
+    dataset: Path | str,
+    out: Path | str,
+    *,
+    fractions: Sequence[float] = FRACTIONS,
+    seed: int = 0,
+    stratified: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, int]:
+    """Write nested subsets of a dataset, each a dataset in a folder of its own, named by its percentage.
+
+    Pictures are hard links where the disk allows, copies elsewhere. A subset has as many images as its share, or fewer
+    where the last position would only be in it in part; at least one position.
+
+    Parameters
+    ----------
+    dataset
+        The folder of a COCO dataset.
+    out
+        A folder that does not exist or is empty.
+    fractions
+        Shares of the images, above 0 and at most 1.
+    seed, stratified
+        See `shuffled_images`.
+    progress
+        Told (done, all) after each picture.
+
+    Returns
+    -------
+    Images in each subset, by its folder's name.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset cannot be read or has no images, a fraction is out of range, a picture is missing, or `out` has
+        something in it or cannot be written. Nothing is left in `out` then.
+    """
+    dataset, out = Path(dataset), Path(out)
+    for fraction in fractions:
+        if not 0.0 < fraction <= 1.0:
+            raise DatasetError(f"fraction {fraction:g}: expected a share above 0 and at most 1")
+    names = [subset_name(fraction) for fraction in fractions]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise DatasetError(f"fraction {float(repeated[0]) / 100:g} is there twice", remedy="name each fraction once")
+    coco = read_usable(dataset)
+    if not coco["images"]:
+        raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")
+    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        if annotation["image_id"] in boxes:
+            boxes[annotation["image_id"]].append(annotation)
+    order = shuffled_images(coco["images"], boxes, seed=seed, stratified=stratified)
+    by_id = {image["id"]: image for image in coco["images"]}
+    sizes = _sizes([group_of(by_id[i], boxes[i]) for i in order], fractions)
+    chosen = {name: set(order[:size]) for name, size in zip(names, sizes, strict=True)}
+    done, total = 0, sum(sizes)
+    head = {key: value for key, value in coco.items() if key not in ("images", "annotations")}
+    with all_or_nothing(out) as unfinished:
+        for name, ids in chosen.items():
+            images = [image for image in coco["images"] if image["id"] in ids]
+            for image in images:
+                source, target = dataset / image["file_name"], unfinished / name / image["file_name"]
+                target.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    link_or_copy(source, target)
+                except OSError as error:
+                    problem = f"cannot be linked ({error.strerror})"
+                    raise DatasetError(problem, path=source, remedy="check it with `hulldown verify`") from error
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+            records = [annotation for image in images for annotation in boxes[image["id"]]]
+            with (unfinished / name / ANNOTATIONS_NAME).open("wb") as file:
+                write_coco(file, {"info": {}, **head}, map(orjson.dumps, images), map(orjson.dumps, records))
+    return dict(zip(names, sizes, strict=True))
+
+
+def _sizes(groups: Sequence[str], fractions: Sequence[float]) -> list[int]:
+    """How many images of the order each fraction gets: whole groups, at least one."""
+    ends = [i + 1 for i, name in enumerate(groups) if i + 1 == len(groups) or groups[i + 1] != name]
+    sizes = []
+    for fraction in fractions:
+        # As it was written: 0.05 of 420 is 21, whatever 0.05 is in binary.
+        wanted = round(Fraction(str(fraction)) * len(groups))
+        sizes.append(max([end for end in ends if end <= wanted], default=ends[0]))
+    return sizes
+
+
+def _spread(
+    order: Sequence[list[Mapping[str, Any]]], annotations: Mapping[int, Sequence[Mapping[str, Any]]]
+) -> list[list[Mapping[str, Any]]]:
+    """Groups so that the classes come evenly: of each kind of group the i-th of n at (i + 1/2) / n of the way."""
+    kinds: dict[tuple[int, ...], list[list[Mapping[str, Any]]]] = {}
+    for members in order:
+        labels = {a["category_id"] for image in members for a in annotations.get(image["id"], ())}
+        kinds.setdefault(tuple(sorted(labels)), []).append(members)
+    placed = []
+    for kind, groups in kinds.items():
+        ends = list(accumulate(len(members) for members in groups))
+        placed += [((end - len(m) / 2) / ends[-1], kind, m) for end, m in zip(ends, groups, strict=True)]
+    return [members for _, _, members in sorted(placed, key=lambda entry: entry[:2])]
+
+
+def _shuffled(name: str, seed: int) -> bytes:
+    return hashlib.sha256(f"{seed} {name}".encode()).digest()

@@ -1,0 +1,312 @@
+"""Training a detector on draws from datasets under a fixed budget; a run that is killed goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+
+from geometry.errors import ConfigError
+from geometry.files import replacing
+from training.augment import TABLE, changed_table
+from training.callbacks import AveragedWeights, Recorder, StepSeeds
+from training.data import Batches, DrawnExamples, loader
+from training.detector import RUN_NAME, Detector, DetectorError, chosen_device
+from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
+from training.extra import quiet
+from training.run_folder import RunFolder, opened
+from training.settings import Settings
+from training.small import SmallDetector, SmallModule, save_small, small_network, small_size
+from training.sources import Source, check_pictures, read_sources
+from training.validate import average_precision
+
+VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
+
+
+def train(
+    data: Mapping[str, Path | str],
+    out: Path | str,
+    *,
+    settings: Settings,
+    valid: Path | str | None = None,
+    workers: int | None = None,
+    device: str = "auto",
+    checkpoint_every: int | None = None,
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Train a detector, or go on with the training that was killed in the same folder.
+
+    Parameters
+    ----------
+    data
+        Name -> folder of each dataset that is drawn from.
+    out
+        The run's folder.
+    settings
+        Completed, see `training.settings.load_settings`.
+    valid
+        A dataset that the result is measured on. It decides nothing.
+    workers
+        Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
+    device
+        ``"auto"``, ``"cpu"`` or ``"gpu"``.
+    checkpoint_every
+        Steps between checkpoints; None: as many as pass in a minute.
+    progress
+        Told what is done, how much of it, and all.
+    say
+        Told a line now and then.
+
+    Returns
+    -------
+    What run.json holds.
+
+    Raises
+    ------
+    HulldownError
+        If a dataset, a setting, the weights to start from, the device or the run's folder cannot be used. Nothing has
+        been written then.
+    """
+    out = Path(out)
+    table = changed_table(settings.augmentation)
+    chosen = chosen_device({"gpu": "cuda"}.get(device, device))
+    small = settings.model == "small"
+    weights = _weights(settings)
+    classes, sources = read_sources(data)
+    shares = source_shares([source.name for source in sources], settings.shares)
+    held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
+    digests = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
+    resolution = settings.resolution or 0
+    size = small_size(resolution) if small else (resolution, resolution)
+    config = {
+        "settings": settings.model_dump(mode="json"),
+        "classes": list(classes),
+        "data": {source.name: {"images": len(source), "sha256": digests[source.name]} for source in sources},
+        "valid": {"images": len(held_back[0]), "sha256": digests["valid"]} if held_back else None,
+        "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
+    }
+    with opened(out, config) as folder:
+        if (run := folder.finished()) is not None:
+            say(f"{out}: is finished already")
+            return run
+        names, files = [source.name for source in sources], [source.file_names for source in sources]
+        if not folder.draws.exists():
+            draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
+            write_draws(draws, names, files, folder.draws)
+        draws = read_draws(folder.draws, names, files)
+        run = _description(settings, size, classes, data, sources, draws, chosen)
+        folder.write_json(RUN_NAME, run)
+        examples = DrawnExamples(sources, draws, size, table)
+        started = time.monotonic()
+        with quiet():
+            fitted = (_fit_small if small else _fit_detr)(
+                settings, classes, examples, folder, weights=weights, device=chosen, checkpoint_every=checkpoint_every,
+                workers=_workers() if workers is None else workers, progress=partial(progress, "training"), say=say,
+            )  # fmt: skip
+        detector, saved, rows = fitted
+        folder.write_metrics(rows)
+        with replacing(folder.weights) as file:
+            torch.save(saved, file)
+        run["figures"] = _figures(rows, settings, time.monotonic() - started)
+        if held_back:
+            found = average_precision(detector, held_back[0], progress=partial(progress, "validating"))
+            run["figures"]["valid"] = found
+        run["status"] = "finished"
+        folder.write_json(RUN_NAME, run)
+        folder.checkpoint.unlink(missing_ok=True)
+        return run
+
+
+def _weights(settings: Settings) -> Path | None:
+    if settings.model != "small":
+        from training.detr import check_resolution, starting_weights
+
+        check_resolution(settings)
+        return starting_weights(settings)
+    if settings.weights not in (None, "none"):
+        raise ConfigError("weights: small starts from random ones", remedy="leave --weights out, or name a model")
+    return None
+
+
+def _fit_small(
+    settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
+    progress: Callable[[int, int], None], say: Callable[[str], None],
+) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
+    parts, ranks = _parts(settings, device)
+    batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
+    pl.seed_everything(settings.seed % 2**32, verbose=False)
+    module = SmallModule(small_network(len(classes), examples.size), settings, batches.steps)
+    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
+    trainer = pl.Trainer(
+        max_epochs=1, accelerator="gpu" if device.type == "cuda" else "cpu", devices=ranks,
+        accumulate_grad_batches=parts // ranks, precision="bf16-mixed" if device.type == "cuda" else "32-true",
+        gradient_clip_val=10.0, callbacks=[StepSeeds(settings.seed), AveragedWeights(), recorder], **_OURS,
+    )  # fmt: skip
+    data = loader(list, examples=examples, batches=batches, workers=workers)
+    _run(trainer, folder, module, train_dataloaders=data)
+    detector = SmallDetector(module.network, tuple(classes), examples.size, device)
+    return detector, save_small(module.network, classes, examples.size), recorder.rows
+
+
+def _fit_detr(
+    settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
+    progress: Callable[[int, int], None], say: Callable[[str], None],
+) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
+    from rfdetr.training.trainer import build_trainer
+
+    from training.detr import DrawnData, averaging, detector_of, detr_configs, detr_module, save_detr
+
+    parts, ranks = _parts(settings, device)
+    batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
+    model_config, train_config = detr_configs(
+        settings, classes, batches.steps, weights=weights, device=device, folder=folder.path
+    )
+    pl.seed_everything(settings.seed % 2**32, verbose=False)
+    module = detr_module(model_config, train_config)
+    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
+    trainer = build_trainer(
+        train_config, model_config, devices=ranks, accumulate_grad_batches=parts // ranks,
+        callbacks=[StepSeeds(settings.seed), averaging(train_config), recorder], **_OURS,
+    )  # fmt: skip
+    data = DrawnData(model_config, train_config, partial(loader, examples=examples, batches=batches, workers=workers))
+    _run(trainer, folder, module, datamodule=data)
+    return detector_of(module, classes, device), save_detr(module, classes), recorder.rows
+
+
+# What Lightning would do beside the steps is done here, or must not be: nothing but the budget ends a run.
+_OURS: Mapping[str, Any] = {
+    "logger": False,
+    "enable_checkpointing": False,
+    "enable_progress_bar": False,
+    "enable_model_summary": False,
+    "num_sanity_val_steps": 0,
+    "limit_val_batches": 0,
+    "use_distributed_sampler": False,
+    "deterministic": "warn",
+}
+
+
+def _run(trainer: pl.Trainer, folder: RunFolder, module: pl.LightningModule, **data: Any) -> None:
+    before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+    checkpoint = str(folder.checkpoint) if folder.checkpoint.exists() else None
+    try:
+        trainer.fit(module, ckpt_path=checkpoint, weights_only=True if checkpoint else None, **data)
+    except SystemExit:  # what Lightning makes of Ctrl-C
+        raise KeyboardInterrupt from None
+    finally:
+        torch.use_deterministic_algorithms(before[0], warn_only=before[1])
+
+
+def _parts(settings: Settings, device: torch.device) -> tuple[int, int]:
+    """Batches in a step, and the processes that share them."""
+    accumulate = settings.accumulate or 1
+    ranks = torch.cuda.device_count() if device.type == "cuda" and device.index is None else 1
+    if accumulate % ranks:
+        raise DetectorError(
+            f"accumulate = {accumulate} cannot be shared by {ranks} GPUs",
+            remedy=f"take a multiple of {ranks} with a smaller batch, or fewer GPUs by CUDA_VISIBLE_DEVICES",
+        )
+    return accumulate, ranks
+
+
+def _steps_done(folder: RunFolder) -> int:
+    """Steps that the checkpoint holds, 0 without one."""
+    if not folder.checkpoint.exists():
+        return 0
+    found = torch.load(folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
+    return int(found["global_step"])
+
+
+def _recorder(
+    folder: RunFolder, steps: int, every: int | None, progress: Callable[[int, int], None], say: Callable[[str], None]
+) -> Recorder:
+    def estimate(seconds: float) -> None:
+        say(f"about {_duration(seconds)} of training left")
+
+    return Recorder(
+        folder.checkpoint, steps=steps, every=every, progress=progress, estimate=estimate,
+        on_checkpoint=folder.write_metrics,
+    )  # fmt: skip
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
+
+
+def _workers() -> int:
+    """One for each core but the one that trains, at most 8."""
+    return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
+
+
+def _description(
+    settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, Path | str],
+    sources: Sequence[Source], draws: Draws, device: torch.device,
+) -> dict[str, Any]:  # fmt: skip
+    """run.json of a run that begins."""
+    counts = draws.counts(list(map(len, sources)))
+    return {
+        "status": "running",
+        "model": settings.model,
+        "resolution": list(size),
+        "classes": list(classes),
+        "budget": settings.budget,
+        "seed": settings.seed,
+        "effective_batch": settings.effective_batch,
+        "batch": settings.batch,
+        "accumulate": settings.accumulate,
+        "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
+        "augmented": settings.augmentation != {name: {"probability": 0.0} for name in TABLE},
+        "sources": {
+            source.name: {
+                "folder": str(Path(data[source.name]).resolve()),
+                "images": len(source),
+                "drawn": int(found.sum()),
+                "draws_per_image": {"mean": float(found.mean()), "least": int(found.min()), "most": int(found.max())},
+            }
+            for source, found in zip(sources, counts, strict=True)
+        },
+        "device": str(device),
+        "python": platform.python_version(),
+        "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
+        "figures": {},
+    }
+
+
+def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, Any]:
+    """What the steps say together; times of killed parts are in them as far as checkpoints reach."""
+    _, losses, _, took, waited = np.array(rows).T
+    tail = losses[-max(1, math.ceil(len(losses) / 20)) :]
+    # The first step of a process starts workers and warms up.
+    steady = slice(1, None) if len(took) > 1 else slice(None)
+    return {
+        "final_loss": float(tail.mean()),
+        "seconds": seconds,
+        "seconds_per_step": float(np.median(took[steady])),
+        "images_per_second": settings.effective_batch / float(np.median(took[steady])),
+        "waited_for_data_share": float(waited[steady].sum() / took[steady].sum()),
+        "peak_memory_mb": _peak_memory_mb(),
+    }
+
+
+def _peak_memory_mb() -> float | None:
+    try:
+        import resource
+    except ImportError:
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
