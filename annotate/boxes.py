@@ -17,7 +17,7 @@ from annotate.clipping import Frustum, extremes_of_mesh
 from annotate.clusters import ClusteredSurface
 from annotate.posing import PosedParts, move
 from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
+from camera.intrinsics import Lenses, Optics, lenses
 from camera.projection import NEAR, Camera
 from geometry.arrays import checked
 
@@ -141,7 +141,7 @@ class VehicleBoxes:
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
         angles = self.shape.angles([articulation or {}])
         camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
-        framed, extremes = self._framed(camera_from_parts, [camera.intrinsics])
+        framed, extremes = self._framed(camera_from_parts, lenses([camera.intrinsics]))
         if framed[0]:
             return _xywh(extremes[0])
         return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
@@ -150,7 +150,7 @@ class VehicleBoxes:
         self,
         world_from_vehicle: ArrayLike,
         world_from_camera: ArrayLike,
-        intrinsics: Intrinsics | Sequence[Intrinsics],
+        intrinsics: Optics,
         articulations: Sequence[Mapping[str, float]] | None = None,
     ) -> Boxes:
         """Boxes of n poses at once.
@@ -167,9 +167,10 @@ class VehicleBoxes:
         vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
         cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
         n = len(vehicles)
-        each = [intrinsics] * n if isinstance(intrinsics, Intrinsics) else list(intrinsics)
+        one = lenses(intrinsics)
+        each = Lenses(np.full(n, one.f), np.tile(one.size, (n, 1))) if one.f.ndim == 0 else one
         turned = [{}] * n if articulations is None else articulations
-        for name, given in (("world_from_camera", cameras), ("intrinsics", each), ("articulations", turned)):
+        for name, given in (("world_from_camera", cameras), ("intrinsics", each.f), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = self.shape.angles(turned)
@@ -177,21 +178,21 @@ class VehicleBoxes:
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
-            framed, extremes = self._framed(camera_from_parts, each[rows])
+            framed, extremes = self._framed(camera_from_parts, Lenses(each.f[rows], each.size[rows]))
             xywh[rows][framed, :2] = amodal[rows][framed, :2] = extremes[framed, :2]
             xywh[rows][framed, 2:] = amodal[rows][framed, 2:] = extremes[framed, 2:] - extremes[framed, :2]
             for i in np.flatnonzero(~framed):
                 for out, frame in ((xywh, True), (amodal, False)):
-                    frustum = Frustum.of(each[start + i], frame=frame)
+                    frustum = Frustum.of_each(each, start + i, frame=frame)
                     found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if found is None else found
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _framed(
-        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Sequence[Intrinsics]
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
         """Which poses are wholly inside the frustum, and the extremes in pixels of those."""
-        f, width, height = np.array([(i.f_px, i.width, i.height) for i in intrinsics]).T
+        width, height = lens.size.T
         n = len(camera_from_parts)
         nearest, extremes = np.empty(n), np.empty((n, 4))
         step = max(1, BLOCK // self._parts.extreme.shape[1])
@@ -205,7 +206,7 @@ class VehicleBoxes:
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, found in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = found
-        extremes *= f[:, None]
+        extremes *= lens.f[:, None]
         extremes += np.stack([width, height, width, height], axis=1) / 2.0
         u0, v0, u1, v1 = extremes.T
         return (nearest >= NEAR) & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from camera.intrinsics import Intrinsics
+from camera.intrinsics import Intrinsics, Lenses
 from camera.projection import NEAR
 
 # Which planes a point is outside of, or lies on, as bits.
@@ -35,6 +35,12 @@ class Frustum:
     def of(cls, intrinsics: Intrinsics, *, frame: bool) -> Frustum:
         """The frustum of a camera with these intrinsics."""
         return cls(intrinsics.f_px, float(intrinsics.width), float(intrinsics.height), frame)
+
+    @classmethod
+    def of_each(cls, lens: Lenses, row: int, *, frame: bool) -> Frustum:
+        """The frustum of one of several cameras."""
+        width, height = lens.size[row].tolist()
+        return cls(float(lens.f[row]), width, height, frame)
 
     @property
     def bits(self) -> tuple[int, ...]:

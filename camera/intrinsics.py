@@ -122,7 +122,7 @@ class Lenses:
     def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
         """Cameras of one image size with these horizontal fields of view in radians."""
         sine, cosine = sin_cos(fov_x / 2.0)
-        return cls(width / 2.0 * cosine / sine, np.tile([float(width), float(height)], (len(fov_x), 1)))
+        return cls(width / 2.0 / (sine / cosine), np.tile([float(width), float(height)], (len(fov_x), 1)))
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from camera.framing import frame_target
-from camera.intrinsics import Intrinsics, Lenses, Optics, lenses
+from camera.intrinsics import Lenses, Optics
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
 from placement.rejection import Rejection
@@ -89,8 +89,9 @@ def try_cameras(
     def framing(rows: Int[np.ndarray, " k"]) -> RowStreams:
         return RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows])
 
+    lens = lenses_of(render, views.fov_x)
     if limits.size_measure == "paper":
-        distance = Lenses.of(render.width, render.height, views.fov_x).distance_for(target.model.smallest, fraction)
+        distance = lens.distance_for(target.model.smallest, fraction)
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
         every = np.arange(n)
@@ -98,7 +99,7 @@ def try_cameras(
             target,
             limits,
             render,
-            intrinsics=intrinsics_of(render, views.fov_x),
+            lens=lens,
             fraction=fraction,
             azimuth=azimuth,
             elevation=elevation,
@@ -118,8 +119,7 @@ def try_cameras(
     on = views.rejection[rows] == Rejection.NONE
     rows, poses = rows[on], poses[on]
     aimed_at = target.rows(rows)
-    intrinsics = intrinsics_of(render, views.fov_x[rows])
-    lens = lenses(intrinsics)
+    lens = lens.rows(rows)
     if limits.size_measure == "paper":
         poses = frame_target(
             poses,
@@ -131,7 +131,7 @@ def try_cameras(
         ).world_from_camera
     poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
     views.world_from_camera[rows] = poses
-    boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, intrinsics, aimed_at.articulation)
+    boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, lens, aimed_at.articulation)
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
     # A target that is out of the frame has no box: nan is not large enough.
@@ -159,16 +159,14 @@ def try_cameras(
 
 def views_of_companion(site: Site, vehicle: Placed, others: list[Placed], *, cameras: Views, config: Config) -> Views:
     """What each of these cameras sees of another vehicle than its target."""
-    intrinsics = intrinsics_of(config.render, cameras.fov_x)
-    boxes = vehicle.model.boxes.boxes(
-        vehicle.world_from_vehicle, cameras.world_from_camera, intrinsics, vehicle.articulation
-    )
+    lens = lenses_of(config.render, cameras.fov_x)
+    boxes = vehicle.model.boxes.boxes(vehicle.world_from_vehicle, cameras.world_from_camera, lens, vehicle.articulation)
     visible = visible_shares(
         site,
         vehicle,
         others,
         cameras.world_from_camera,
-        intrinsics=intrinsics,
+        intrinsics=lens,
         rays=config.camera.visibility_rays,
     )
     return replace(
@@ -203,9 +201,9 @@ def visible_shares(
     return np.nan_to_num(seen.fraction)
 
 
-def intrinsics_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> list[Intrinsics]:
+def lenses_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> Lenses:
     """The insides of cameras with these fields of view, radians."""
-    return [Intrinsics(render.width, render.height, fov) for fov in fov_x.tolist()]
+    return Lenses.of(render.width, render.height, fov_x)
 
 
 def camera_rejections(

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from annotate.boxes import Boxes
-from camera.intrinsics import Intrinsics, Lenses
+from camera.intrinsics import Lenses
 from placement.footprint import contact_samples
 from placement.settle import Settled, gap_and_penetration
-from planning.aiming import camera_rejections, intrinsics_of, visible_shares
+from planning.aiming import camera_rejections, lenses_of, visible_shares
 from planning.light import Lights, draw_lights
 from planning.limits import METRES, SHARE
 from planning.placing import clear_of_obstacles, clear_of_vehicle, settle_at
@@ -203,9 +203,9 @@ class Recomputed:
         return np.radians(self.said("fov_x_deg", of_image=True))
 
     @cached_property
-    def intrinsics(self) -> list[Intrinsics]:
+    def lens(self) -> Lenses:
         """The insides of the cameras."""
-        return intrinsics_of(self.config.render, self.fov_x)
+        return lenses_of(self.config.render, self.fov_x)
 
     @property
     def away(self) -> Float[np.ndarray, "n 3"]:
@@ -238,7 +238,7 @@ class Recomputed:
     def boxes(self) -> Boxes:
         """The vehicle's boxes."""
         placed = self.placed
-        return placed.model.boxes.boxes(placed.world_from_vehicle, self.cameras, self.intrinsics, placed.articulation)
+        return placed.model.boxes.boxes(placed.world_from_vehicle, self.cameras, self.lens, placed.articulation)
 
     @property
     def share_of_image(self) -> Float[np.ndarray, " n"]:
@@ -255,7 +255,7 @@ class Recomputed:
             self.placed,
             self.others,
             self.cameras,
-            intrinsics=self.intrinsics,
+            intrinsics=self.lens,
             rays=self.config.camera.visibility_rays,
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from camera.framing import frame_target
-from camera.intrinsics import Intrinsics
+from camera.intrinsics import Lenses
 from camera.shell import camera_pose
 from camera.size import Measure, ProjectedSize, solve_distance
 from geometry.uniform import UniformNumbers
@@ -42,7 +42,7 @@ def sized_cameras(
     limits: CameraSection,
     render: RenderSection,
     *,
-    intrinsics: list[Intrinsics],
+    lens: Lenses,
     fraction: Float[np.ndarray, " n"],
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
@@ -56,7 +56,7 @@ def sized_cameras(
         n vehicles.
     limits, render
         The config's; of the limits the measure, the framing and the truncation.
-    intrinsics
+    lens
         n of them.
     fraction
         (n,) wanted shares of the image's height, width, diagonal or area.
@@ -82,14 +82,14 @@ def sized_cameras(
     outward = -looking[:, :3, 2]
 
     def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
-        return solve_distance(intrinsics, poses, hull, centre=centres, pixels=pixels, measure=measure)
+        return solve_distance(lens, poses, hull, centre=centres, pixels=pixels, measure=measure)
 
     distance = solved(looking)
     for _ in range(ROUNDS):
         # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
         poses = camera_pose(centres, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         framed = frame_target(
-            poses, corners, intrinsics, rng=framing(), spread=limits.framing, truncated=limits.truncated_fraction
+            poses, corners, lens, rng=framing(), spread=limits.framing, truncated=limits.truncated_fraction
         )
         poses = framed.world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
