@@ -214,6 +214,21 @@ def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path)
     assert np.array_equal(clean, leaked)
 
 
+def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
+    """`Automatically Pack Resources` of the leaking file: the second HDRI was shown as the first one."""
+    field = assets.sceneries["field"]
+    packing = replace(assets, sceneries={"field": replace(field, path=folder / "leaking.blend")})
+    messages = []
+    for a in (replace(assets, sceneries={"field": field}), packing):
+        for hdri in ("sky", "grey", "sky"):
+            row = {**plan[0], **looking(0.0, 20.0), "scenery": "field", "hdri": hdri, "hdri_yaw_deg": 0.0}
+            messages.append(job(row, a, SETTINGS, tmp_path / f"{len(messages)}.png"))
+    sky, grey, again, *packed = draw(tmp_path, messages)
+    assert not np.array_equal(sky, grey)
+    for picture, expected in zip(packed, (sky, grey, again), strict=True):
+        assert np.array_equal(picture, expected)
+
+
 def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, tmp_path):
     evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
     row = altered(plan[0], scenery="field")
