@@ -1,7 +1,7 @@
 """Landlock: a process that reads other people's files writes nowhere but where it shall, and reads little else.
 
-Run as a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and becomes COMMAND, so that all threads of
-Blender, and what it may start, are confined from their first instruction. Needs the standard library only. Where the
+Run as a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and becomes COMMAND, so that all threads
+of Blender, and what it may start, are confined from their first instruction. Needs the standard library only. Where the
 kernel has no Landlock, `confined` leaves the command as it is.
 
 References
@@ -33,7 +33,18 @@ SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
 SPECIAL = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # making devices, sockets, FIFOs and links is allowed nowhere
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # what can be allowed of something that is no folder
 SYSTEM = (
-    *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store", "/opt/rocm", "/opt/intel", "/run/opengl-driver"),
+    *(
+        "/usr",
+        "/bin",
+        "/sbin",
+        "/lib",
+        "/lib32",
+        "/lib64",
+        "/nix/store",
+        "/opt/rocm",
+        "/opt/intel",
+        "/run/opengl-driver",
+    ),
     *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/alternatives", "/etc/fonts", "/etc/localtime"),
     *("/etc/passwd", "/etc/nsswitch.conf", "/etc/OpenCL", "/etc/vulkan", "/etc/glvnd", "/var/cache/fontconfig"),
     *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/version", "/proc/modules", "/proc/devices"),
@@ -42,7 +53,7 @@ SYSTEM = (
 )
 DEVICES = ("/dev/null",)  # written to by programs of every kind
 OFF = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
-MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, as in PATH
+MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
 
 
 @cache
@@ -76,9 +87,9 @@ def confined(
     more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
     program = os.path.realpath(command[0])
     policy = {
-        "execute": [*SYSTEM, *python, command[0], os.path.dirname(program)],
-        "read": [*map(os.fspath, read), *more],
-        "write": [*map(os.fspath, write), *DEVICES, *devices],
+        "execute": [*SYSTEM, *python, *more, command[0], os.path.dirname(program)],
+        "read": [*map(str, read)],
+        "write": [*map(str, write), *DEVICES, *devices],
     }
     return [sys.executable, "-I", "-S", os.path.abspath(__file__), json.dumps(policy), *command]
 

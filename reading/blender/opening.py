@@ -64,14 +64,15 @@ def _disarm() -> list[str]:
     """Take away what writes or listens when the scene is evaluated."""
     left_out = []
     for obj in bpy.data.objects:
-        for modifier in [m for m in obj.modifiers if m.type in SIMULATED]:
-            left_out.append(f"the fluid of {obj.name!r} is left out, since its cache is no part of the file")
-            obj.modifiers.remove(modifier)
-        for cache in _caches(obj):
-            _keep_in_memory(cache)
+        for modifier in list(obj.modifiers):
+            if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _caches(modifier)):
+                kind = modifier.type.lower().replace("_", " ")
+                left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache is no part of the file")
+                obj.modifiers.remove(modifier)
     for scene in bpy.data.scenes:
-        if scene.rigidbody_world and scene.rigidbody_world.point_cache:
-            _keep_in_memory(scene.rigidbody_world.point_cache)
+        bodies = scene.rigidbody_world
+        if bodies and bodies.point_cache and not _keep_in_memory(bodies.point_cache):
+            bodies.enabled = False
         scene.render.use_render_cache = False
         scene.render.use_compositing = scene.render.use_sequencer = False
         scene.compositing_node_group = None
@@ -82,25 +83,24 @@ def _disarm() -> list[str]:
     return left_out
 
 
-def _caches(obj: Any) -> Iterator[Any]:
-    for system in obj.particle_systems:
-        yield system.point_cache
-    for modifier in obj.modifiers:
-        if modifier.type in ("CLOTH", "SOFT_BODY"):
-            yield modifier.point_cache
-        elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings:
-            for surface in modifier.canvas_settings.canvas_surfaces:
-                yield surface.point_cache
+def _caches(modifier: Any) -> Iterator[Any]:
+    if modifier.type == "PARTICLE_SYSTEM":
+        yield modifier.particle_system.point_cache
+    elif modifier.type in ("CLOTH", "SOFT_BODY"):
+        yield modifier.point_cache
+    elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings:
+        for surface in modifier.canvas_settings.canvas_surfaces:
+            yield surface.point_cache
 
 
-def _keep_in_memory(cache: Any) -> None:
-    """Have a cache write no file. What is baked is only read, so it stays as it is."""
-    if cache.is_baked:
-        return
-    every = cache.point_caches
-    for flag in ("use_disk_cache", "use_external"):
-        # Setting the property itself would move the cache, and delete files under its name.
-        every.foreach_set(flag, [False] * len(every))
+def _keep_in_memory(cache: Any) -> bool:
+    """Have a cache write no file; whether that is so. What is baked is only read, so it stays as it is."""
+    if not cache.is_baked:
+        every = cache.point_caches
+        for flag in ("use_disk_cache", "use_external"):
+            # Setting the property itself would move the cache, and delete files under its name.
+            every.foreach_set(flag, [False] * len(every))
+    return cache.is_baked or not cache.use_disk_cache
 
 
 def _name_what_cannot_be_read() -> None:
