@@ -87,7 +87,8 @@ def watched(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimit
         while child.poll() is None and not exceeded:
             held = _memory(child.pid)
             if held > limits.memory:
-                exceeded = f"reading it took {held / GIB:.2f} GiB of memory, more than the limit of {limits.memory / GIB:.2f} GiB"
+                allowed = f"the limit of {limits.memory / GIB:.2f} GiB"
+                exceeded = f"reading it took {held / GIB:.2f} GiB of memory, more than {allowed}"
             elif time.monotonic() - heard > limits.silence_s:
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
             time.sleep(0 if exceeded else POLL_S)

@@ -44,11 +44,10 @@ def paint(target):
 
 
 def rigid(target):
-    obj = cube()
+    cube()
     bpy.ops.rigidbody.world_add()
-    bpy.context.scene.rigidbody_world.collection = bpy.data.collections.new("bodies")
-    bpy.context.scene.rigidbody_world.collection.objects.link(obj)
-    bpy.context.scene.rigidbody_world.point_cache.use_disk_cache = True
+    caches = bpy.context.scene.rigidbody_world.point_cache.point_caches
+    caches.foreach_set("use_disk_cache", [True] * len(caches))
 
 
 def fluid(target):

@@ -14,7 +14,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colours are in
-SIMULATED = ("FLUID",)  # modifiers that make files and folders, and are never baked inside the .blend
+SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
 def open_blend(path: str) -> list[str]:
@@ -88,9 +88,6 @@ def _caches(modifier: Any) -> Iterator[Any]:
         yield modifier.particle_system.point_cache
     elif modifier.type in ("CLOTH", "SOFT_BODY"):
         yield modifier.point_cache
-    elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings:
-        for surface in modifier.canvas_settings.canvas_surfaces:
-            yield surface.point_cache
 
 
 def _keep_in_memory(cache: Any) -> bool:
