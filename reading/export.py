@@ -19,6 +19,7 @@ from geometry.errors import AssetError
 from reading.build import Options
 from reading.formats import format_of
 from reading.landlock import asset_folders, confined
+from reading.references import refuse_odd_references
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 
@@ -121,10 +122,12 @@ def job_for(
     AssetError
         If the file is of no format that can be read.
     """
+    kind_of_file = format_of(path)
+    refuse_odd_references(path, kind_of_file)
     return {
         "given": str(path),
         "path": str(path.resolve()),
-        "format": format_of(path),
+        "format": kind_of_file,
         "kind": kind,
         "name": name or path.stem,
         "options": asdict(options),

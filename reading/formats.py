@@ -34,9 +34,21 @@ def refuse_no_file(path: Path) -> None:
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
         raise AssetError("is no name that a file can have", path=path.name[:80]) from None
-    if not stat.S_ISREG(mode):
-        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
-        raise AssetError(f"is {kinds.get(stat.S_IFMT(mode), 'a device')}, no file", path=path)
+    if (kind := _kind(mode)) != "a file":
+        raise AssetError(f"is {kind}, no file", path=path)
+
+
+def kind_of_file(path: Path) -> str:
+    """What a path leads to: "a file", "a folder", "a FIFO", "a socket", "a device", or "" for nothing."""
+    try:
+        return _kind(path.stat().st_mode)
+    except (OSError, ValueError):
+        return ""
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(mode), "a device")
 
 
 def format_of(path: Path) -> str:
@@ -89,6 +101,8 @@ def _gltf_version(path: Path) -> str:
     """The version that a .gltf file claims, "2.0" if none; empty if it is no JSON object."""
     try:
         data = json.loads(path.read_bytes())
+    except RecursionError:
+        return "2.0"  # nested too deeply, which is said where its references are checked
     except ValueError:
         return ""
     asset = data.get("asset") if isinstance(data, dict) else None

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 
 from geometry.errors import AssetError
+from reading.blender.blocks import refuse_odd_references
 from reading.blender.opening import open_blend
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
@@ -71,6 +72,7 @@ def open_file(path: Path, kind: str) -> Opened:
 
 
 def _open_blend(path: Path) -> Opened:
+    refuse_odd_references(path)
     try:
         doubts = open_blend(str(path))
     except RuntimeError as error:
@@ -110,5 +112,7 @@ def _lost_pictures() -> list[str]:
 def _one_line(error: Exception) -> str:
     """What Blender says, without the prefixes and paths that the user knows already."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    # Of an importer written in Python it says the place in that last; what is wrong stands before.
+    lines = [line for line in lines if not line.startswith("Location:")]
     last = lines[-1] if lines else "it does not say why"
     return last.removeprefix("Error: ").rpartition("': ")[2]
