@@ -52,6 +52,6 @@ def confinement_of(plan: Plan, assets: RenderAssets, write: Path, *, gpu: bool) 
     files = [file.tidy for file in assets.vehicles.values()] + [file.path for file in assets.sceneries.values()]
     files += list(assets.hdris.values())
     root = plan.path.absolute().parent / plan.header.root
-    listed = [root / file.path for files in (plan.header.vehicles, plan.header.sceneries) for file in files.values()]
+    listed = [root / file.path for of in (plan.header.vehicles, plan.header.sceneries) for file in of.values()]
     folders = {folder: None for file in [*files, *listed] for folder in asset_folders(Path(os.path.normpath(file)))}
     return Confinement(write, tuple(folders), gpu=gpu)
