@@ -328,7 +328,7 @@ def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, asset
     for a in (replace(assets, sceneries={"field": field}), packing):
         talk = Conversation(worker_command(None), tmp_path / "log")
         for hdri in ("sky", "grey", "sky"):
-            row = {**plan[0], **looking(0.0, 20.0), "scenery": "field", "hdri": hdri, "hdri_yaw_deg": 0.0}
+            row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
             output = tmp_path / f"{len(pictures)}.png"
             assert talk.ask(job(row, a, SETTINGS, output)).get("done") == "render"
             pictures.append(pixels(output))
