@@ -47,7 +47,7 @@ objects = st.fixed_dictionaries(
                 "armature",
                 "light",
                 "camera",
-                "nothing",
+                "bare",
             ]
         ),
         "name": names,

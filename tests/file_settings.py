@@ -15,6 +15,7 @@ import numpy as np
 from reading.blender.opening import open_blend
 from render.blender import cycles
 from render.blender.scene import Stage
+from render.messages import Settings
 
 # What a scene has besides the settings of its picture: how it is edited, shown in a viewport, or drawn by others than
 # Cycles; its own units and frame, which are part of what it shows; and what every datablock has.
@@ -33,7 +34,7 @@ NOT_OF_THE_PICTURE = {
     *("curve_mapping", "motion_blur_shutter_curve", "linear_colorspace_settings"),
 }
 ID_PROPERTIES = {p.identifier for p in bpy.types.ID.bl_rna.properties}
-SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
+SETTINGS = Settings(samples=4, denoise=False, adaptive_threshold=0.0, bounces=2)
 
 
 def settings_of(struct, path, found, depth=0):
