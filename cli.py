@@ -617,6 +617,7 @@ def _parser() -> argparse.ArgumentParser:
         "Reads a plan and the assets it names; prints a line for each limit of the plan's own config that is broken.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
+    _add_read_limits(sub)
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
