@@ -13,8 +13,10 @@ import argparse
 import dataclasses
 import errno
 import json
+import math
 import os
 import sys
+import unicodedata
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -24,18 +26,42 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 
 from geometry.errors import HulldownError
 
 
 class _Terminal(Console):
+    def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+        """As Rich does, but names from other people's files cannot steer the terminal."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
     def on_broken_pipe(self) -> None:
         """Leave it to `main`: Rich would end the process with exit code 1, as if something had been found."""
         raise BrokenPipeError
 
 
+def printable(text: str) -> str:
+    r"""The text with what would steer a terminal written out: escape codes, returns, changes of direction.
+
+    Examples
+    --------
+    >>> print(printable("tank" + chr(27) + "[2J" + chr(0x202E)))
+    tank\x1b[2J\u202e
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c == "\n" or not unicodedata.category(c).startswith("C") else _written_out(c) for c in text)
+
+
+def _written_out(char: str) -> str:
+    return char.encode("unicode_escape").decode("ascii")
+
+
 STDERR = _Terminal(stderr=True, highlight=False)
 STDOUT = _Terminal(highlight=False)
+LONGEST_LINE = 2000  # characters of a message
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130
 # What a disk or its owner refuses is nobody's bug, nor is a file where a folder must be, or the other way round.
 REFUSALS = (
@@ -51,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with _warnings_in_one_line():
             return arguments.run(arguments)
     except HulldownError as error:
-        STDERR.print(f"hulldown: {escape(str(error))}", soft_wrap=True)
+        STDERR.print(f"hulldown: {escape(_in_one_line(str(error)))}", soft_wrap=True)
         return MISTAKE
     except KeyboardInterrupt:
         STDERR.print("hulldown: stopped; the same command goes on from here")
@@ -66,6 +92,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         STDERR.print(f"hulldown: {escape(error.filename or 'stdout')}: {error.strerror}", soft_wrap=True)
         _silence_stdout()
         return MISTAKE
+
+
+def _in_one_line(message: str) -> str:
+    """A message without line breaks of the names in it, and with its middle left out where it fills a screen."""
+    line = " ".join(message.splitlines())
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
 
 
 @contextmanager
@@ -109,7 +141,12 @@ def _inspect(arguments: argparse.Namespace) -> int:
     inspected: list[Inspected] = []
     for path in arguments.files:
         with _reading() as progress:
-            shared = {"strict": arguments.strict, "pictures": bool(arguments.output), "progress": progress}
+            shared = {
+                "strict": arguments.strict,
+                "pictures": bool(arguments.output),
+                "progress": progress,
+                "limits": _read_limits(arguments),
+            }
             if path.suffix.lower() == ".toml":
                 found = inspect_config(load_config(path), **shared)
             else:
@@ -143,7 +180,9 @@ def _plan(arguments: argparse.Namespace) -> int:
     config = load_config(arguments.config)
     _make_room(arguments.output)
     with _reading() as progress:
-        assets = load_assets(config, strict=arguments.strict, progress=progress, warn=_warn)
+        assets = load_assets(
+            config, strict=arguments.strict, progress=progress, warn=_warn, limits=_read_limits(arguments)
+        )
     with _progress("planning") as advance:
         plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
     return _summarise(plan, arguments)
@@ -171,7 +210,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(arguments.plan)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress)
+        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
     with _progress("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
@@ -190,7 +229,7 @@ def _preview(arguments: argparse.Namespace) -> int:
     plan = read_plan(arguments.plan)
     _make_room(arguments.output)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress)
+        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
     with _progress("shading") as advance:
         preview_sheet(plan, assets, arguments.output, count=arguments.count, progress=advance)
     _say(f"wrote {arguments.output}")
@@ -198,6 +237,7 @@ def _preview(arguments: argparse.Namespace) -> int:
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    from render.pool import DEFAULT_LIMITS
     from render.supervisor import render_plan
 
     with _progress("rendering") as advance:
@@ -215,6 +255,8 @@ def _render(arguments: argparse.Namespace) -> int:
             limit=arguments.limit,
             share=arguments.share,
             blender=arguments.blender,
+            limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
+            read_limits=_read_limits(arguments),
             progress=show,
         )
     if arguments.json:
@@ -455,6 +497,37 @@ def _picture(text: str) -> Path:
     return Path(text)
 
 
+def _read_limits(arguments: argparse.Namespace) -> Any:
+    from reading.watch import GIB, ReadLimits
+
+    memory = arguments.read_memory
+    return ReadLimits(
+        silence_s=arguments.read_timeout or ReadLimits().silence_s,
+        memory_bytes=None if memory is None else round(memory * GIB),
+    )
+
+
+def _add_read_limits(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--read-timeout", type=_positive, metavar="SECONDS",
+        help="give an asset up that has got nowhere for so long (default: 900)",
+    )  # fmt: skip
+    sub.add_argument(
+        "--read-memory", type=_positive, metavar="GIB",
+        help="give an asset up that takes more memory (default: its share of nine tenths of the machine's)",
+    )  # fmt: skip
+
+
+def _positive(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
+    return number
+
+
 def _shares(text: str) -> tuple[float, ...]:
     try:
         shares = tuple(float(word) for word in text.split(","))
@@ -524,6 +597,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="shaded picture of all, parts in colours")
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
+    _add_read_limits(sub)
 
     sub = verb(
         "plan", _plan, "plan every pose of a dataset",
@@ -536,12 +610,14 @@ def _parser() -> argparse.ArgumentParser:
         "--workers", type=_at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)"
     )
     sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+    _add_read_limits(sub)
 
     sub = verb(
         "check", _check, "recompute every limit of a plan",
         "Reads a plan and the assets it names; prints a line for each limit of the plan's own config that is broken.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
+    _add_read_limits(sub)
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
@@ -549,6 +625,7 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"), help="default: preview.png"
     )
     sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
+    _add_read_limits(sub)
 
     sub = verb(
         "render", _render, "render a plan with Blender Cycles",
@@ -569,6 +646,11 @@ def _parser() -> argparse.ArgumentParser:
         help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
     )  # fmt: skip
     sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
+    sub.add_argument(
+        "--image-timeout", type=_positive, metavar="SECONDS",
+        help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
+    )  # fmt: skip
+    _add_read_limits(sub)
 
     sub = verb(
         "join", _join, "put parts of a dataset together",

@@ -19,10 +19,13 @@ class AssetFile:
         As the config gave it: relative to the config's folder, or absolute.
     sha256
         Hexadecimal digest of the file's bytes; empty if the asset was made in memory.
+    mended_sha256
+        Digest of the copy that is rendered in its place; empty if it is used as it is.
     """
 
     path: str
     sha256: str = ""
+    mended_sha256: str = ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

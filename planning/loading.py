@@ -17,16 +17,16 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
 from planning.plan_file import Plan
-from planning.row import Source
+from planning.row import HdriSource, Source
 from planning.schema import SceneryEntry, VehicleEntry
 from reading.build import Options
-from reading.cache import cached, sha256
+from reading.cache import cached
 from reading.export import Exported
+from reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from reading.inspect import Inspected, draw
 from reading.parts import GUN_PART, TURRET_PART
 from reading.report import FileReport, refuse_missing
-
-HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,17 +39,22 @@ class Library:
         For the planner.
     vehicles, sceneries
         Report, bundle and tidy twin of each file.
+    hdris
+        What is rendered of each HDRI.
     """
 
     assets: Assets
     vehicles: Mapping[str, Exported]
     sceneries: Mapping[str, Exported]
+    hdris: Mapping[str, Hdri]
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What a person should look at, a line each, beginning with the file's path."""
         exported = [*self.vehicles.values(), *self.sceneries.values()]
-        return tuple(f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts)
+        doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
+        files = self.assets.hdri_files
+        return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
 
 
 def load_assets(
@@ -58,6 +63,7 @@ def load_assets(
     strict: bool = False,
     progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Assets:
     """Everything that a planner needs of the files that `config` names.
 
@@ -71,13 +77,15 @@ def load_assets(
         Called with a file's path before it is exported.
     warn
         Called with a line for everything that a person should look at.
+    limits
+        When reading a file is given up.
 
     Raises
     ------
     AssetError
         Naming the file, what is wrong and what to do.
     """
-    library = load_library(config, strict=strict, progress=progress)
+    library = load_library(config, strict=strict, progress=progress, limits=limits)
     if warn:
         for doubt in library.doubts:
             warn(doubt)
@@ -85,7 +93,12 @@ def load_assets(
 
 
 def load_library(
-    config: Config, *, strict: bool = False, progress: Callable[[str], None] | None = None, jobs: int | None = None
+    config: Config,
+    *,
+    strict: bool = False,
+    progress: Callable[[str], None] | None = None,
+    jobs: int | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
     """The assets of `config` with reports and tidy twins; parameters and errors as of `load_assets`.
 
@@ -95,21 +108,28 @@ def load_library(
         See `load_assets`.
     jobs
         How many files are read at a time; as many as there are cores, up to four, if None.
+    limits
+        See `load_assets`.
     """
     cache = config.folder / config.assets.cache
     hdris = hdri_paths(config)
-    for hdri in hdris.values():
-        _refuse_no_picture(hdri)
+    for path in hdris.values():
+        refuse_no_hdri(path)  # before the long work
     wanted: list[tuple[str, VehicleEntry | SceneryEntry, Options]] = []
     entries = config.assets.vehicles
     wanted += [("vehicle", entry, vehicle_options(entry)) for entry in entries]
     wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
 
-    def read(kind: str, entry: VehicleEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
-        return cached(config.folder / entry.path, cache, kind=kind, options=options, progress=progress)
+    at_once = jobs or min(4, os.cpu_count() or 1)
+    shared = replace(limits, share=at_once)
 
-    with ThreadPoolExecutor(jobs or min(4, os.cpu_count() or 1)) as pool:
+    def read(kind: str, entry: VehicleEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
+        path = config.folder / entry.path
+        return cached(path, cache, kind=kind, options=options, limits=shared, progress=progress)
+
+    with ThreadPoolExecutor(at_once) as pool:
         read_files = list(pool.map(lambda job: read(*job), wanted))
+    skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
     if strict:
         refuse_missing([exported.report for exported, _ in read_files])
     vehicles = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "vehicle"}
@@ -121,19 +141,27 @@ def load_library(
         hdris=tuple(hdris),
         vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in entries},
         scenery_files={e.name: AssetFile(e.path, sceneries[e.name][1]) for e in config.assets.sceneries},
-        hdri_files={name: AssetFile(_as_given(path, config), sha256(path)) for name, path in hdris.items()},
+        hdri_files={
+            name: AssetFile(_as_given(path, config), skies[name].sha256, skies[name].mended_sha256)
+            for name, path in hdris.items()
+        },
     )
-    return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()})
+    return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()}, skies)
 
 
 def inspect_config(
-    config: Config, *, strict: bool = False, pictures: bool = False, progress: Callable[[str], None] | None = None
+    config: Config,
+    *,
+    strict: bool = False,
+    pictures: bool = False,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[Inspected]:
     """What all assets of a config are used as, with its options and out of its cache, in its order.
 
     Parameters
     ----------
-    config, strict, progress
+    config, strict, progress, limits
         See `load_assets`.
     pictures
         Whether to draw them too.
@@ -143,7 +171,7 @@ def inspect_config(
     AssetError
         If a file cannot be read.
     """
-    library = load_library(config, strict=strict, progress=progress)
+    library = load_library(config, strict=strict, progress=progress, limits=limits)
     shapes, sceneries = library.assets.vehicles, library.assets.sceneries
     listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
     listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in library.vehicles.items()]
@@ -158,7 +186,9 @@ def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
     return replace(report, parts=tuple(parts))
 
 
-def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None = None) -> tuple[Config, Library]:
+def load_planned_library(
+    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+) -> tuple[Config, Library]:
     """The config that a plan was made from, knowing its folder, and the library of its assets.
 
     Parameters
@@ -167,6 +197,8 @@ def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None =
         The plan; its header names the config and the files.
     progress
         Called with a file's path before it is exported.
+    limits
+        When reading a file is given up.
 
     Raises
     ------
@@ -178,14 +210,16 @@ def load_planned_library(plan: Plan, *, progress: Callable[[str], None] | None =
     root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
     # Only the folder of the config counts: what the file said is in the header.
     config = parse_config(plan.header.config, path=root / plan.path.name)
-    library = load_library(config, progress=progress)
+    library = load_library(config, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return config, library
 
 
-def load_planned_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> Assets:
+def load_planned_assets(
+    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+) -> Assets:
     """The assets that a plan was made from; parameters and errors as of `load_planned_library`."""
-    return load_planned_library(plan, progress=progress)[1].assets
+    return load_planned_library(plan, progress=progress, limits=limits)[1].assets
 
 
 def refuse_changed(plan: Plan, assets: Assets) -> None:
@@ -204,12 +238,18 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
     )
     for kind, planned, files in now:
         for name, was in planned.items():
-            if name not in files or (was.sha256 and was.sha256 != files[name].sha256):
+            if name not in files or not _same(files[name], was):
                 raise ConfigError(
                     f"{kind}: {name!r} ({was.path}) is not what it was when this was planned",
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
+
+
+def _same(file: AssetFile, was: Source) -> bool:
+    """Whether a file, and the copy that is rendered of it, is what a plan's header says, if it says anything."""
+    mended = was.mended_sha256 if isinstance(was, HdriSource) else ""
+    return not was.sha256 or (was.sha256, mended) == (file.sha256, file.mended_sha256)
 
 
 def _as_listed(shape: VehicleShape, entry: VehicleEntry, config: Config) -> VehicleShape:
@@ -251,14 +291,3 @@ def _as_given(path: Path, config: Config) -> str:
         return path.relative_to(config.folder).as_posix()
     except ValueError:
         return str(path)
-
-
-def _refuse_no_picture(hdri: Path) -> None:
-    """Blender lights a scene with magenta where a picture cannot be read, and says nothing."""
-    try:
-        with open(hdri, "rb") as file:
-            start = file.read(4)
-    except OSError as error:
-        raise AssetError(f"cannot be read ({error.strerror})", path=hdri) from None
-    if not start.startswith(HDRI_MAGIC):
-        raise AssetError("is no OpenEXR or Radiance picture", path=hdri, remedy="copy it again, or leave it out")

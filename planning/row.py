@@ -170,10 +170,16 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
 
 
 class Source(Struct, frozen=True, kw_only=True):
-    """The file of an HDRI: its path as the config gives it, and its SHA-256; both empty if it was made in memory."""
+    """The file of an asset: its path as the config gives it, and its SHA-256; both empty if it was made in memory."""
 
     path: str = ""
     sha256: str = ""
+
+
+class HdriSource(Source, frozen=True, kw_only=True):
+    """The file of an HDRI, and the SHA-256 of the copy that is rendered if it had to be mended, else empty."""
+
+    mended_sha256: str = ""
 
 
 class VehicleSource(Source, frozen=True, kw_only=True):
@@ -200,7 +206,9 @@ class Header(Struct, frozen=True, kw_only=True):
         dict[str, VehicleSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`")
     ]
     sceneries: Annotated[dict[str, ScenerySource], _is("files by name"), _means("name -> `path`, `sha256`, `origin`")]
-    hdris: Annotated[dict[str, Source], _is("files by name"), _means("name -> `path`, `sha256`")]
+    hdris: Annotated[
+        dict[str, HdriSource], _is("files by name"), _means("name -> `path`, `sha256` and `mended_sha256`")
+    ]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
 
 

@@ -20,7 +20,7 @@ from assets.library import AssetFile, Assets
 from geometry.errors import ConfigError
 from planning.plan_file import Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
-from planning.row import FORMAT, Header, ScenerySource, Source, VehicleSource
+from planning.row import FORMAT, HdriSource, Header, ScenerySource, VehicleSource
 from planning.schema import Config
 
 Progress = Callable[[int, int], None]
@@ -101,7 +101,10 @@ def make_header(config: Config, assets: Assets, path: str | Path, *, images: int
             )
             for name, file in sceneries.items()
         },
-        hdris={name: Source(path=file.path, sha256=file.sha256) for name, file in hdris.items()},
+        hdris={
+            name: HdriSource(path=file.path, sha256=file.sha256, mended_sha256=file.mended_sha256)
+            for name, file in hdris.items()
+        },
         versions={
             "python": platform.python_version(),
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},

@@ -21,8 +21,9 @@ from reading.build import Options
 from reading.export import Exported, export
 from reading.formats import format_of
 from reading.report import FileReport
+from reading.watch import DEFAULT_LIMITS, ReadLimits
 
-EXPORTER = 5  # raised whenever the same file would be read as something else
+EXPORTER = 6  # raised whenever the same file would be read as something else
 CHUNK = 1 << 20
 
 
@@ -32,6 +33,7 @@ def cached(
     *,
     kind: str,
     options: Options,
+    limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Exported, str]:
     """What reading `path` leaves behind, out of `cache` if it is there, and the SHA-256 of the file.
@@ -49,6 +51,8 @@ def cached(
         "vehicle" or "scenery".
     options
         How to read it.
+    limits
+        When reading it is given up.
     progress
         Called with the path if it has to be exported.
 
@@ -72,16 +76,16 @@ def cached(
         if exported is None:
             if progress:
                 progress(str(path))
-            _export_into(entry, path, kind, options)
+            _export_into(entry, path, kind, options, limits)
             exported = _entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest
 
 
-def _export_into(entry: Path, path: Path, kind: str, options: Options) -> None:
+def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: ReadLimits) -> None:
     unfinished = Path(tempfile.mkdtemp(prefix=f".{entry.name}.", dir=entry.parent))
     try:
-        exported = export(path, unfinished, kind=kind, options=options)
+        exported = export(path, unfinished, kind=kind, options=options, limits=limits)
         note = {
             "path": str(path.resolve()),
             "report": exported.report.to_json(),

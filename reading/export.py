@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
+import shutil
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,10 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from reading.build import Options
 from reading.formats import format_of
+from reading.landlock import asset_folders, confined
+from reading.references import refuse_odd_references
 from reading.report import FileReport
+from reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 
 ROOT = Path(__file__).resolve().parents[1]
 LAST_WORDS = 2000  # characters of what Blender said before it crashed
@@ -75,7 +78,13 @@ def export_scenery(path: Path | str, *, name: str = "", options: Options = DEFAU
 
 
 def export(
-    path: Path | str, folder: Path | str, *, kind: str | None = None, name: str = "", options: Options = DEFAULTS
+    path: Path | str,
+    folder: Path | str,
+    *,
+    kind: str | None = None,
+    name: str = "",
+    options: Options = DEFAULTS,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Exported:
     """Read the file `path` once and write bundle and tidy twin into `folder`.
 
@@ -91,6 +100,8 @@ def export(
         What to call it; the file's name without suffix if empty.
     options
         How to read it.
+    limits
+        When reading it is given up.
 
     Raises
     ------
@@ -98,7 +109,7 @@ def export(
         If the file cannot be read, or does not hold what is wanted.
     """
     job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
-    return exported_by(job, _ask_reader(job))
+    return exported_by(job, ask_reader([job], limits=limits)[0])
 
 
 def job_for(
@@ -111,10 +122,12 @@ def job_for(
     AssetError
         If the file is of no format that can be read.
     """
+    kind_of_file = format_of(path)
+    refuse_odd_references(path, kind_of_file)
     return {
         "given": str(path),
         "path": str(path.resolve()),
-        "format": format_of(path),
+        "format": kind_of_file,
         "kind": kind,
         "name": name or path.stem,
         "options": asdict(options),
@@ -138,33 +151,61 @@ def exported_by(job: Mapping[str, Any], answer: Mapping[str, Any]) -> Exported:
     return Exported(report, Path(job["bundle"]), Path(job["tidy"]), tuple(answer["files"]))
 
 
-def _ask_reader(job: Mapping[str, Any]) -> dict[str, Any]:
-    path, answer_file = job["given"], Path(job["answer"])
-    answer_file.unlink(missing_ok=True)
-    job_file = answer_file.with_name("job.json")
-    job_file.write_text(json.dumps(job), encoding="utf-8")
+def ask_reader(jobs: Sequence[Mapping[str, Any]], *, limits: ReadLimits = DEFAULT_LIMITS) -> list[dict[str, Any]]:
+    """Have jobs done one after the other by one process, confined and watched; the answer to each.
+
+    Parameters
+    ----------
+    jobs
+        As `job_for` makes them, with their `answer` in one folder, the only one that the process can write to.
+    limits
+        When it is given up.
+
+    Raises
+    ------
+    AssetError
+        If the process ends without an answer to one of them, which the file is named for.
+    """
+    folder = Path(jobs[0]["answer"]).parent
+    job_files = []
+    for number, job in enumerate(jobs):
+        Path(job["answer"]).unlink(missing_ok=True)
+        job_files.append(folder / f"job-{number}.json")
+        job_files[-1].write_text(json.dumps(job), encoding="utf-8")
+    temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=folder))
     python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     # -P: a folder `reading` where the user happens to be must not come first. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
-    ran = subprocess.run(
-        [sys.executable, "-P", "-m", "reading.blender.reader", str(job_file)],
-        env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    command = [sys.executable, "-P", "-m", "reading.blender.reader", *map(str, job_files)]
+    try:
+        ended = watched(
+            confined(command, read=[f for job in jobs for f in asset_folders(Path(job["path"]))], write=[folder]),
+            env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
+            limits=limits,
+        )
+        return [_answer(job, ended) for job in jobs]
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for job_file in job_files:
+            job_file.unlink(missing_ok=True)
+
+
+def _answer(job: Mapping[str, Any], ended: Ended) -> dict[str, Any]:
+    """What the reader has answered; the first job without an answer is the one that it was at when it ended."""
+    path, answer_file = job["given"], Path(job["answer"])
     if answer_file.is_file():
         answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
         return answer
-    if "No module named 'bpy'" in ran.stdout:
-        raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
-    if ran.returncode < 0:
+    if ended.exceeded:
         raise AssetError(
-            f"Blender crashed reading it (signal {-ran.returncode})",
+            ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"
+        )
+    if "No module named 'bpy'" in ended.said:
+        raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
+    if ended.code < 0:
+        raise AssetError(
+            f"Blender crashed reading it (signal {-ended.code})",
             path=path,
             remedy="open it in Blender, save it again, or leave it out",
         )
-    raise RuntimeError(f"{path}: reading it failed:\n{ran.stdout[-LAST_WORDS:]}")
+    raise RuntimeError(f"{path}: reading it failed:\n{ended.said[-LAST_WORDS:]}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import stat
 from pathlib import Path
 
 from geometry.errors import AssetError
@@ -17,6 +18,39 @@ MAGIC = {
 SUFFIXES = {".blend": "blend", ".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx", ".obj": "obj"}
 
 
+def refuse_no_file(path: Path) -> None:
+    """Raise unless `path` is a regular file: reading a FIFO waits for ever, and a device has no end.
+
+    Raises
+    ------
+    AssetError
+        Saying what it is.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise AssetError("does not exist", path=path) from None
+    except OSError as error:  # links that lead to each other among them
+        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
+    except ValueError:
+        raise AssetError("is no name that a file can have", path=path.name[:80]) from None
+    if (kind := _kind(mode)) != "a file":
+        raise AssetError(f"is {kind}, no file", path=path)
+
+
+def kind_of_file(path: Path) -> str:
+    """What a path leads to: "a file", "a folder", "a FIFO", "a socket", "a device", or "" for nothing."""
+    try:
+        return _kind(path.stat().st_mode)
+    except (OSError, ValueError):
+        return ""
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(mode), "a device")
+
+
 def format_of(path: Path) -> str:
     """The format of the file `path`: "blend", "gltf", "fbx" or "obj".
 
@@ -25,11 +59,8 @@ def format_of(path: Path) -> str:
     AssetError
         If `path` is no file, is empty, or is of no format that can be read.
     """
+    refuse_no_file(path)
     try:
-        if not path.exists():
-            raise AssetError("does not exist", path=path)
-        if not path.is_file():
-            raise AssetError("is no file", path=path)
         with open(path, "rb") as file:
             start = file.read(64)
     except OSError as error:
@@ -70,6 +101,8 @@ def _gltf_version(path: Path) -> str:
     """The version that a .gltf file claims, "2.0" if none; empty if it is no JSON object."""
     try:
         data = json.loads(path.read_bytes())
+    except RecursionError:
+        return "2.0"  # nested too deeply, which is said where its references are checked
     except ValueError:
         return ""
     asset = data.get("asset") if isinstance(data, dict) else None

@@ -21,6 +21,7 @@ from geometry.errors import AssetError
 from geometry.files import replacing
 from reading.export import export
 from reading.report import FileReport, refuse_missing
+from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 # Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
@@ -61,6 +62,7 @@ def inspect(
     strict: bool = False,
     pictures: bool = False,
     progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Inspected:
     """What an asset file would be used as, read afresh and without options.
 
@@ -76,6 +78,8 @@ def inspect(
         Whether to draw them too.
     progress
         Called with a file's path before it is read.
+    limits
+        When reading it is given up.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def inspect(
     if progress:
         progress(str(path))
     with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
-        exported = export(path, folder, kind=kind)
+        exported = export(path, folder, kind=kind, limits=limits)
         if strict:
             refuse_missing([exported.report])
         picture = None

@@ -16,6 +16,8 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
+from reading.landlock import NETWORK_ABI, OFF, abi
+
 ROOT = Path(__file__).resolve().parents[1]
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {
@@ -41,15 +43,28 @@ print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What was found; `problems` is empty on a machine that can plan and render."""
+    """What was found; `problems` is empty on a machine that can plan and render.
+
+    `landlock` is the version of the kernel's confinement of processes, 0 for none; see docs/safety.md.
+    """
 
     python: str
     system: str
     versions: dict[str, str | None]
     missing_libraries: dict[str, str]
     blender: str | None
+    landlock: int = 0
     devices: list[dict[str, str]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+
+    @property
+    def confinement(self) -> str:
+        """What holds back a file from elsewhere on this machine."""
+        if not self.landlock:
+            return "none: this kernel has no Landlock, so what files may do to this machine hangs on a list of it"
+        network = "" if self.landlock >= NETWORK_ABI else ", which knows no network"
+        off = f", switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
+        return f"Landlock {self.landlock}{network}{off}"
 
     def table(self) -> Table:
         """All but the problems, for a terminal."""
@@ -59,6 +74,7 @@ class Diagnosis:
         for name, version in self.versions.items():
             table.add_row(name, version or "not installed")
         table.add_row("Blender", self.blender or "does not start")
+        table.add_row("confinement", self.confinement)
         for device in self.devices:
             table.add_row(f"device {device['kind']}", escape(device["name"]))
         return table
@@ -81,7 +97,8 @@ def diagnose() -> Diagnosis:
             problems.append(f"Blender does not start: {found}")
         else:
             blender, devices = found["blender"], found["devices"]
-    return Diagnosis(platform.python_version(), platform.platform(), versions, missing, blender, devices, problems)
+    system = platform.platform()
+    return Diagnosis(platform.python_version(), system, versions, missing, blender, abi(), devices, problems)
 
 
 def _version(distribution: str) -> str | None:

@@ -15,10 +15,10 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
-from planning.config import hdri_paths
 from planning.loading import Library, load_planned_library
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
+from reading.watch import DEFAULT_LIMITS, ReadLimits
 from render.messages import CameraInput, LightInput, MaskJob, RenderJob, SceneryInput, Settings, VehicleInput
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
@@ -56,7 +56,9 @@ class RenderAssets:
     hdris: Mapping[str, Path]
 
 
-def render_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) -> RenderAssets:
+def render_assets(
+    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+) -> RenderAssets:
     """The files that a plan's header names, exported again where the cache does not have them.
 
     Parameters
@@ -65,6 +67,8 @@ def render_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) 
         The plan.
     progress
         Called with the path of each file that has to be exported.
+    limits
+        When reading a file is given up.
 
     Raises
     ------
@@ -73,14 +77,14 @@ def render_assets(plan: Plan, *, progress: Callable[[str], None] | None = None) 
     AssetError
         If a file cannot be read.
     """
-    config, library = load_planned_library(plan, progress=progress)
+    config, library = load_planned_library(plan, progress=progress, limits=limits)
     return RenderAssets(
         vehicles={n: VehicleFile(shape, library.vehicles[n].tidy) for n, shape in library.assets.vehicles.items()},
         sceneries={
             entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
             for entry in config.assets.sceneries
         },
-        hdris=hdri_paths(config),
+        hdris={name: hdri.path for name, hdri in library.hdris.items()},
     )
 
 

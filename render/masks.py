@@ -22,6 +22,7 @@ from dataset.runs import find_run
 from dataset.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
+from render.confinement import confinement_of
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.messages import to_json
 from render.pool import Pool
@@ -245,6 +246,7 @@ def cycles_masks(
         def failed(index: int, reasons: list[str]) -> None:
             raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)
 
-        with Pool(folder / "logs", blender=blender, device=device, workers=1) as pool:
+        confinement = confinement_of(plan, assets, folder, gpu=device != "cpu")
+        with Pool(folder / "logs", blender=blender, device=device, workers=1, confinement=confinement) as pool:
             pool.run(sorted(rows, key=lambda i: plan[i].scenery), message, done, failed)
     return [found[index] for index in rows]

@@ -17,6 +17,7 @@ from typing import Any
 import psutil
 
 from geometry.errors import HulldownError
+from render.confinement import Confinement
 from render.messages import StartJob, to_json
 from render.process import WorkerProcess, worker_command
 
@@ -34,7 +35,7 @@ class Limits:
     start_s
         Seconds Blender gets to start.
     job_s
-        Seconds a job gets.
+        Seconds a job gets; None for what `patience` makes of the first ones.
     memory_bytes
         Resident memory of one worker; None for its share of nine tenths of the machine's. A worker that ends a job
         above four fifths of it is replaced.
@@ -45,13 +46,30 @@ class Limits:
     """
 
     start_s: float = 300.0
-    job_s: float = 3600.0
+    job_s: float | None = None
     memory_bytes: int | None = None
     attempts: int = 3
     give_up_after: int = 30
 
 
 DEFAULT_LIMITS = Limits()
+FIRST_JOBS = 5  # by which the time that the others get is judged
+FIRST_JOBS_S = 3600.0  # what they get themselves
+TIMES_LONGER = 20.0  # than the longest of them, a job is not thought to be honest
+SHORTEST_S = 300.0  # loading another scenery takes its time, however quick the first pictures were
+
+
+def patience(seconds: Sequence[float]) -> float:
+    """Seconds that a job gets after those that took `seconds`, the first first.
+
+    Examples
+    --------
+    >>> patience([2.0] * 4), patience([2.0] * 5), patience([60.0] * 4 + [90.0, 4000.0])
+    (3600.0, 300.0, 1800.0)
+    """
+    if len(seconds) < FIRST_JOBS:
+        return FIRST_JOBS_S
+    return max(SHORTEST_S, TIMES_LONGER * max(seconds[:FIRST_JOBS]))
 
 
 class Stopped(Exception):
@@ -67,7 +85,8 @@ class _Worker:
     process: WorkerProcess | None = None
     ready: bool = False
     current: int | None = None
-    deadline: float = 0.0
+    began: float = 0.0
+    allowed: float = 0.0  # seconds since then
     starts: int = 0  # since it was last ready
     reason: str = ""  # why the last process was lost
 
@@ -91,6 +110,8 @@ class Pool:
         Called with a line for the user, now and then.
     stopping
         Asked several times a second whether to give up now.
+    confinement
+        What the workers may read and write; None for everything.
     """
 
     def __init__(
@@ -103,6 +124,7 @@ class Pool:
         limits: Limits = DEFAULT_LIMITS,
         say: Callable[[str], None] = lambda line: None,
         stopping: Callable[[], bool] = lambda: False,
+        confinement: Confinement | None = None,
     ) -> None:
         if workers is not None and workers < 1:
             raise ValueError(f"workers: expected at least 1, got {workers}")
@@ -113,7 +135,8 @@ class Pool:
         self._command = worker_command(blender)
         # The doctor looks at the bpy module only.
         self._remedy = "run `hulldown doctor`" if blender is None else f"see whether `{blender} --background` starts"
-        self._say, self._stopping = say, stopping
+        self._say, self._stopping, self._confinement = say, stopping, confinement
+        self._took: list[float] = []  # seconds of the first jobs
         self._one_per_gpu = workers is None
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
         self._events: queue.SimpleQueue[tuple[WorkerProcess, dict[str, Any] | None]] = queue.SimpleQueue()
@@ -196,6 +219,8 @@ class Pool:
 
     def _finished(self, worker: _Worker, process: WorkerProcess, job: int, answer: dict[str, Any]) -> None:
         worker.current = None
+        if len(self._took) < FIRST_JOBS:
+            self._took.append(time.monotonic() - worker.began)
         if process.memory > NEARLY * self._memory_limit():
             self._say(f"worker {worker.number} has grown near its memory limit and is replaced")
             process.stop()
@@ -222,7 +247,7 @@ class Pool:
             self._launch(worker)
         elif worker.ready:
             worker.current = worker.jobs.popleft()
-            worker.deadline = time.monotonic() + self._limits.job_s
+            worker.began, worker.allowed = time.monotonic(), self._job_s()
             worker.process.send(self._message(worker.current))
 
     def _launch(self, worker: _Worker) -> None:
@@ -234,9 +259,11 @@ class Pool:
                 remedy=self._remedy,
             )
         worker.starts += 1
-        worker.deadline = time.monotonic() + self._limits.start_s
+        worker.began, worker.allowed = time.monotonic(), self._limits.start_s
         try:
-            worker.process = WorkerProcess(self._command, log, lambda *event: self._events.put(event))
+            worker.process = WorkerProcess(
+                self._command, log, lambda *event: self._events.put(event), self._confinement
+            )
         except OSError as error:
             raise HulldownError(f"cannot be started: {error.strerror}", path=self._command[0]) from None
 
@@ -246,11 +273,13 @@ class Pool:
             if process is None or (worker.ready and worker.current is None):
                 continue
             limit = self._memory_limit()
-            if time.monotonic() > worker.deadline:
-                allowed = self._limits.job_s if worker.ready else self._limits.start_s
-                self._lost(worker, f"no answer within {allowed:g} s")
+            if time.monotonic() > worker.began + worker.allowed:
+                self._lost(worker, f"no answer within {worker.allowed:g} s")
             elif (held := process.memory) > limit:
                 self._lost(worker, f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB")
+
+    def _job_s(self) -> float:
+        return patience(self._took) if self._limits.job_s is None else self._limits.job_s
 
     def _memory_limit(self) -> float:
         if self._limits.memory_bytes is not None:

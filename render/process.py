@@ -15,6 +15,7 @@ from typing import Any
 import psutil
 
 from render.blender.worker import ANSWER
+from render.confinement import Confinement
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # what a worker gets to end by itself
@@ -43,6 +44,8 @@ class WorkerProcess:
         File that its messages are added to.
     hear
         Called from another thread with the process and each of its answers, and with None when it has ended.
+    confinement
+        What it may read and write; None for everything.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class WorkerProcess:
         command: Sequence[str],
         log: Path,
         hear: Callable[[WorkerProcess, dict[str, Any] | None], None],
+        confinement: Confinement | None = None,
     ) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -59,12 +63,12 @@ class WorkerProcess:
             self._log_start = file.tell()
             # A session of its own: Ctrl-C in the terminal reaches the supervisor alone, which then stops its workers.
             self._process = subprocess.Popen(
-                list(command),
+                list(command) if confinement is None else confinement.of(command),
                 bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=file,
-                env={**STEADY_MEMORY, **os.environ},
+                env={**STEADY_MEMORY, **os.environ, **(confinement.environment if confinement else {})},
                 start_new_session=True,
             )
         self._hear = hear

@@ -88,6 +88,11 @@ class Session:
             {name: file.scenery for name, file in assets.sceneries.items()},
         )
 
+    @property
+    def unfinished(self) -> Path:
+        """Folder that pictures are rendered into, there as long as `render` runs."""
+        return self._unfinished
+
     def say(self, line: str) -> None:
         """Tell the caller how far the run is."""
         finished = self._todo.already + self.rendered

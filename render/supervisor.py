@@ -15,6 +15,9 @@ from dataset.coco import CocoDataset
 from dataset.pictures import confined
 from geometry.errors import HulldownError
 from planning.plan_file import Plan, read_plan
+from reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
+from reading.watch import ReadLimits
+from render.confinement import confinement_of
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
 from render.session import LOGS_NAME, Progress, Session
@@ -68,6 +71,7 @@ def render_plan(
     share: tuple[int, int] = (1, 1),
     blender: str | None = None,
     limits: Limits = DEFAULT_LIMITS,
+    read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
     """Render what a plan plans and the dataset does not have yet.
@@ -92,6 +96,8 @@ def render_plan(
         An installed Blender to use in place of the bpy module.
     limits
         Time, memory and attempts.
+    read_limits
+        When the reading of an asset that the cache does not have is given up.
     progress
         Called after each image and with each message.
 
@@ -111,7 +117,9 @@ def render_plan(
     folder = Path(dataset_folder)
     say = progress or (lambda _: None)
     if assets is None:
-        assets = render_assets(plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")))
+        assets = render_assets(
+            plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")), limits=read_limits
+        )
     outline = Outline(plan)
     wanted = len(plan) if limit is None else min(limit, len(plan))
     had_logs = (folder / LOGS_NAME).exists()
@@ -130,6 +138,7 @@ def render_plan(
                 limits=limits,
                 say=session.say,
                 stopping=stopping,
+                confinement=confinement_of(plan, assets, session.unfinished, gpu=device != "cpu"),
             )
             with pool:
                 session.render(pool)

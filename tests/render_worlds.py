@@ -111,6 +111,9 @@ def leaking():
     tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
     scene.compositing_node_group = tree  # an empty one makes black pictures
     scene.background_set = bpy.data.scenes.new("set")
+    layer.cycles.use_denoising = False
+    scene.view_settings.keyframe_insert("exposure")
+    bpy.data.use_autopack = True
 
 
 def evil(folder):
@@ -148,7 +151,9 @@ def sky(path, width=256):
 def grey(path):
     image = bpy.data.images.new(path.stem, 64, 32, float_buffer=True)
     image.colorspace_settings.name = "Non-Color"
-    image.pixels.foreach_set(np.full(64 * 32 * 4, 0.5, dtype=np.float32))
+    pixels = np.full(64 * 32 * 4, 0.5, dtype=np.float32)
+    pixels[:3] = 0.501  # one texel at the nadir: a sky that is the same everywhere is refused
+    image.pixels.foreach_set(pixels)
     image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
     image.save()
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import reading.cache
+import reading.hdri
 from assets.bundle import save_scenery, save_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
@@ -20,6 +21,7 @@ from reading.build import Options
 from reading.cache import cached
 from reading.export import Exported
 from reading.report import FileReport, Missing
+from reading.watch import ReadLimits
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -34,7 +36,7 @@ class Exporter:
         self.missing: tuple[Missing, ...] = ()
         self.parts: tuple[str, ...] = ("hull",)
 
-    def __call__(self, path: Path, folder: Path, *, kind: str, options: Options) -> Exported:
+    def __call__(self, path: Path, folder: Path, *, kind: str, options: Options, limits: ReadLimits) -> Exported:
         self.read.append(path.name)
         folder = Path(folder)
         if kind == "vehicle":
@@ -67,6 +69,7 @@ class Exporter:
 def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(reading.cache, "export", stand_in)
+    monkeypatch.setattr(reading.hdri, "ask_reader", lambda jobs, limits: [{"notes": []} for _ in jobs])
     return stand_in
 
 

@@ -4,9 +4,11 @@ import json
 import os
 import subprocess
 import sys
+import unicodedata
 from pathlib import Path
 
 import pytest
+from rich.table import Table
 
 import cli
 from dataset.coco import CocoDataset
@@ -209,3 +211,27 @@ def test_a_project_in_place_of_a_file_is_refused(words, tmp_path):
     assert (ran.returncode, ran.stdout) == (2, "")
     assert "cannot be written" in ran.stderr.splitlines()[-1]
     assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("console", [cli.STDOUT, cli.STDERR])
+def test_names_cannot_steer_the_terminal(console, capsys):
+    """Escape codes, backspaces, bells and changes of direction, wherever a name from a file is shown."""
+    table = Table("object")
+    table.add_row("\x1b]0;title\x07")
+    for shown in ("\x1b[2Jtank\x9b31m", "tank\b\b\b", "a\u202eb\u2066c", table):
+        console.print(shown, soft_wrap=True)
+    said = "".join(capsys.readouterr())
+    assert not [c for c in said if c != "\n" and unicodedata.category(c).startswith("C")]
+    assert "\\x1b[2Jtank\\x9b31m" in said
+
+
+def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
+    def fail(_):
+        raise HulldownError("x" * 10**6 + "\nsecond line", path="a\x1bb")
+
+    monkeypatch.setattr(cli, "_doctor", fail)
+    assert cli.main(["doctor"]) == 2
+    said = capsys.readouterr().err
+    assert len(said) < 3000
+    assert said.count("\n") == 1
+    assert "second line" in said

@@ -33,9 +33,11 @@ cube("Lawn", (100, 100, 1), (0, 0, 0))
 cube("Rock", (2, 2, 2), (0, 0, 1))
 bpy.ops.wm.save_as_mainfile(filepath="park.blend")
 """
+# Two rows of four pixels, as Radiance writes them without run lengths.
+SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
 CONFIG = """
 [assets]
-hdris = ["*.exr"]
+hdris = ["*.hdr"]
 vehicles = [
     { path = "tank.blend", category = "tank", scale = 0.01, forward = "+y", drop = ["Crate"], turret_limits_deg = 30 },
 ]
@@ -53,7 +55,7 @@ images_per_class = 1
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project")
     subprocess.run([sys.executable, "-c", FILES], cwd=folder, check=True, capture_output=True)
-    (folder / "sky.exr").write_bytes(b"\x76\x2f\x31\x01")
+    (folder / "sky.hdr").write_bytes(SKY)
     (folder / "hulldown.toml").write_text(CONFIG, encoding="utf-8")
     return folder
 
@@ -100,8 +102,8 @@ def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
     [
         ("scale = ", "hulldown: hulldown.toml: is no TOML: Invalid value (at end of document)"),
         ("scale = 1", "hulldown: hulldown.toml: assets is missing (and 2 more)"),
-        (CONFIG, "hulldown: hulldown.toml: assets.hdris: '*.exr' matches no file"),
-        (CONFIG.replace("*.exr", "sky.exr"), "hulldown: tank.blend: does not exist"),
+        (CONFIG, "hulldown: hulldown.toml: assets.hdris: '*.hdr' matches no file"),
+        (CONFIG.replace("*.hdr", "sky.hdr"), "hulldown: tank.blend: does not exist"),
     ],
 )
 def test_what_is_wrong_with_a_config_is_one_line(
@@ -109,8 +111,8 @@ def test_what_is_wrong_with_a_config_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("hulldown.toml").write_text(text, encoding="utf-8")
-    if "sky.exr" in text:
-        Path("sky.exr").write_bytes(b"\x76\x2f\x31\x01")
+    if "sky.hdr" in text:
+        Path("sky.hdr").write_bytes(SKY)
     assert cli.main(["inspect", "hulldown.toml"]) == 2
     said = capsys.readouterr()
     assert said.out == ""

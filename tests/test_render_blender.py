@@ -320,6 +320,25 @@ def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
     talk.worker.stop()
 
 
+def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
+    """`Automatically Pack Resources` of the leaking file: the second HDRI was shown as the first one."""
+    field = assets.sceneries["field"]
+    packing = replace(assets, sceneries={"field": replace(field, path=folder / "leaking.blend")})
+    pictures = []
+    for a in (replace(assets, sceneries={"field": field}), packing):
+        talk = Conversation(worker_command(None), tmp_path / "log")
+        for hdri in ("sky", "grey", "sky"):
+            row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
+            output = tmp_path / f"{len(pictures)}.png"
+            assert talk.ask(job(row, a, SETTINGS, output)).get("done") == "render"
+            pictures.append(pixels(output))
+        talk.worker.stop()
+    sky, grey, again, *packed = pictures
+    assert not np.array_equal(sky, grey)
+    for picture, expected in zip(packed, (sky, grey, again), strict=True):
+        assert np.array_equal(picture, expected)
+
+
 def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
     talk = Conversation(worker_command(None), tmp_path / "log")
     talk.worker.send(job(plan[0], assets, {**SETTINGS, "samples": 1_000_000}, tmp_path / "0.png"))

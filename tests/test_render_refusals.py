@@ -168,7 +168,8 @@ def test_what_has_the_name_of_unfinished_pictures_makes_room_and_nothing_else_is
     assert len(list((dataset / "images").iterdir())) == 3
 
 
-def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender):
+def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
+    monkeypatch.setenv("HULLDOWN_READ", os.path.dirname(blender))  # which the script below starts
     outside, dataset = tmp_path / "outside", tmp_path / "d"
     outside.write_text("precious")
     (dataset / "logs").mkdir(parents=True)

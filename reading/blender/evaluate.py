@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -27,6 +28,9 @@ UNREAD = {
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
 DRAWN = (*SURFACES, *UNREAD, "CURVES")
+FARTHEST = 1e8  # metres, in any direction; the Earth is 4e7 m around
+REPAIR = "repair or delete it in Blender"
+SIGN_OF_LIFE_S = 5.0
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
@@ -90,7 +94,7 @@ def evaluate(
     Raises
     ------
     AssetError
-        If a mesh has coordinates that are no numbers.
+        If a mesh or an object has coordinates that are no numbers, or reaches farther than anything does.
     """
     result = Evaluated()
     visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keep_mesh, keep_look).read())
@@ -118,7 +122,11 @@ class _Reader:
 
     def read(self) -> None:
         """Go through everything that the depsgraph draws."""
+        spoken = time.monotonic()
         for instance in self.depsgraph.object_instances:
+            if time.monotonic() > spoken + SIGN_OF_LIFE_S:
+                spoken = time.monotonic()
+                print(f"{len(self.result.pieces)} things read", flush=True)
             kind = instance.object.type
             if instance.show_particles:
                 self._read_strands(instance)
@@ -181,7 +189,13 @@ class _Reader:
         if self.keep_look:
             self.keep_look(drawn)
         scattered = _is_scattered(instance)
-        seen = apply(self.metres @ pose, self.box[number] if scattered or hair else self.used[number])
+        if not np.isfinite(pose).all():
+            raise AssetError(f"object {drawn.name!r} stands at a place that is no number", remedy=REPAIR)
+        with np.errstate(over="ignore", invalid="ignore"):
+            seen = apply(self.metres @ pose, self.box[number] if scattered or hair else self.used[number])
+        if not np.abs(seen).max() <= FARTHEST:
+            problem = f"object {drawn.name!r} reaches {np.abs(seen).max():.3g} m from the origin"
+            raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
         self.result.pieces.append(
             Piece(
                 data=data,
@@ -260,7 +274,7 @@ def _mesh(drawn: Any) -> Mesh | None:
     try:
         return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn)
     except ValueError as error:
-        raise AssetError(f"object {drawn.name!r}: {error}", remedy="repair or delete it in Blender") from None
+        raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
 
 
 def _faces(drawn: Any) -> Mesh | None:

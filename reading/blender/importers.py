@@ -8,6 +8,8 @@ from pathlib import Path
 import bpy
 
 from geometry.errors import AssetError
+from reading.blender.blocks import refuse_odd_references
+from reading.blender.opening import open_blend
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
 AGAIN = "open it in Blender and save it again"
@@ -70,8 +72,9 @@ def open_file(path: Path, kind: str) -> Opened:
 
 
 def _open_blend(path: Path) -> Opened:
+    refuse_odd_references(path)
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+        doubts = open_blend(str(path))
     except RuntimeError as error:
         raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
     version = ".".join(map(str, bpy.data.version[:2]))
@@ -84,7 +87,6 @@ def _open_blend(path: Path) -> Opened:
     units = scene.unit_settings
     # The file holds a float32; 0.01 shall be 0.01.
     unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
-    doubts = []
     if len(bpy.data.scenes) > 1:
         others = ", ".join(repr(s.name) for s in bpy.data.scenes if s != scene)
         doubts.append(f"only the scene {scene.name!r} is read, not {others}")
@@ -110,5 +112,7 @@ def _lost_pictures() -> list[str]:
 def _one_line(error: Exception) -> str:
     """What Blender says, without the prefixes and paths that the user knows already."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    # Of an importer written in Python it says the place in that last; what is wrong stands before.
+    lines = [line for line in lines if not line.startswith("Location:")]
     last = lines[-1] if lines else "it does not say why"
     return last.removeprefix("Error: ").rpartition("': ")[2]

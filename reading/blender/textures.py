@@ -66,9 +66,15 @@ def _is_there(path: str) -> bool:
     try:
         if TILES in path:
             return any(Path(path).parent.glob(Path(path).name.replace(TILES, "[0-9][0-9][0-9][0-9]")))
-        return Path(path).is_file()
-    except OSError:
+        return Path(path).is_file() and _opens(path)
+    except (OSError, ValueError):
         return False
+
+
+def _opens(path: str) -> bool:
+    """Whether this process may read it, which a confined one learns by trying alone."""
+    with open(path, "rb"):
+        return True
 
 
 def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:

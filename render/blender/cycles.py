@@ -19,6 +19,8 @@ from render.messages import Settings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"
+# What a view layer holds besides settings, and what leads from a setting back to where it came from.
+NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
@@ -80,12 +82,21 @@ def _cards(preferences: Any, kind: str) -> list[Any]:
 
 
 def _reset(struct: Any, fresh: Any) -> None:
-    """Give an RNA struct all the settings of another, which Blender has just made."""
+    """Give an RNA struct, and those inside it, all the settings of another, which Blender has just made."""
     for prop in struct.bl_rna.properties:
-        if not prop.is_readonly and prop.type != "COLLECTION" and prop.identifier not in ("name", "preview_pause"):
+        name = prop.identifier
+        if prop.type == "POINTER" and prop.is_readonly and name not in NOT_SETTINGS:
+            inner, fresh_inner = getattr(struct, name), getattr(fresh, name)
+            if inner is not None and fresh_inner is not None and not isinstance(inner, bpy.types.ID):
+                _reset(inner, fresh_inner)
+        elif not (prop.is_readonly or prop.type == "COLLECTION" or name == "preview_pause" or _is_name(prop)):
             # Some settings are only legal beside others, and those are set explicitly below.
             with contextlib.suppress(TypeError, AttributeError, ValueError):
-                setattr(struct, prop.identifier, getattr(fresh, prop.identifier))
+                setattr(struct, name, getattr(fresh, name))
+
+
+def _is_name(prop: Any) -> bool:
+    return prop.identifier == "name" and prop.type == "STRING"
 
 
 def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) -> None:
@@ -108,11 +119,11 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
         If Blender was built without the denoiser that is asked for.
     """
     render, cycles = scene.render, scene.cycles
+    scene.animation_data_clear()  # key frames of settings would undo what is set here
     # A property's own default is not always what a new scene has, so a new scene is asked.
     fresh = bpy.data.scenes.new("hulldown defaults")
     for of in ("render", "cycles", "view_settings", "display_settings", "cycles_curves"):
         _reset(getattr(scene, of), getattr(fresh, of))
-    _reset(scene.render.image_settings, fresh.render.image_settings)
     # The one that would be rendered, and that the geometry was read from.
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     for other in [other for other in scene.view_layers if other != layer]:

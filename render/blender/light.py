@@ -57,6 +57,8 @@ class HdriWorld:
                 # A new image in place of the old one would make Blender build its graph of all objects anew.
                 self._texture.image.filepath = path
                 self._texture.image.reload()
+                if self._texture.image.packed_file:
+                    raise RuntimeError(f"{path}: Blender has packed this picture and would show no other")
             self._path = ""
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:

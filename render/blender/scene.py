@@ -19,6 +19,7 @@ import numpy as np
 
 from assets.naming import BACKDROPS, says
 from reading.blender.frames import pose, world_from_blender_camera
+from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
 from render.messages import CameraInput, LightInput, VehicleInput
@@ -34,8 +35,8 @@ class Stage:
     """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
 
     def __init__(self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = ()) -> None:
-        # Never run what a file brings along: see docs/rendering.md.
-        bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+        # Never run what a file brings along: see docs/safety.md.
+        open_blend(path)
         self.path = path
         self.scene = bpy.context.scene
         self.file_from_scenery = np.linalg.inv(scenery_from_file)

@@ -1,0 +1,105 @@
+"""The files that a .blend names, found without opening any: Blender opens libraries and fonts while it reads.
+
+References
+----------
+Blender's source/blender/blenloader_core: BLO_core_blend_header.hh and BLO_core_bhead.hh.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from geometry.errors import AssetError
+from reading.formats import kind_of_file
+
+OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
+PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
+LONGEST = 1 << 20  # bytes of a block that is looked at; these have some thousand
+MOST_LIBRARIES = 1000  # that refer to each other
+
+
+def refuse_odd_references(path: Path) -> None:
+    """Raise if a .blend, or a library of it, names something that is there but is no file to be read.
+
+    Raises
+    ------
+    AssetError
+        Naming the first FIFO, device or socket.
+    """
+    ring, seen = [path], {path}
+    while ring and len(seen) < MOST_LIBRARIES:
+        blend = ring.pop()
+        for code, named in named_files(blend):
+            found = blend.parent / named[2:] if named.startswith("//") else blend.parent / named
+            kind = kind_of_file(found)
+            if kind not in ("", "a file", "a folder"):
+                raise AssetError(f"refers to {named}, which is {kind}, no file", remedy="delete it from the file")
+            if code == b"LI\0\0" and kind == "a file" and found not in seen:
+                seen.add(found)
+                ring.append(found)
+
+
+def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
+    """Code of the block and path as written, of all that a .blend names; what cannot be read names nothing."""
+    try:
+        with open(path, "rb") as raw, _unpacked(raw) as file:
+            for code, data in _blocks(file):
+                for found in PATH.finditer(data):
+                    yield code, found[1].decode("utf-8", "surrogateescape")
+    except (OSError, EOFError, ValueError, struct.error):
+        return
+
+
+def _unpacked(raw: BinaryIO) -> BinaryIO:
+    start = raw.read(4)
+    raw.seek(0)
+    if start == b"\x28\xb5\x2f\xfd":
+        import zstandard  # comes with bpy
+
+        return cast(BinaryIO, zstandard.ZstdDecompressor().stream_reader(raw, read_across_frames=True))
+    if start.startswith(b"\x1f\x8b"):
+        return cast(BinaryIO, gzip.open(raw))
+    return raw
+
+
+def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
+    """Code and data of each block of the kinds in `OPENED`."""
+    header = _exactly(file, 12)
+    if not header.startswith(b"BLENDER"):
+        return
+    if header[7:9].isdigit():  # since 5.0: its own size, and a format of blocks with sizes of 64 bits
+        _exactly(file, int(header[7:9]) - 12)
+        head, order = struct.Struct("<4siQqq"), (3,)
+    else:
+        little = "<" if header[8:9] == b"v" else ">"
+        head = struct.Struct(little + ("4siQii" if header[7:8] == b"-" else "4siIii"))
+        order = (1,)
+    while True:
+        fields = head.unpack(_exactly(file, head.size))
+        code, size = fields[0], fields[order[0]]
+        if code == b"ENDB" or size < 0:
+            return
+        if code in OPENED and size <= LONGEST:
+            yield code, _exactly(file, size)
+        else:
+            _skip(file, size)
+
+
+def _exactly(file: BinaryIO, size: int) -> bytes:
+    data = file.read(size)
+    if len(data) < size:
+        raise EOFError
+    return data
+
+
+def _skip(file: BinaryIO, size: int) -> None:
+    while size > 0:
+        skipped = len(file.read(min(size, LONGEST)))
+        if not skipped:
+            raise EOFError
+        size -= skipped

@@ -1,0 +1,131 @@
+"""Opening a .blend that somebody else has made, so that it draws what it shows and does nothing else.
+
+Nothing of it runs or is simulated, none of its caches is written, and what it says of Blender rather than of its own
+scene ends with the opening. Needs bpy only, because it also runs inside an installed Blender.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colours are in
+SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
+
+
+def open_blend(path: str) -> list[str]:
+    """Make `path` the open file; what of it is left out, a sentence each.
+
+    Blender evaluates a file while it opens it, caches and fluids included. So the file is disarmed by a handler, which
+    Blender calls when all is read and nothing is evaluated.
+
+    Raises
+    ------
+    RuntimeError
+        If Blender cannot read it.
+    """
+    left_out: list[str] = []
+    errors: list[Exception] = []
+
+    @persistent
+    def loaded(*_: object) -> None:
+        try:
+            _name_what_cannot_be_read()
+            left_out.extend(_disarm())
+        except Exception as error:  # Blender would print it and go on
+            errors.append(error)
+
+    handlers = bpy.app.handlers.load_post
+    handlers.insert(0, loaded)
+    try:
+        bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+    finally:
+        handlers.remove(loaded)
+    if errors:
+        raise errors[0]
+    forget_settings()
+    return left_out
+
+
+def forget_settings() -> None:
+    """Reset what a file sets for all of Blender: all that `bpy.data` has besides the data itself."""
+    # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever the path says.
+    bpy.data.use_autopack = False
+    space = getattr(bpy.data, "colorspace", None)
+    if space is not None and space.working_space != WORKING_SPACE:
+        bpy.ops.wm.set_working_color_space(convert_colors=True, working_space=WORKING_SPACE)
+
+
+def _disarm() -> list[str]:
+    """Take away what writes or listens when the scene is evaluated."""
+    left_out = []
+    for obj in bpy.data.objects:
+        for modifier in list(obj.modifiers):
+            if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _caches(modifier)):
+                kind = modifier.type.lower().replace("_", " ")
+                left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache is no part of the file")
+                obj.modifiers.remove(modifier)
+    for scene in bpy.data.scenes:
+        bodies = scene.rigidbody_world
+        if bodies and bodies.point_cache and not _keep_in_memory(bodies.point_cache):
+            bodies.enabled = False
+        scene.render.use_render_cache = False
+        scene.render.use_compositing = scene.render.use_sequencer = False
+        scene.compositing_node_group = None
+        scene.sequence_editor_clear()
+        scene.active_clip = None
+    # They are in no picture, but are opened when their objects are evaluated.
+    bpy.data.batch_remove([*bpy.data.sounds, *bpy.data.movieclips])
+    return left_out
+
+
+def _caches(modifier: Any) -> Iterator[Any]:
+    if modifier.type == "PARTICLE_SYSTEM":
+        yield modifier.particle_system.point_cache
+    elif modifier.type in ("CLOTH", "SOFT_BODY"):
+        yield modifier.point_cache
+
+
+def _keep_in_memory(cache: Any) -> bool:
+    """Have a cache write no file; whether that is so. What is baked is only read, so it stays as it is."""
+    if not cache.is_baked:
+        every = cache.point_caches
+        for flag in ("use_disk_cache", "use_external"):
+            # Setting the property itself would move the cache, and delete files under its name.
+            every.foreach_set(flag, [False] * len(every))
+    return cache.is_baked or not cache.use_disk_cache
+
+
+def _name_what_cannot_be_read() -> None:
+    """Rename what has a name that is no UTF-8, as files of Blender before 2.5 hold them: Python cannot say it."""
+    for blocks in _collections():
+        for number, block in enumerate(blocks):
+            _rename(block, f"unnamed {number}")
+    for obj in bpy.data.objects:
+        for of in (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints):
+            for number, part in enumerate(of):
+                _rename(part, f"unnamed {number}")
+    for armature in bpy.data.armatures:
+        for number, bone in enumerate(armature.bones):
+            _rename(bone, f"unnamed {number}")
+    for scene in bpy.data.scenes:
+        for number, layer in enumerate(scene.view_layers):
+            _rename(layer, f"unnamed {number}")
+
+
+def _collections() -> Iterator[Any]:
+    for prop in bpy.data.bl_rna.properties:
+        if prop.type == "COLLECTION":
+            yield getattr(bpy.data, prop.identifier)
+
+
+def _rename(block: Any, name: str) -> None:
+    try:
+        _ = block.name
+    except UnicodeDecodeError:
+        with contextlib.suppress(AttributeError):  # a slot has the name of its material, which has one by now
+            block.name = name

@@ -1,0 +1,55 @@
+"""An HDRI as Blender reads it: checked, and written anew where it had to be mended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from geometry.errors import AssetError
+from reading.hdri import mend
+
+
+def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Check the picture at ``job["path"]``; if it has to be mended, write that to ``job["mended"]``.
+
+    Raises
+    ------
+    AssetError
+        If it cannot be used.
+    """
+    image = bpy.data.images.load(job["path"])
+    try:
+        pixels, notes = mend(_pixels(image))
+    finally:
+        bpy.data.images.remove(image)
+    if notes:
+        _write(pixels, job["mended"])
+    return {"notes": list(notes)}
+
+
+def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:
+    """Linear radiance as it is in the file; the first row is the lowest."""
+    width, height = image.size
+    if not width * height or not image.channels:
+        what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"
+        raise AssetError(f"Blender cannot read this picture ({what})", remedy="save it again, or leave it out")
+    image.colorspace_settings.name = "Non-Color"
+    flat = np.empty(width * height * image.channels, dtype=np.float32)
+    image.pixels.foreach_get(flat)
+    pixels = flat.reshape(height, width, image.channels)
+    return pixels[..., :3] if image.channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+
+
+def _write(pixels: Float[np.ndarray, "h w 3"], path: str) -> None:
+    height, width = pixels.shape[:2]
+    image = bpy.data.images.new("mended", width, height, float_buffer=True, is_data=True)
+    full = np.ones((height, width, 4), dtype=np.float32)
+    full[..., :3] = pixels
+    image.pixels.foreach_set(full.ravel())
+    image.filepath_raw, image.file_format = path, "OPEN_EXR"
+    image.save()
+    bpy.data.images.remove(image)

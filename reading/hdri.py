@@ -1,0 +1,216 @@
+"""HDRIs: read once, by Blender as it will render them, and checked; mended where that is sound, or refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from geometry.errors import AssetError
+from geometry.files import replacing
+from reading.cache import sha256
+from reading.export import ask_reader
+from reading.formats import refuse_no_file
+from reading.watch import DEFAULT_LIMITS, ReadLimits
+
+MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+CHECKED = 1  # raised whenever the same file would be judged or mended otherwise
+BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
+FEW = 1e-3  # of the pixels may be infinite: suns and their glare
+FEW_PIXELS = 4  # of a small picture
+NEGATIVE = 1e-3  # of all light may be negative: what filters and colours outside the gamut leave behind
+LUMINANCE = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
+WEIGHTS = (0.2126, 0.7152, 0.0722)  # of linear Rec. 709 (ITU-R BT.709-6)
+BATCH = 16  # pictures that one process reads, one after the other
+
+
+@dataclass(frozen=True, slots=True)
+class Hdri:
+    """An HDRI that can be rendered.
+
+    Parameters
+    ----------
+    path
+        What is rendered: the file itself, or its mended copy in the cache.
+    sha256
+        Digest of the file's bytes.
+    mended_sha256
+        Digest of the mended copy's bytes; empty if the file is rendered as it is.
+    notes
+        What was mended, a sentence each.
+    """
+
+    path: Path
+    sha256: str
+    mended_sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+    """The radiance of a sky as it can be rendered, and what was mended, a sentence each.
+
+    Parameters
+    ----------
+    pixels
+        Linear Rec. 709, equirectangular; the first row is the lowest or the highest.
+
+    Raises
+    ------
+    AssetError
+        If it is no sky: not twice as wide as high, not a number somewhere, infinite or negative in more than a few
+        places, the same everywhere, or so dark or bright that nothing can be seen by it.
+    """
+    height, width = pixels.shape[:2]
+    if width != 2 * height:
+        raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")
+    if unsaid := int(np.isnan(pixels).any(axis=2).sum()):
+        raise AssetError(f"has {unsaid} pixels that are not a number", remedy="paint over them, or leave it out")
+    notes = []
+    endless = pixels > BRIGHTEST
+    if suns := int(endless.any(axis=2).sum()):
+        if suns > max(FEW_PIXELS, FEW * height * width):
+            raise AssetError(f"has {suns} of {height * width} pixels without end, above {BRIGHTEST:g}")
+        largest = float(pixels[~endless].max(initial=0.0))
+        pixels = np.where(endless, np.float32(largest), pixels)
+        notes.append(f"{suns} pixels without end are as bright as its brightest finite one, {largest:g}")
+    light, taken = float(pixels.clip(min=0).sum(dtype=np.float64)), -float(pixels.clip(max=0).sum(dtype=np.float64))
+    if taken > 0.0:
+        if not taken <= NEGATIVE * light:
+            raise AssetError(f"is negative: {-taken:g} in all beside {light:g} of light")
+        notes.append(f"{int((pixels < 0).any(axis=2).sum())} pixels that are negative are black")
+        pixels = pixels.clip(min=0)
+    if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
+        raise AssetError("is the same everywhere, which is no sky")
+    mean = mean_luminance(pixels)
+    if not LUMINANCE[0] <= mean <= LUMINANCE[1]:
+        allowed = f"{LUMINANCE[0]:g} to {LUMINANCE[1]:g}"
+        raise AssetError(f"has a mean luminance of {mean:.3g}, expected {allowed}", remedy="scale it, or leave it out")
+    return pixels, tuple(notes)
+
+
+def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
+    """Mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
+    height = len(pixels)
+    rows = pixels.mean(axis=1, dtype=np.float64) @ np.array(WEIGHTS)
+    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
+    return float(rows @ weight / weight.sum())
+
+
+def read_hdris(
+    paths: Sequence[Path],
+    cache: Path,
+    *,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    progress: Callable[[str], None] | None = None,
+) -> list[Hdri]:
+    """Each of the pictures as it can be rendered, out of `cache` where it has been read before.
+
+    Parameters
+    ----------
+    paths
+        .exr or .hdr files.
+    cache
+        Folder for what was found, and for mended copies; made if missing.
+    limits
+        When reading is given up.
+    progress
+        Called with the path of each file that has to be read.
+
+    Raises
+    ------
+    AssetError
+        Naming the first that cannot be used, and why.
+    """
+    for path in paths:
+        refuse_no_hdri(path)
+    digests = [sha256(path) for path in paths]
+    found = {digest: _entry(path, digest, cache) for path, digest in zip(paths, digests, strict=True)}
+    new = {digest: path for path, digest in zip(paths, digests, strict=True) if found[digest] is None}
+    todo = list(new.items())
+    for start in range(0, len(todo), BATCH):
+        _read(todo[start : start + BATCH], cache, limits, progress)
+    read = []
+    for path, digest in zip(paths, digests, strict=True):
+        hdri = _entry(path, digest, cache)
+        assert hdri is not None, f"{path}: what was just read cannot be read back"
+        read.append(hdri)
+    return read
+
+
+def refuse_no_hdri(path: Path) -> None:
+    """Raise if a file does not begin like a picture that can be an HDRI.
+
+    Raises
+    ------
+    AssetError
+        If it is no regular file, cannot be read, or is neither OpenEXR nor Radiance.
+    """
+    refuse_no_file(path)
+    try:
+        with open(path, "rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
+    if not start.startswith(MAGIC):
+        raise AssetError("is no OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
+
+
+def _key(digest: str) -> str:
+    return "hdri-" + hashlib.sha256(json.dumps([CHECKED, digest]).encode()).hexdigest()[:24]
+
+
+def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
+    try:
+        note = json.loads((cache / f"{_key(digest)}.json").read_text(encoding="utf-8"))
+        notes, mended_sha256 = tuple(map(str, note["notes"])), str(note["mended_sha256"])
+        mended = cache / f"{_key(digest)}.exr"
+        if not mended_sha256:
+            return Hdri(path, digest)
+        return Hdri(mended, digest, mended_sha256, notes) if sha256(mended) == mended_sha256 else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _read(
+    todo: Sequence[tuple[str, Path]], cache: Path, limits: ReadLimits, progress: Callable[[str], None] | None
+) -> None:
+    """Have pictures read, and keep what was found."""
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
+    folder = Path(tempfile.mkdtemp(prefix=".hdris.", dir=cache)).resolve()
+    try:
+        jobs = []
+        for number, (_, path) in enumerate(todo):
+            if progress:
+                progress(str(path))
+            jobs.append(
+                {
+                    "given": str(path),
+                    "path": str(path.resolve()),
+                    "format": "hdri",
+                    "mended": str(folder / f"{number}.exr"),
+                    "answer": str(folder / f"{number}.json"),
+                }
+            )
+        answers = ask_reader(jobs, limits=limits)
+        for (digest, path), job, answer in zip(todo, jobs, answers, strict=True):
+            if "error" in answer:
+                raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
+            mended_sha256 = ""
+            if answer["notes"]:
+                mended_sha256 = sha256(Path(job["mended"]))
+                Path(job["mended"]).replace(cache / f"{_key(digest)}.exr")
+            note = {"path": str(path), "notes": answer["notes"], "mended_sha256": mended_sha256}
+            with replacing(cache / f"{_key(digest)}.json") as file:
+                file.write(json.dumps(note, indent=1).encode())
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,43 @@
+"""Writes a small sky in every compression that Blender has; run in Blender, with a folder to write into."""
+
+import contextlib
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from reading.blender.pictures import _write
+
+WIDTH, HEIGHT = 64, 32
+
+
+def sky():
+    pixels = np.random.default_rng(0).uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    pixels[20, 30] = 5000.0
+    return pixels
+
+
+def main(folder):
+    _write(sky(), str(folder / "sky.exr"))
+    for name, value in (("sun", np.inf), ("nan", np.nan), ("negative", -1e4), ("huge", 3e38)):
+        pixels = sky()
+        pixels[20, 31:33] = value
+        _write(pixels, str(folder / f"{name}.exr"))
+    _write(np.full((HEIGHT, HEIGHT, 3), 0.5, np.float32), str(folder / "square.exr"))
+    image = bpy.data.images.load(str(folder / "sky.exr"))
+    scene = bpy.context.scene
+    scene.view_settings.view_transform = "Raw"
+    settings = scene.render.image_settings
+    settings.file_format = "HDR"
+    image.save_render(str(folder / "sky.hdr"), scene=scene)
+    settings.file_format = "OPEN_EXR"
+    for depth in ("16", "32"):
+        settings.color_depth = depth
+        for codec in settings.bl_rna.properties["exr_codec"].enum_items:
+            with contextlib.suppress(TypeError):  # some are for 16 bits alone
+                settings.exr_codec = codec.identifier
+                image.save_render(str(folder / f"sky_{codec.identifier}_{depth}.exr"), scene=scene)
+
+
+main(Path(sys.argv[1]))

@@ -1,0 +1,100 @@
+"""Builds .blend files that are odd in one way each; run in Blender, with a folder to write into."""
+
+import math
+import os
+import sys
+from pathlib import Path
+
+import bpy
+
+
+def cube(name="Body"):
+    bpy.ops.mesh.primitive_cube_add(size=2.0)
+    bpy.context.object.name = name
+    return bpy.context.object
+
+
+def nan_location(_):
+    cube().location.x = math.nan
+
+
+def nan_scale(_):
+    cube().scale.z = math.inf
+
+
+def far_vertices(_):
+    cube().data.vertices[0].co.x = 3e38
+
+
+def far_location(_):
+    cube().location.y = 1e20
+
+
+def nan_vertices(_):
+    cube().data.vertices[0].co.x = math.nan
+
+
+def names(_):
+    obj = cube("Nxmd")
+    obj.data.name = "Dxta"
+    obj.data.materials.append(bpy.data.materials.new("Mxterial"))
+    collection = bpy.data.collections.new("Cxllection")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(obj)
+    obj.modifiers.new("Pxrticles", "PARTICLE_SYSTEM")
+    obj.particle_systems[0].name = "Pxrticles"
+    bpy.context.scene.name = "Scxne"
+    bpy.context.scene.view_layers[0].name = "Lxyer"
+
+
+def instances(_):
+    group = bpy.data.node_groups.new("many", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    points, on_points = group.nodes.new("GeometryNodePoints"), group.nodes.new("GeometryNodeInstanceOnPoints")
+    shape, out = group.nodes.new("GeometryNodeMeshCube"), group.nodes.new("NodeGroupOutput")
+    points.inputs["Count"].default_value = 100_000_000
+    group.links.new(points.outputs[0], on_points.inputs["Points"])
+    group.links.new(shape.outputs[0], on_points.inputs["Instance"])
+    group.links.new(on_points.outputs[0], out.inputs[0])
+    cube().modifiers.new("many", "NODES").node_group = group
+
+
+def library(folder):
+    """Linked from a file that is a FIFO by the time it is opened."""
+    cube("Linked")
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "lib.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    cube()
+    with bpy.data.libraries.load(str(folder / "lib.blend"), link=True, relative=True) as (source, target):
+        target.objects = source.objects
+    bpy.context.scene.collection.objects.link(target.objects[0])
+
+
+def font(folder):
+    bpy.ops.object.text_add()
+    source = next(Path(bpy.utils.system_resource("DATAFILES")).rglob("*.woff2"))
+    (folder / "font.woff2").write_bytes(source.read_bytes())
+    bpy.context.object.data.font = bpy.data.fonts.load(str(folder / "font.woff2"))
+
+
+CASES = (nan_location, nan_scale, far_vertices, far_location, nan_vertices, names, instances, library, font)
+
+
+def main(folder):
+    for case in CASES:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        case(folder)
+        for compress in (False, True):
+            path = folder / f"{case.__name__}{'_packed' * compress}.blend"
+            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=compress, relative_remap=False)
+    for name in ("lib.blend", "font.woff2"):
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+    odd = (folder / "names.blend").read_bytes()
+    for name in (b"Nxmd", b"Dxta", b"Mxterial", b"Cxllection", b"Pxrticles", b"Scxne", b"Lxyer"):
+        assert name in odd
+        odd = odd.replace(name, name.replace(b"x", b"\xfc"))
+    (folder / "names.blend").write_bytes(odd)
+
+
+main(Path(sys.argv[1]))

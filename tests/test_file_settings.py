@@ -1,0 +1,31 @@
+"""What a .blend sets for Blender, its scene and its view layer ends where the file is opened."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPT = Path(__file__).with_name("file_settings.py")
+
+
+@pytest.mark.blender
+def test_no_setting_of_a_file_is_left_when_it_is_rendered(tmp_path):
+    """Compared over all the properties that Blender lists, so that one of a later Blender is met here."""
+    ran = subprocess.run(
+        [sys.executable, "-P", str(SCRIPT), str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = json.loads(next(line[2:] for line in ran.stdout.splitlines() if line.startswith("@@")))
+    changed = found["changed"]
+    for expected in ("file.use_autopack", "scene.view_settings.exposure", "layer.cycles.use_denoising"):
+        assert expected in changed
+    assert len(changed) > 200
+    assert found["objects"] == 1
+    assert found["left"] == {}

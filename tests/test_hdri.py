@@ -1,0 +1,152 @@
+"""A sky is checked before it lights anything: mended where that is sound, refused where not."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.errors import AssetError
+from reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def sky(height: int = 32) -> np.ndarray:
+    return np.random.default_rng(0).uniform(0.2, 0.8, (height, 2 * height, 3)).astype(np.float32)
+
+
+def with_pixels(value: float, count: int = 1) -> np.ndarray:
+    pixels = sky()
+    pixels.reshape(-1, 3)[:count] = value
+    return pixels
+
+
+def test_a_sound_sky_stays_as_it_is() -> None:
+    pixels = sky()
+    mended, notes = mend(pixels)
+    assert mended is pixels
+    assert notes == ()
+
+
+@pytest.mark.parametrize("value", [np.inf, 3e38, 2 * BRIGHTEST])
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_few_suns_without_end_are_as_bright_as_the_brightest_that_has_one(value: float, count: int) -> None:
+    pixels = with_pixels(value, count)
+    pixels[9, 9] = 1234.0
+    mended, notes = mend(pixels)
+    assert notes == (f"{count} pixels without end are as bright as its brightest finite one, 1234",)
+    assert (mended.reshape(-1, 3)[:count] == 1234.0).all()
+    assert np.array_equal(mended.reshape(-1, 3)[count:], pixels.reshape(-1, 3)[count:])
+
+
+def test_a_little_that_is_negative_is_black() -> None:
+    mended, notes = mend(with_pixels(-0.01, 3))
+    assert notes == ("3 pixels that are negative are black",)
+    assert mended.min() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("pixels", "problem"),
+    [
+        (with_pixels(np.nan), "has 1 pixels that are not a number"),
+        (np.full((8, 16, 3), np.nan, np.float32), "has 128 pixels that are not a number"),
+        (with_pixels(np.inf, 100), "has 100 of 2048 pixels without end, above 1e\\+10"),
+        (np.full((8, 16, 3), 3e38, np.float32), "has 128 of 128 pixels without end"),
+        (with_pixels(-np.inf), "is negative: -inf in all"),
+        (-sky(), "is negative"),
+        (with_pixels(-5.0, 20), "is negative: -300 in all beside"),
+        (np.full((8, 16, 3), 0.5, np.float32), "is the same everywhere, which is no sky"),
+        (np.zeros((8, 16, 3), np.float32), "is the same everywhere"),
+        (sky() * 1e-5, r"has a mean luminance of 4.95e-06, expected 0.0001 to 100000; scale it"),
+        (sky() * 1e6, "has a mean luminance of 4.95e\\+05"),
+        (sky()[:, :63], "is 63 x 32 pixels, but an HDRI of a whole sky is twice as wide as high"),
+        (np.zeros((1, 1, 3), np.float32), "is 1 x 1 pixels"),
+    ],
+)
+def test_what_is_no_sky_is_refused(pixels: np.ndarray, problem: str) -> None:
+    with pytest.raises(AssetError, match=problem):
+        mend(pixels)
+
+
+def test_the_mean_luminance_weighs_a_pixel_by_what_it_covers_of_the_sphere() -> None:
+    pixels = np.zeros((512, 1024, 3), np.float32)
+    pixels[:256] = 2.0
+    assert mean_luminance(pixels) == pytest.approx(1.0)
+    cap = np.zeros((512, 1024, 3), np.float32)
+    cap[:128] = (0.0, 1.0, 0.0)  # 45 degrees around a pole
+    assert mean_luminance(cap) == pytest.approx(0.7152 * (1 - np.cos(np.pi / 4)) / 2, rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hdris")
+    subprocess.run(
+        [sys.executable, "-P", str(Path(__file__).with_name("hdri_files.py")), str(folder)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+    )
+    return folder
+
+
+@pytest.mark.blender
+def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path: Path) -> None:
+    paths = sorted(files.glob("sky*"))
+    assert len(paths) > 15
+    said: list[str] = []
+    read = read_hdris(paths, tmp_path / "cache", progress=said.append)
+    assert [hdri.path for hdri in read] == paths
+    assert all(hdri.notes == () for hdri in read)
+    assert said == [str(path) for path in paths]
+    assert read_hdris(paths, tmp_path / "cache", progress=said.append) == read
+    assert len(said) == len(paths), "read once"
+
+
+@pytest.mark.blender
+def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Path, tmp_path: Path) -> None:
+    sun, again = (read_hdris([files / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
+    assert sun == again
+    assert sun.notes == ("2 pixels without end are as bright as its brightest finite one, 5000",)
+    assert sun.path != files / "sun.exr"
+    assert sun.sha256 != sun.mended_sha256
+    sound = read_hdris([sun.path], tmp_path / "cache")[0]
+    assert (sound.path, sound.notes) == (sun.path, ())
+    elsewhere = read_hdris([files / "sun.exr"], tmp_path / "another")[0]
+    assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is mended"
+    sun.path.write_bytes(b"\x76\x2f\x31\x01")
+    assert read_hdris([files / "sun.exr"], tmp_path / "cache")[0] == sun, "mended anew where the copy is damaged"
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("nan", "has 2 pixels that are not a number"),
+        ("negative", "is negative"),
+        ("square", "is 32 x 32 pixels"),
+        ("half", "(crashed reading it|cannot read this picture|not a number|the same everywhere)"),
+        ("start", "(crashed reading it|cannot read this picture)"),
+        ("folder", "is a folder, no file"),
+        ("fifo", "is a FIFO, no file"),
+        ("loop", "cannot be read"),
+        ("zero", "is a device, no file"),
+    ],
+)
+def test_a_sky_that_cannot_be_used_is_one_line_with_its_name(
+    files: Path, tmp_path: Path, name: str, problem: str
+) -> None:
+    whole = (files / "sky.exr").read_bytes()
+    (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "start.exr").write_bytes(whole[:100])
+    (tmp_path / "folder.exr").mkdir()
+    os.mkfifo(tmp_path / "fifo.exr")
+    (tmp_path / "loop.exr").symlink_to("loop.exr")
+    (tmp_path / "zero.exr").symlink_to("/dev/zero")
+    path = next(p for p in (tmp_path / f"{name}.exr", files / f"{name}.exr") if os.path.lexists(p))
+    with pytest.raises(AssetError, match=rf"{name}\.exr: .*{problem}") as caught:
+        read_hdris([files / "sky.exr", path], tmp_path / "cache")
+    assert "\n" not in str(caught.value)
+    assert sorted(p.suffix for p in (tmp_path / "cache").glob("*")) in ([], [".json"])

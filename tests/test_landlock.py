@@ -1,0 +1,235 @@
+"""Files that write when Blender opens them, and a process that tries what it must not, with Landlock and without."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import AssetError
+from reading import landlock
+from reading.export import export
+from reading.landlock import abi, asset_folders, confined
+
+ROOT = Path(__file__).resolve().parents[1]
+BLENDS = Path(__file__).with_name("writing_blends.py")
+CASES = ("particles", "cloth", "soft", "paint", "rigid", "fluid", "outputs")
+WRITES_WHEN_OPENED = ("particles", "paint", "fluid")  # those that Blender 5.0 does not hold back by itself
+# Each line is tried by itself; IN can be written, OUT cannot, both are folders with a file in them.
+TRIES = """
+open(f"{OUT}/new", "w")
+open(f"{OUT}/file", "a")
+open(f"{OUT}/file", "r+")
+open(f"{OUT}/file").read()
+os.truncate(f"{OUT}/file", 0)
+os.mkdir(f"{OUT}/folder")
+os.unlink(f"{OUT}/file")
+os.rmdir(f"{OUT}/empty")
+os.rename(f"{OUT}/file", f"{IN}/stolen")
+os.rename(f"{IN}/file", f"{OUT}/given")
+os.link(f"{OUT}/file", f"{IN}/linked")
+os.symlink(f"{OUT}/file", f"{IN}/link")
+os.mkfifo(f"{IN}/fifo")
+os.listdir(OUT)
+open("/dev/zero", "rb").read(1)
+open("/proc/kmsg", "rb", 0)
+open("/proc/1/environ", "rb").read()
+open("/etc/shadow").read()
+subprocess.run([f"{OUT}/program"], check=True)
+socket.create_connection(("127.0.0.1", PORT), 1)
+socket.socket().bind(("127.0.0.1", 0))
+"""
+MAY = """
+open(f"{IN}/new", "w").write("x")
+open(f"{IN}/file", "r+").truncate(0)
+os.mkdir(f"{IN}/folder")
+os.rename(f"{IN}/new", f"{IN}/renamed")
+os.unlink(f"{IN}/renamed")
+open(f"{SEEN}/file").read()
+os.listdir(SEEN)
+open("/dev/null", "w").write("x")
+subprocess.run(["/bin/true"], check=True)
+"""
+TRY = """
+import json, os, socket, subprocess, sys
+lines, names = json.loads(sys.argv[1]), json.loads(sys.argv[2])
+done = []
+for line in lines:
+    try:
+        exec(line, {**globals(), **names})
+        done.append(line)
+    except Exception:
+        pass
+print(json.dumps(done))
+"""
+needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
+
+
+@pytest.fixture
+def names(tmp_path: Path) -> dict[str, object]:
+    folders = {name: tmp_path / name for name in ("IN", "OUT", "SEEN")}
+    for folder in folders.values():
+        (folder / "empty").mkdir(parents=True)
+        (folder / "file").write_text("precious")
+        (folder / "program").write_text("#!/bin/sh\ntrue\n")
+        (folder / "program").chmod(0o755)
+    return {name: str(folder) for name, folder in folders.items()}
+
+
+def tried(lines: str, names: dict[str, object]) -> list[str]:
+    """Which of the lines succeed in a process that may write IN and read SEEN."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    names = {**names, "PORT": listening.getsockname()[1]}
+    command = [sys.executable, "-I", "-c", TRY, json.dumps(lines.strip().splitlines()), json.dumps(names)]
+    ran = subprocess.run(
+        confined(command, read=[names["SEEN"]], write=[names["IN"]]), capture_output=True, text=True, check=True
+    )
+    listening.close()
+    return json.loads(ran.stdout)
+
+
+@needs_landlock
+@pytest.mark.parametrize("line", TRIES.strip().splitlines())
+def test_a_confined_process_reaches_nothing_else(names: dict[str, object], line: str) -> None:
+    if "socket" in line and abi() < landlock.NETWORK_ABI:
+        pytest.xfail("this kernel's Landlock knows no network")
+    assert tried(line, names) == []
+
+
+@needs_landlock
+def test_a_confined_process_can_do_its_work(names: dict[str, object]) -> None:
+    assert tried(MAY, names) == MAY.strip().splitlines()
+
+
+def test_what_is_tried_succeeds_where_nothing_holds_it_back(
+    names: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
+    for line in ('open(f"{OUT}/new", "w")', "os.listdir(OUT)", 'socket.create_connection(("127.0.0.1", PORT), 1)'):
+        assert tried(line, names) == [line]
+
+
+def test_a_kernel_without_landlock_runs_the_command_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landlock, "abi", lambda: 0)
+    assert confined(["/bin/true", "x"], read=[], write=[]) == ["/bin/true", "x"]
+
+
+@needs_landlock
+@pytest.mark.parametrize("version", range(1, 9))
+def test_a_kernel_of_any_version_is_asked_for_what_it_knows(
+    names: dict[str, object], monkeypatch: pytest.MonkeyPatch, version: int
+) -> None:
+    """An older version's rights are a part of this kernel's; a newer one's that it lacks it would refuse."""
+    asked = min(version, abi())
+    code = (
+        f"from reading import landlock; landlock.abi = lambda: {asked};"
+        f"landlock.restrict({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
+        f"open({names['OUT'] + '/new'!r}, 'w')"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "PermissionError" in ran.stderr
+    assert os.path.exists(f"{names['IN']}/new")
+    assert not os.path.exists(f"{names['OUT']}/new")
+
+
+def test_the_folders_of_an_asset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    deep = tmp_path / "pack" / "scenes"
+    deep.mkdir(parents=True)
+    (deep / "a.blend").touch()
+    (tmp_path / "link.blend").symlink_to(deep / "a.blend")
+    assert asset_folders(deep / "a.blend") == [deep, deep.parent]
+    assert asset_folders(tmp_path / "link.blend")[:2] == [tmp_path, deep]
+    monkeypatch.setenv("HOME", str(deep.parent))
+    assert asset_folders(deep / "a.blend") == [deep], "not the user's home"
+    assert asset_folders(Path("/srv/a.blend")) == [Path("/srv")]
+    assert asset_folders(Path("/srv/models/a.blend")) == [Path("/srv/models")]
+
+
+@pytest.fixture(scope="module")
+def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("writing")
+    (folder / "blends").mkdir()
+    (folder / "target").mkdir()
+    command = [sys.executable, "-P", str(BLENDS), "build", str(folder / "blends"), str(folder / "target")]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder
+
+
+def cleaned(folder: Path) -> set[str]:
+    """What is in it besides the files that try, after whatever earlier tries have left was taken away."""
+    for left in [folder / "target", *(folder / "blends").glob("blendcache*")]:
+        subprocess.run(["rm", "-rf", str(left)], check=True)
+    (folder / "target").mkdir()
+    return contents(folder)
+
+
+def contents(folder: Path) -> set[str]:
+    return {str(path) for path in folder.rglob("*")}
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("case", WRITES_WHEN_OPENED)
+def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -> None:
+    """Otherwise the tests below would show nothing."""
+    before = cleaned(blends)
+    command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
+    subprocess.run(command, check=False, capture_output=True)
+    assert contents(blends) > before
+
+
+@pytest.mark.blender
+@needs_landlock
+@pytest.mark.parametrize("case", CASES)
+def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str) -> None:
+    before = cleaned(blends)
+    command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
+    read = [*asset_folders(blends / "blends" / "any"), BLENDS.parent]
+    env = {**os.environ, "TMPDIR": str(tmp_path)}
+    subprocess.run(confined(command, read=read, write=[tmp_path]), check=False, capture_output=True, env=env)
+    assert contents(blends) == before
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("confinement", ["on", "off"])
+@pytest.mark.parametrize("case", CASES)
+def test_reading_them_writes_nothing(
+    blends: Path, tmp_path: Path, case: str, confinement: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", confinement)
+    before = cleaned(blends)
+    exported = export(blends / "blends" / f"{case}.blend", tmp_path, kind="vehicle")
+    assert contents(blends) == before
+    said = [doubt for doubt in exported.report.doubts if "is left out, since its cache is no part" in doubt]
+    assert len(said) == (case in ("fluid", "paint"))
+    assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
+
+
+@pytest.mark.blender
+@needs_landlock
+def test_a_texture_elsewhere_is_missing_and_says_so(tmp_path: Path) -> None:
+    """What stat says is there cannot be opened, and would be magenta."""
+    secret, assets = tmp_path / "secret" / "picture.png", tmp_path / "a" / "b" / "assets"
+    secret.parent.mkdir()
+    assets.mkdir(parents=True)
+    code = (
+        f"import bpy; image = bpy.data.images.new('x', 4, 4); image.filepath_raw = {str(secret)!r}; image.save();"
+        "bpy.ops.wm.read_factory_settings(use_empty=True); bpy.ops.mesh.primitive_cube_add();"
+        "material = bpy.data.materials.new('m'); node = material.node_tree.nodes.new('ShaderNodeTexImage');"
+        f"node.image = bpy.data.images.load({str(secret)!r}); bpy.context.object.data.materials.append(material);"
+        f"bpy.ops.wm.save_as_mainfile(filepath={str(assets / 'a.blend')!r}, relative_remap=False)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+    (tmp_path / "out").mkdir()
+    report = export(assets / "a.blend", tmp_path / "out", kind="vehicle").report
+    assert [missing.path for missing in report.missing] == [str(secret)]
+
+
+@pytest.mark.blender
+def test_a_file_that_cannot_be_read_is_still_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.blend"
+    path.write_bytes(b"BLENDER17-01v0500" + b"x" * 100)
+    with pytest.raises(AssetError):
+        export(path, tmp_path)

@@ -1,0 +1,156 @@
+"""Files that are odd, or meant to do harm, are one line with their name: no traceback, no waiting, no end of memory."""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import AssetError
+from reading.export import export
+from reading.formats import format_of
+from reading.references import refuse_odd_references
+from reading.watch import ReadLimits
+
+ODD = Path(__file__).with_name("odd_blends.py")
+LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
+
+
+@pytest.fixture(scope="module")
+def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("odd")
+    subprocess.run([sys.executable, "-P", str(ODD), str(folder)], check=True, capture_output=True)
+    return folder
+
+
+def refused(path: Path, folder: Path, **more: object) -> str:
+    with pytest.raises(AssetError) as caught:
+        export(path, folder, **{"limits": LIMITS, **more})
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("case", "line"),
+    [
+        ("nan_location", "object 'Body' stands at a place that is no number; repair or delete it"),
+        ("nan_scale", "object 'Body'"),
+        ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
+        ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
+        ("nan_vertices", "object 'Body': "),
+        ("library", "lib.blend, which is a FIFO, no file"),
+        ("library_packed", "lib.blend, which is a FIFO, no file"),
+        ("font", "font.woff2, which is a FIFO, no file"),
+        ("font_packed", "font.woff2, which is a FIFO, no file"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["vehicle", "scenery"])
+def test_an_odd_file_is_one_line(odd: Path, tmp_path: Path, case: str, line: str, kind: str) -> None:
+    assert line in refused(odd / f"{case}.blend", tmp_path, kind=kind)
+
+
+@pytest.mark.blender
+def test_names_that_are_no_utf8_are_given_others(odd: Path, tmp_path: Path) -> None:
+    report = export(odd / "names.blend", tmp_path, kind="vehicle").report
+    assert [row.name for row in report.rows if row.use == "hull"] == ["unnamed 0"]
+
+
+@pytest.mark.blender
+def test_a_hundred_million_instances_end_at_the_limit_of_memory(odd: Path, tmp_path: Path) -> None:
+    line = refused(odd / "instances.blend", tmp_path, kind="scenery")
+    assert "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise" in line
+
+
+@pytest.mark.blender
+def test_a_reader_that_is_silent_is_given_up(odd: Path, tmp_path: Path) -> None:
+    line = refused(odd / "names_packed.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
+    assert "reading it got nowhere for 0.2 s, which is the limit" in line
+
+
+def test_what_is_no_regular_file_is_refused_before_it_is_opened(tmp_path: Path) -> None:
+    (tmp_path / "folder.blend").mkdir()
+    os.mkfifo(tmp_path / "fifo.blend")
+    (tmp_path / "zero.glb").symlink_to("/dev/zero")
+    (tmp_path / "loop.obj").symlink_to("loop.obj")
+    (tmp_path / "round").symlink_to("round")
+    for name, line in (
+        ("folder.blend", "is a folder, no file"),
+        ("fifo.blend", "is a FIFO, no file"),
+        ("zero.glb", "is a device, no file"),
+        ("loop.obj", "cannot be read (Too many levels of symbolic links)"),
+        ("round/a.blend", "cannot be read (Too many levels"),
+        ("a" * 300 + ".blend", "cannot be read (File name too long)"),
+        ("nothing.blend", "does not exist"),
+    ):
+        with pytest.raises(AssetError) as caught:
+            format_of(tmp_path / name)
+        assert line in str(caught.value)
+
+
+GLTF = {
+    "asset": {"version": "2.0"},
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [{"uri": "mesh%20.bin", "byteLength": 36}],
+}
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"buffers": [{"uri": "zero.bin", "byteLength": 36}]}, "refers to zero.bin, which is a device, no file"),
+        ({"buffers": [{"uri": "fifo%2Ebin", "byteLength": 36}]}, "refers to fifo.bin, which is a FIFO, no file"),
+        ({"buffers": [{"uri": "../../../../../../../../dev/zero"}]}, "which is a device, no file"),
+        ({"images": [{"uri": "fifo.bin"}]}, "refers to fifo.bin, which is a FIFO"),
+        ({"buffers": [{"uri": "mesh .bin", "byteLength": 99}]}, "buffers[0] has 99 bytes, but mesh .bin has 36"),
+        ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh = 7, but it has 1 meshes; export it again"),
+        ({"nodes": [{"mesh": "x"}]}, "nodes[0].mesh = 'x', but it has 1 meshes"),
+        ({"nodes": [{"children": [0]}]}, "its nodes are inside each other in a circle, or more than 200 deep"),
+        ({"nodes": [{"children": [i + 1]} for i in range(999)] + [{}]}, "its nodes are inside each other"),
+        ({"accessors": []}, "meshes[0].primitives[0].attributes.POSITION = 0, but it has 0 accessors"),
+        ({"scenes": [{"nodes": [-1]}]}, "scenes[0].nodes[0] = -1, but it has 1 nodes"),
+        ({"bufferViews": [{"buffer": True}]}, "bufferViews[0].buffer = True, but it has 1 buffers"),
+        ("[" * 100_000, "is no glTF that can be read (it is nested too deeply)"),
+        ('{"asset": {"version": "2.0"}, "nodes": [1, 2', "gltf|is no glTF that can be read"),
+        ("[]", "is no glTF: it is no JSON object"),
+    ],
+)
+def test_a_malformed_gltf_says_what_is_wrong(tmp_path: Path, change: object, line: str, binary: bool) -> None:
+    (tmp_path / "mesh .bin").write_bytes(bytes(36))
+    (tmp_path / "zero.bin").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "fifo.bin")
+    text = change if isinstance(change, str) else json.dumps({**GLTF, **change})
+    path = tmp_path / ("a.glb" if binary else "a.gltf")
+    chunk = text.encode()
+    path.write_bytes(
+        b"glTF" + struct.pack("<III4s", 2, 20 + len(chunk), len(chunk), b"JSON") + chunk if binary else chunk
+    )
+    with pytest.raises(AssetError) as caught:
+        refuse_odd_references(path, "gltf")
+    assert line.removeprefix("gltf|") in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "material", "line"),
+    [
+        ("mtllib fifo.mtl\n", "", "refers to fifo.mtl, which is a FIFO"),
+        ("v 0 0 0\nmtllib a.mtl\n", "newmtl x\nmap_Kd -s 1 1 1 fifo.mtl\n", "refers to fifo.mtl, which is a FIFO"),
+        ("mtllib a.mtl\n", "bump zero.png", "refers to zero.png, which is a device"),
+    ],
+)
+def test_an_obj_that_refers_to_no_file_is_refused(tmp_path: Path, text: str, material: str, line: str) -> None:
+    os.mkfifo(tmp_path / "fifo.mtl")
+    (tmp_path / "zero.png").symlink_to("/dev/zero")
+    (tmp_path / "a.mtl").write_text(material)
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(AssetError, match=line):
+        refuse_odd_references(tmp_path / "a.obj", "obj")

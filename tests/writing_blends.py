@@ -1,0 +1,93 @@
+"""Builds .blend files that write when Blender evaluates them, and opens them; run in Blender.
+
+``python writing_blends.py build FOLDER TARGET`` writes FOLDER/<case>.blend, each of which would write below TARGET or
+beside itself. ``python writing_blends.py open FILE`` opens one as Blender does, without hulldown's precautions.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import bpy
+
+
+def cube(name="Body"):
+    bpy.ops.mesh.primitive_cube_add(size=2.0)
+    bpy.context.object.name = name
+    return bpy.context.object
+
+
+def particles(target):
+    obj = cube()
+    obj.modifiers.new("dust", "PARTICLE_SYSTEM")
+    system = obj.particle_systems[0]
+    system.settings.count, system.settings.frame_start = 10, -10
+    system.point_cache.name = "dust"
+    system.point_cache.use_disk_cache = True
+
+
+def cloth(target):
+    cube().modifiers.new("flag", "CLOTH").point_cache.use_disk_cache = True
+
+
+def soft(target):
+    cube().modifiers.new("jelly", "SOFT_BODY").point_cache.use_disk_cache = True
+
+
+def paint(target):
+    canvas = cube().modifiers.new("paint", "DYNAMIC_PAINT")
+    canvas.ui_type = "CANVAS"
+    bpy.ops.dpaint.type_toggle(type="CANVAS")
+    surface = canvas.canvas_settings.canvas_surfaces[0]
+    surface.image_output_path = str(target)
+    surface.point_cache.use_disk_cache = True
+
+
+def rigid(target):
+    cube()
+    bpy.ops.rigidbody.world_add()
+    caches = bpy.context.scene.rigidbody_world.point_cache.point_caches
+    caches.foreach_set("use_disk_cache", [True] * len(caches))
+
+
+def fluid(target):
+    domain = cube().modifiers.new("water", "FLUID")
+    domain.fluid_type = "DOMAIN"
+    domain.domain_settings.cache_type = "REPLAY"
+    domain.domain_settings.cache_directory = str(target / "fluid")
+    domain.domain_settings.resolution_max = 6
+    cube("Hull")
+
+
+def outputs(target):
+    cube()
+    render = bpy.context.scene.render
+    render.filepath = str(target / "picture")
+    render.use_render_cache = True
+    tree = bpy.data.node_groups.new("out", "CompositorNodeTree")
+    bpy.context.scene.compositing_node_group = tree
+    node = tree.nodes.new("CompositorNodeOutputFile")
+    node.directory = str(target / "composited")
+
+
+CASES = {case.__name__: case for case in (particles, cloth, soft, paint, rigid, fluid, outputs)}
+
+
+def main(what, *paths):
+    if what == "open":
+        bpy.ops.wm.open_mainfile(filepath=paths[0], load_ui=False, use_scripts=False)
+        for frame in (1, 2, 3):
+            bpy.context.scene.frame_set(frame)
+        return
+    folder, target = map(Path, paths)
+    for name, case in CASES.items():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))  # or caches cannot be on disk
+        case(target)
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))
+        sys.stdout.flush()
+
+
+main(*sys.argv[1:])
+sys.stdout.flush()
+os._exit(0)  # Blender's fluids crash at its end
