@@ -11,7 +11,7 @@ Wilson, Probable inference, the law of succession, and statistical inference, JA
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -56,14 +56,14 @@ def interval(values: Float[np.ndarray, "r *shape"]) -> Float[np.ndarray, "2 *sha
     return np.quantile(values, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2], axis=0)
 
 
-def figure_intervals(resampled: Float[np.ndarray, "r *columns 6"]) -> Mapping[str, Float[np.ndarray, "2 *columns"]]:
+def figure_intervals(resampled: Float[np.ndarray, "r 6"]) -> dict[str, Float[np.ndarray, "2"]]:
     """Intervals of all figures from resampled sums."""
     return {key: interval(values) for key, values in figures(resampled).items()}
 
 
 def difference_intervals(
     first: Float[np.ndarray, "r 6"], second: Float[np.ndarray, "r 6"]
-) -> Mapping[str, Float[np.ndarray, "2"]]:
+) -> dict[str, Float[np.ndarray, "2"]]:
     """Intervals of second minus first, where both were resampled with the same drawings."""
     before, after = figures(first), figures(second)
     return {key: interval(after[key] - before[key]) for key in before}
@@ -85,7 +85,11 @@ def wilson(part: Float[np.ndarray, " n"], whole: Float[np.ndarray, " n"]) -> Flo
 
 
 def resampled(
-    figure: Callable[[Float[np.ndarray, " groups"]], float], groups: int, *, times: int = RESAMPLES, seed: int = 0
-) -> Float[np.ndarray, " r"]:
-    """A figure that is no ratio of sums, of each drawing: it is told how often each group counts."""
+    figure: Callable[[Float[np.ndarray, " groups"]], Float[np.ndarray, " c"]],
+    groups: int,
+    *,
+    times: int = RESAMPLES,
+    seed: int = 0,
+) -> Float[np.ndarray, "r c"]:
+    """Figures that are no ratios of sums, of each drawing: `figure` is told how often each group counts."""
     return np.array([figure(row) for weights in resamples(groups, times=times, seed=seed) for row in weights])
