@@ -686,6 +686,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
+
+    sub = verb(
         "evaluate", _evaluate, "judge detections: what, where, why, how sure",
         "Reads a dataset and COCO results of any detector; writes report.html, report.json, metrics.csv and sheets of "
         "misses and false alarms. Several files of results are compared with the first.",

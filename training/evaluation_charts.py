@@ -15,12 +15,12 @@ from training.evaluate import Comparison, Evaluation
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLOURS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
-LONGEST = 28  # characters of a name beside an axis
+LONGEST = 24  # characters of a name beside an axis
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
     """Precision over recall, with the operating points."""
-    figure, axes = _axes(4.6, 3.6)
+    figure, axes = _axes(5.4, 3.6)
     for one, colour in zip(evaluations, _colours(len(evaluations)), strict=True):
         name = _short(one.predictions.name) if len(evaluations) > 1 else "all classes"
         axes.plot(one.curves.recall, one.curves.precision, color=colour, label=name)
@@ -38,7 +38,7 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
 
 def over_thresholds(one: Evaluation) -> bytes:
     """Precision, recall and F1 over the confidence from which detections count."""
-    figure, axes = _axes(4.6, 3.6)
+    figure, axes = _axes(5.4, 3.6)
     for key, colour in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
         axes.plot(one.curves.threshold, getattr(one.curves, key), color=colour, label="F1" if key == "f1" else key)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
@@ -49,7 +49,7 @@ def over_thresholds(one: Evaluation) -> bytes:
 
 def losses(loss: Mapping[str, float]) -> bytes:
     """What fixing each cause alone would bring."""
-    figure, axes = _axes(4.6, 2.6)
+    figure, axes = _axes(5.4, 2.4)
     names = list(loss)[::-1]
     axes.barh(names, [100.0 * loss[name] for name in names], color=RED, height=0.6)
     axes.set(xlabel="points of AP50 that fixing it alone would bring", title="why AP50 is lost")
@@ -59,7 +59,7 @@ def losses(loss: Mapping[str, float]) -> bytes:
 def recall_bins(found: BinFigures, overall: float) -> bytes:
     """Recall in the bins of a field, with its interval and how many labels there are."""
     rows = np.flatnonzero(found.labels > 0)[::-1]
-    figure, axes = _axes(4.6, 0.9 + 0.26 * len(rows))
+    figure, axes = _axes(3.75, 0.7 + 0.24 * len(rows))
     places = np.arange(len(rows))
     recall, ends = found.recall[rows], found.recall_interval[:, rows]
     axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
@@ -73,17 +73,17 @@ def recall_bins(found: BinFigures, overall: float) -> bytes:
     return _svg(figure)
 
 
-def differences(compared: Sequence[Comparison], keys: Sequence[str]) -> bytes:
-    """Differences of figures with their intervals."""
-    figure, axes = _axes(6.4, 0.9 + 0.3 * len(keys) * max(1, len(compared)))
+def differences(compared: Sequence[Comparison], titles: Mapping[str, str]) -> bytes:
+    """Differences of figures, whose titles are given by key, with their intervals."""
+    figure, axes = _axes(6.4, 0.9 + 0.3 * len(titles) * max(1, len(compared)))
     names: list[str] = []
     for one, colour in zip(compared, _colours(len(compared)), strict=True):
-        for key in keys:
+        for key, title in titles.items():
             ends = one.interval.get(key)
             if ends is not None and not np.isnan(ends).any():
                 axes.plot(ends, [len(names)] * 2, color=colour)
                 axes.plot(one.difference[key], len(names), "o", color=colour)
-            names.append(f"{key.replace('_', ' ')}: {_short(one.second)}")
+            names.append(f"{title}: {_short(one.second)}")
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
@@ -95,8 +95,6 @@ def _axes(width: float, height: float) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     axes.tick_params(labelsize=8, colors=INK)
-    axes.title.set_fontsize(9)
-    axes.xaxis.label.set_fontsize(8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(SOFT)
     return figure, axes
@@ -114,6 +112,10 @@ def _short(name: str) -> str:
 def _svg(figure: Figure) -> bytes:
     """The same bytes for the same chart."""
     file = io.BytesIO()
+    for axes in figure.axes:
+        axes.title.set_fontsize(9)
+        axes.xaxis.label.set_fontsize(8)
+        axes.yaxis.label.set_fontsize(8)
     with rc_context({"svg.hashsalt": "hulldown", "svg.fonttype": "path"}):
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     return file.getvalue()

@@ -97,7 +97,7 @@ def comparison_page(
                 "Both were resampled with the same drawings of positions, so that what is hard for both cancels out. "
                 "An interval that holds 0 shows no difference."
             ),
-            chart(differences(compared, COMPARED), "differences with their intervals"),
+            chart(differences(compared, {key: FIGURES[key] for key in COMPARED}), "differences with their intervals"),
             table(["", "difference", "95 % interval"], changes),
         ),
         section("At other thresholds", chart(precision_recall(evaluations), "precision over recall of each")),
@@ -155,7 +155,7 @@ def _confusion(report: Mapping[str, Any]) -> str:
 
 def _why(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
     rows = [
-        [name, MEANINGS[name], str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
+        [f"{name}: {MEANINGS[name]}", str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
         for name in CAUSES
     ]
     drawn = [chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
@@ -164,7 +164,7 @@ def _why(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
             "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
             "AP50 are what fixing that cause alone would bring, over all confidences."
         ),
-        table(["cause", "detections", "count", "AP50 points"], rows),
+        table(["cause", "count", "AP50 points"], rows),
         *drawn,
     ]
 
@@ -184,7 +184,7 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
             *(
                 chart(recall_bins(found, overall), f"recall by {found.field.title}")
                 for found in one.bins
-                if found.labels.any()
+                if (found.labels > 0).sum() > 1  # one bin says no more than the whole
             )
         ),
     ]

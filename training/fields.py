@@ -68,11 +68,11 @@ SCALES = (
     _scale("distance", "distance", " m", 0.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, INFINITY),
     _scale(
         "visible_fraction", "visible fraction", "", -INFINITY, 0.25, 0.5, 0.75, 0.9, 1.0, INFINITY,
-        bins=("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "all"),
+        bins=("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
     ),
     _scale(
         "truncated_fraction", "fraction outside the picture", "", -INFINITY, 1e-9, 0.1, 0.25, 0.5, INFINITY,
-        bins=("none", "under 10 %", "10 to 25 %", "25 to 50 %", "50 % and more"),
+        bins=("0 %", "under 10 %", "10 to 25 %", "25 to 50 %", "50 % and more"),
     ),
     _scale("elevation", "camera elevation", "°", -INFINITY, 0.0, 5.0, 10.0, 20.0, 30.0, 45.0, INFINITY),
     _scale("slope", "slope", "°", 0.0, 5.0, 10.0, 15.0, 20.0, 25.0, INFINITY),
@@ -102,10 +102,10 @@ def fields(labels: Labels, predictions: Predictions) -> list[Field]:
     sides = np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
     found.append(Field("azimuth_seen", "side seen", ("front", "side", "rear"), sides, None))
     found.append(_named("vehicle", "vehicle", [_text(box.get("vehicle")) for box in labels.annotations], None))
-    for key, of in (("weather", _weather), ("scenery", _text), ("hdri", _text)):
+    for key, title, of in (("weather", "weather", _weather), ("scenery", "scenery", _text), ("hdri", "HDRI", _text)):
         values = [of(image.get(key)) if key in image else None for image in labels.images]
         names = [values[i] for i in labels.image.tolist()]
-        found.append(_named(key, key, names, [values[i] for i in predictions.image.tolist()]))
+        found.append(_named(key, title, names, [values[i] for i in predictions.image.tolist()]))
     return [_without_empty(field) for field in found if (np.where(labels.crowd, -1, field.of_label) >= 0).any()]
 
 
