@@ -112,8 +112,8 @@ def damaged(**more):
     [
         (damaged(images=[{"id": 1, "file_name": "a", "width": 9, "height": 9}] * 2), "image 1 is there twice"),
         (damaged(categories=[{"id": 1, "name": "a"}] * 2), "category 1 is there twice"),
-        (damaged(annotations=[{"id": 5, "image_id": 9, "category_id": 1, "bbox": [0, 0, 1, 1]}]), "image 9 does not"),
-        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 8, "bbox": [0, 0, 1, 1]}]), "category 8 does not"),
+        (damaged(annotations=[{"id": 5, "image_id": 9, "category_id": 1, "bbox": [0, 0, 1, 1]}]), "image 9 does"),
+        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 8, "bbox": [0, 0, 1, 1]}]), "category 8 does"),
         (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1]}]), "annotation 5: bbox"),
         (
             damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1, 1], "area": "big"}]),

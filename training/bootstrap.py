@@ -38,9 +38,9 @@ def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES, seed: int = 0
 ) -> Float[np.ndarray, "r *columns"]:
     """Sums over the groups of each drawing; of one seed and number of groups the drawings are the same."""
-    flat = sums.reshape(len(sums), -1)
     if not len(sums):
         return np.zeros((times, *sums.shape[1:]))
+    flat = sums.reshape(len(sums), -1)
     return np.concatenate([weights @ flat for weights in resamples(len(sums), times=times, seed=seed)]).reshape(
         times, *sums.shape[1:]
     )

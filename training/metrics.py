@@ -79,7 +79,7 @@ def sums_by(
 
     def total(group: np.ndarray, weight: np.ndarray) -> np.ndarray:
         inside = group >= 0
-        return np.bincount(group[inside], weights=weight[inside].astype(np.float64), minlength=groups)
+        return np.bincount(group[inside], weights=weight[inside], minlength=groups).astype(np.float64)
 
     return np.stack(
         [

@@ -135,6 +135,6 @@ def _bins(found: BinFigures) -> list[dict[str, Any]]:
 def _thinned(one: Evaluation) -> dict[str, Float[np.ndarray, " k"]]:
     """The curves at two hundred of their thresholds."""
     curve = one.curves
-    rows = np.unique(np.linspace(0, len(curve.threshold) - 1, CURVE_POINTS).round().astype(int))
-    rows = rows[rows >= 0]
+    rows = np.unique(np.linspace(0, max(len(curve.threshold) - 1, 0), CURVE_POINTS).round().astype(int))
+    rows = rows[: len(curve.threshold)]
     return {key: getattr(curve, key)[rows] for key in ("threshold", "precision", "recall", "f1")}

@@ -116,17 +116,18 @@ def _losses(
         else:
             kept[cause == number] = False
         if name in ("class", "localisation"):
-            mended = _first_for_each(meant, predictions.score, (cause == number) & (matching.detection[meant] < 0))
+            rows = np.flatnonzero(cause == number)
+            free = rows[matching.detection[meant[rows]] < 0]  # what is for a found label would be a duplicate of it
+            mended = _first_for_each(meant, predictions.score, free)
             kept[mended], right[mended], label[mended] = True, True, labels.label[meant[mended]]
         loss[name] = mean_ap(predictions.score, label, right, kept, left, classes=wanted > 0) - before
     return loss
 
 
 def _first_for_each(
-    meant: Int[np.ndarray, " d"], score: Float[np.ndarray, " d"], among: Bool[np.ndarray, " d"]
+    meant: Int[np.ndarray, " d"], score: Float[np.ndarray, " d"], rows: Int[np.ndarray, " r"]
 ) -> Int[np.ndarray, " m"]:
     """Of the detections that were for one label, the most confident: the others would be duplicates of it."""
-    rows = np.flatnonzero(among)
     rows = rows[np.argsort(-score[rows], kind="stable")]
     return rows[np.unique(meant[rows], return_index=True)[1]]
 
