@@ -336,6 +336,29 @@ def _train(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _predict(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+
+    require_extra()
+    from training.predict import predict
+
+    _make_room(arguments.output)
+    with _progress("predicting") as advance:
+        done = predict(
+            arguments.detector, arguments.dataset, arguments.output, device=arguments.device, batch=arguments.batch,
+            progress=advance,
+        )  # fmt: skip
+    if done.unknown:
+        _warn(f"{arguments.dataset} has no class {', '.join(done.unknown)}: what is found of it counts as false alarms")
+    if arguments.json:
+        _print_json(dataclasses.asdict(done))
+    _say(
+        f"wrote {arguments.output}: {done.detections} detections in {done.images} images, {done.already} of them done "
+        f"before; next: hulldown evaluate {arguments.dataset} {arguments.output} -o report"
+    )
+    return DONE
+
+
 def _evaluate(arguments: argparse.Namespace) -> int:
     from training.evaluation import evaluate_files
 
@@ -686,6 +709,19 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
+
+    sub = verb(
+        "predict", _predict, "detect in every image of a dataset",
+        "Reads a run, or a checkpoint of RF-DETR, and a dataset; writes COCO results. The same command goes on with "
+        "what was stopped.",
+    )  # fmt: skip
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a checkpoint")
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
+    sub.add_argument(
+        "--device", default="auto", help="a name that PyTorch knows (default: auto, a GPU if there is one)"
+    )
+    sub.add_argument("--batch", type=_at_least_one, default=8, help="images at once (default: 8)")
 
     sub = verb(
         "evaluate", _evaluate, "judge detections: what, where, why, how sure",

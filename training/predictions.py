@@ -72,23 +72,25 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
         If it cannot be read, or naming the first detection that cannot be used.
     """
     path = Path(path)
-    found = _read(path)
+    found, names = _read(path), {}
     if isinstance(found, dict):
         _check_images(path, found.get("images"), labels)
-        found = found.get("annotations")
+        names, found = _names(found), found.get("annotations")
     info = path.with_name(path.name + INFO_SUFFIX)
-    if info.exists():
-        listed = _read(info)
-        _check_images(info, listed.get("images") if isinstance(listed, dict) else None, labels)
+    if info.exists() and isinstance(listed := _read(info), dict):
+        _check_images(info, listed.get("images"), labels)
+        names |= _names(listed)
     if not isinstance(found, list):
         raise DatasetError(
             "is no COCO result: expected a list of detections", path=path, remedy="name a file of detections"
         )
-    return predictions_of(found, labels, path=path, name=name or path.stem)
+    return predictions_of(found, labels, path=path, name=name or path.stem, names=names)
 
 
-def predictions_of(found: list[Any], labels: Labels, *, path: Path, name: str) -> Predictions:
-    """The same from the list itself.
+def predictions_of(
+    found: list[Any], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
+) -> Predictions:
+    """The same from the list itself; `names` are those of categories that the dataset lacks.
 
     Raises
     ------
@@ -106,9 +108,9 @@ def predictions_of(found: list[Any], labels: Labels, *, path: Path, name: str) -
     label = np.array([class_index[one["category_id"]] for one in found], dtype=np.int64)
     xywh = np.array([one["bbox"] for one in found], dtype=np.float64).reshape(-1, 4)
     score = np.array([one["score"] for one in found], dtype=np.float64)
-    names = (*labels.class_names, *(f"category {category}" for category in others))
+    called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
     order = np.lexsort((*xywh.T[::-1], -score, label, image))
-    return Predictions(name, np.array([*known, *others], dtype=np.int64), names, image, label, xywh, score).take(order)
+    return Predictions(name, np.array([*known, *others], dtype=np.int64), called, image, label, xywh, score).take(order)
 
 
 def _problem(one: Any, index: Mapping[int, int]) -> str | None:
@@ -127,6 +129,15 @@ def _problem(one: Any, index: Mapping[int, int]) -> str | None:
     if isinstance(score, bool) or not isinstance(score, int | float) or not math.isfinite(score):
         return f"{where}score is {score!r}, expected a number"
     return None
+
+
+def _names(beside: Mapping[str, Any]) -> dict[int, str]:
+    """Names of categories by id, as far as they are listed."""
+    listed = beside.get("categories")
+    records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    return {
+        one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)
+    }
 
 
 def _check_images(path: Path, listed: Any, labels: Labels) -> None:
