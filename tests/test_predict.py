@@ -107,6 +107,7 @@ def test_the_commands_follow_one_another(run, data, tmp_path, capsys):
     assert (tmp_path / "report" / "report.html").exists()
 
 
-def test_a_detector_that_is_not_there_is_one_line(data, tmp_path, capsys):
-    assert main(["predict", str(tmp_path / "none.pth"), str(data), "-o", str(tmp_path / "found.json")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):
+    assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
+    assert "no run.json here" in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1
