@@ -192,9 +192,18 @@ def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
 
 
 def test_a_misplaced_duplicate_of_a_found_label_is_taken_away_by_fixing():
+    boxes = [(1, 1, BOX), (1, 1, (400, 0, 100, 100))]
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
-    labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(found))
-    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(0.5)
+    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
+    half = 51 / 101
+    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(half - 0.5 * half)
+
+
+def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
+    boxes = [(1, 1, BOX), (1, 1, (60, 0, 100, 100))]
+    found = [(1, 1, BOX, 0.9), (1, 1, (10, 0, 100, 100), 0.8)]
+    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
+    assert [CAUSES[c] for c in errors(labels, predictions, pairs, matching).cause if c >= 0] == ["duplicate"]
 
 
 def test_the_interval_of_recall_is_about_as_wide_as_theory_says():

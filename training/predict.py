@@ -157,8 +157,6 @@ def _read_unfinished(path: Path, key: str) -> dict[int, Found]:
             if orjson.loads(file.readline()) != {"key": key}:
                 return {}
             for line in file:
-                if not line.endswith(b"\n"):
-                    break
                 record = orjson.loads(line)
                 done[record["image"]] = record["found"]
     except (FileNotFoundError, orjson.JSONDecodeError):
