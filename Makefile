@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE = 1
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances overlap settle rest support \
 	footprint limits framing size shell projection clearance boxes))
 
-.PHONY: help setup setup-training demo test kernels check bench thorough clean
+.PHONY: help setup setup-training browser demo test kernels check bench thorough clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,7 +35,13 @@ $(TRAINING_STAMP): $(STAMP)
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
 
-test: setup-training ## all tests and property tests
+browser: ## install Chromium and its driver, which tests of pages need: on Debian and Ubuntu, as root
+	@command -v chromedriver >/dev/null && command -v chromium >/dev/null || \
+	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium chromium-driver; \
+	else echo "tests of pages need Chromium and its chromedriver: install them" >&2; fi
+
+test: setup-training browser ## all tests and property tests
 	$(BIN)/python -m pytest
 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels

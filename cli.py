@@ -378,6 +378,55 @@ def _train(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _predict(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+
+    require_extra()
+    from training.predict import predict
+
+    _make_room(arguments.output)
+    with _progress("predicting") as advance:
+        done = predict(
+            arguments.detector, arguments.dataset, arguments.output, device=arguments.device, batch=arguments.batch,
+            progress=advance,
+        )  # fmt: skip
+    if done.unknown:
+        _warn(f"{arguments.dataset} has no class {', '.join(done.unknown)}: what is found of it counts as false alarms")
+    if arguments.json:
+        _print_json(dataclasses.asdict(done))
+    _say(
+        f"wrote {arguments.output}: {done.detections} detections in {done.images} images, {done.already} of them done "
+        f"before; next: hulldown evaluate {arguments.dataset} {arguments.output} -o report"
+    )
+    return DONE
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    from training.evaluation import evaluate_files
+
+    with _progress("evaluating") as advance:
+        found = evaluate_files(
+            arguments.dataset,
+            arguments.predictions,
+            arguments.output,
+            threshold=arguments.threshold,
+            iou=arguments.iou,
+            validation=arguments.validation or (),
+            progress=advance,
+        )
+    if arguments.json:
+        _print_json(found)
+    for name, one in found.get("runs", {found.get("predictions"): found}).items():
+        figures = (f"{key} {_figure(one['overall'][key])}" for key in ("precision", "recall", "f1", "ap50"))
+        _say(f"{name}: {', '.join(figures)}")
+    _say(f"look at {arguments.output / 'report.html'}")
+    return DONE
+
+
+def _figure(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.3f}"
+
+
 def _doctor(arguments: argparse.Namespace) -> int:
     from render.doctor import diagnose
 
@@ -552,6 +601,26 @@ def _named(text: str) -> tuple[str, Path]:
     return name, Path(folder)
 
 
+def _threshold(text: str) -> float | str:
+    return text if text == "best" else _fraction(text)
+
+
+def _fraction(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
+    return value
+
+
+def _overlap(text: str) -> float:
+    if (value := _fraction(text)) == 0.0:
+        raise argparse.ArgumentTypeError("expected an overlap above 0, got 0")
+    return value
+
+
 def _share(text: str) -> tuple[int, int]:
     words = text.split("/")
     if len(words) == 2 and all(word.isdecimal() for word in words) and 1 <= int(words[0]) <= int(words[1]):
@@ -722,6 +791,38 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
+
+    sub = verb(
+        "predict", _predict, "detect in every image of a dataset",
+        "Reads a run, or a checkpoint of RF-DETR, and a dataset; writes COCO results. The same command goes on with "
+        "what was stopped.",
+    )  # fmt: skip
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a checkpoint")
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
+    sub.add_argument(
+        "--device", default="auto", help="a name that PyTorch knows (default: auto, a GPU if there is one)"
+    )
+    sub.add_argument("--batch", type=_at_least_one, default=8, help="images at once (default: 8)")
+
+    sub = verb(
+        "evaluate", _evaluate, "judge detections: what, where, why, how sure",
+        "Reads a dataset and COCO results of any detector; writes report.html, report.json, metrics.csv and sheets of "
+        "misses and false alarms. Several files of results are compared with the first.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("predictions", type=Path, nargs="+", metavar="PREDICTIONS", help="a file of COCO results")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder of the report")
+    choice = sub.add_mutually_exclusive_group()
+    choice.add_argument(
+        "--threshold", type=_threshold, default=0.5, metavar="T",
+        help="confidence from which detections count (default: 0.5); best: of the best F1 on DATASET, which flatters",
+    )  # fmt: skip
+    choice.add_argument(
+        "--validation", type=Path, nargs="+", metavar="FILE",
+        help="another dataset and the detections in it, of each detector: the threshold is that of the best F1 there",
+    )  # fmt: skip
+    sub.add_argument("--iou", type=_overlap, default=0.5, metavar="T", help="overlap of a find (default: 0.5)")
 
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

@@ -138,5 +138,5 @@ def test_the_config_page_has_a_row_for_every_key():
 
 def test_make_help_lists_every_target():
     said = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    for target in ("setup", "demo", "test", "check", "bench", "thorough", "clean", "help"):
+    for target in ("setup", "browser", "demo", "test", "check", "bench", "thorough", "clean", "help"):
         assert f"make {target} " in said

@@ -1,0 +1,188 @@
+"""Evaluating detections: matching, figures, causes, intervals; pycocotools and faster-coco-eval in the same process."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from faster_coco_eval import COCO as FasterCOCO
+from faster_coco_eval import COCOeval_faster
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from training.bootstrap import RESAMPLES, figure_intervals, resampled_sums
+from training.labels import Labels
+from training.matching import match, overlapping
+from training.metrics import confusion, curves, outcomes, sums_by
+from training.predictions import Predictions
+from training.tide import errors
+
+CLASSES, LABELS, DETECTIONS = 3, 3, 10  # of each image the last two
+OURS = "everything but AP (hulldown)"
+PYCOCOTOOLS = "pycocotools evaluate"
+FASTER = "faster-coco-eval evaluate"
+AFTER = "AP: pycocotools accumulate, after its evaluate"
+
+
+def run(quick: bool) -> dict:
+    """Measure."""
+    sizes, rounds = ((500, 2_000), 2) if quick else ((1_000, 10_000, 100_000), 3)
+    return {
+        "labels": LABELS,
+        "detections": DETECTIONS,
+        "resamples": RESAMPLES,
+        "sizes": {str(n): _at(n, rounds if n < 100_000 else 1) for n in sizes},
+    }
+
+
+def report(results: dict) -> str:
+    """A Markdown section."""
+    sizes = results["sizes"]
+    steps = [step for step in next(iter(sizes.values())) if step != "same"]
+    lines = [
+        "## Evaluation",
+        "",
+        f"Seconds for {results['labels']} labels and {results['detections']} detections an image in {CLASSES} classes. "
+        "pycocotools and faster-coco-eval match at ten IoUs and in four ranges of area, as their `evaluate` does, and "
+        "are given the same arrays, loaded. What hulldown does beyond their matching, causes and intervals of "
+        f"{results['resamples']:,} resamples over images, is in its sum; AP is pycocotools' own and is the last row. "
+        f"Counts at an IoU of 0.5 agree: {'yes' if all(size['same'] for size in sizes.values()) else 'NO'}.",
+        "",
+        "| images | " + " | ".join(f"{int(n):,}" for n in sizes) + " |",
+        "|---|" + "---:|" * len(sizes),
+    ]
+    lines += [f"| {step} | " + " | ".join(f"{size[step]:.3g}" for size in sizes.values()) + " |" for step in steps]
+    for peer in (PYCOCOTOOLS, FASTER):
+        shares = " | ".join(f"{size[OURS] / size[peer]:.2f}" for size in sizes.values())
+        lines.append(f"| {OURS} over {peer} | {shares} |")
+    return "\n".join(lines)
+
+
+def plots(results: dict, folder: Path) -> list[Path]:
+    """Seconds against images."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    for step in (OURS, PYCOCOTOOLS, FASTER):
+        axes.plot(
+            [int(n) for n in results["sizes"]], [size[step] for size in results["sizes"].values()], "o-", label=step
+        )
+    axes.set(xscale="log", yscale="log", xlabel="images", ylabel="seconds")
+    axes.legend()
+    path = folder / "evaluation.png"
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def _at(images: int, rounds: int) -> dict:
+    labels, predictions = _scene(images)
+    true, found = _records(labels, predictions)
+    loaded = [(eval_, *_loaded(coco, true, found)) for coco, eval_ in ((COCO, COCOeval), (FasterCOCO, COCOeval_faster))]
+    spent: dict[str, list[float]] = {}
+
+    def timed(step: str, work: Callable, *arguments: object) -> Any:
+        started = time.perf_counter()
+        with contextlib.redirect_stdout(io.StringIO()):
+            done = work(*arguments)
+        spent.setdefault(step, []).append(time.perf_counter() - started)
+        return done
+
+    same = True
+    for _ in range(rounds):
+        pairs = timed("overlaps", overlapping, labels, predictions)
+        matching = timed("matching", match, labels, predictions, pairs)
+        seen = outcomes(labels, predictions, matching, 0.5)
+        timed("curves, confusion", _drawn, labels, predictions, pairs, matching, seen)
+        timed("causes", errors, labels, predictions, pairs, matching)
+        timed("intervals", _intervals, labels, predictions, matching, seen)
+        first, _ = (timed(name, _evaluated, *peer) for name, peer in zip((PYCOCOTOOLS, FASTER), loaded, strict=True))
+        # Every match at the first of ten IoUs, in the range of all areas.
+        everywhere = [one for one in first.evalImgs if one and one["aRng"] == [0, 1e10]]
+        same &= sum(int((one["dtMatches"][0] > 0).sum()) for one in everywhere) == int((matching.box >= 0).sum())
+        timed(AFTER, first.accumulate)
+    seconds = {step: float(np.median(times)) for step, times in spent.items()}
+    ours = ("overlaps", "matching", "curves, confusion", "causes", "intervals")
+    return {
+        **{step: seconds[step] for step in ours},
+        OURS: sum(seconds[step] for step in ours),
+        PYCOCOTOOLS: seconds[PYCOCOTOOLS],
+        FASTER: seconds[FASTER],
+        AFTER: seconds[AFTER],
+        "same": bool(same),
+    }
+
+
+def _drawn(labels, predictions, pairs, matching, seen) -> None:
+    curves(labels, predictions, matching)
+    confusion(labels, predictions, pairs, matching, seen)
+
+
+def _intervals(labels, predictions, matching, seen) -> None:
+    classes, images = len(predictions.class_names), len(labels.image_id)
+    sums = sums_by(
+        labels, predictions, matching, seen,
+        of_detection=predictions.image * classes + predictions.label,
+        of_label=labels.image * classes + labels.label,
+        groups=images * classes,
+    )  # fmt: skip
+    figure_intervals(resampled_sums(sums.reshape(images, classes, 6)).sum(axis=1))
+
+
+def _scene(images: int) -> tuple[Labels, Predictions]:
+    """Labels, and detections most of which lie near one."""
+    rng = np.random.default_rng(0)
+    g, d = images * LABELS, images * DETECTIONS
+    xywh = np.concatenate([rng.uniform(0, 1500, (g, 2)), rng.uniform(10, 200, (g, 2))], axis=1)
+    label = rng.integers(0, CLASSES, g)
+    image = np.repeat(np.arange(images), DETECTIONS)
+    near = image * LABELS + rng.integers(0, LABELS, d)
+    found = xywh[near] + np.tile(xywh[near, 2:], 2) * rng.normal(0, 0.15, (d, 4))
+    found[:, 2:] = np.abs(found[:, 2:]) + 1.0
+    stray = rng.random(d) < 0.4
+    found[stray, :2] = rng.uniform(0, 1500, (int(stray.sum()), 2))
+    names = tuple("abc"[:CLASSES])
+    ids = np.arange(1, CLASSES + 1)
+    records = [{"id": i + 1, "file_name": f"{i}.png"} for i in range(images)]
+    labels = Labels(
+        Path("d"), Path("d"), np.arange(1, images + 1), ids, names, np.repeat(np.arange(images), LABELS), label, xywh,
+        xywh[:, 2] * xywh[:, 3], np.zeros(g, dtype=bool), records, [{}] * g,
+    )  # fmt: skip
+    classes = np.where(rng.random(d) < 0.9, label[near], rng.integers(0, CLASSES, d))
+    return labels, Predictions("found", ids, names, image, classes, found, rng.random(d))
+
+
+def _records(labels: Labels, predictions: Predictions) -> tuple[dict, list[dict]]:
+    """The same as the peers take them."""
+    true = [
+        {"id": k + 1, "image_id": i + 1, "category_id": c + 1, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
+        for k, (i, c, box) in enumerate(
+            zip(labels.image.tolist(), labels.label.tolist(), labels.xywh.tolist(), strict=True)
+        )
+    ]
+    columns = (predictions.image, predictions.label, predictions.xywh, predictions.score)
+    found = [
+        {"image_id": i + 1, "category_id": c + 1, "bbox": box, "score": score}
+        for i, c, box, score in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    categories = [{"id": int(i), "name": name} for i, name in zip(labels.class_id, labels.class_names, strict=True)]
+    return {"info": {}, "images": list(labels.images), "categories": categories, "annotations": true}, found
+
+
+def _loaded(kind: type, true: dict, found: list[dict]) -> tuple[object, object]:
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco = kind()
+        coco.dataset = {**true, "annotations": [dict(one) for one in true["annotations"]]}
+        coco.createIndex()
+        return coco, coco.loadRes([dict(one) for one in found])
+
+
+def _evaluated(kind: type, true: object, found: object) -> object:
+    evaluation = kind(true, found, "bbox")
+    evaluation.evaluate()
+    return evaluation

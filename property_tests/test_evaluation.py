@@ -1,0 +1,120 @@
+"""What holds for every detector on every dataset."""
+
+import copy
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tests.detections import loaded, random_case
+from tests.test_matching import assert_official
+from training.average_precision import official
+from training.bootstrap import wilson
+from training.matching import match, overlapping
+from training.metrics import confusion, figures, outcomes, sums_by
+from training.tide import errors
+
+CASES = st.builds(
+    random_case,
+    st.integers(0, 2**32 - 1),
+    images=st.integers(1, 6),
+    classes=st.integers(1, 3),
+    per_image=st.integers(0, 8),
+    crowds=st.sampled_from([0.0, 0.2]),
+    ties=st.booleans(),
+)
+THRESHOLDS = st.sampled_from([0.0, 0.3, 0.5, 0.9])
+
+
+def judged(coco, found, threshold):
+    labels, predictions = loaded(coco, found)
+    pairs = overlapping(labels, predictions)
+    matching = match(labels, predictions, pairs)
+    return labels, predictions, pairs, matching, outcomes(labels, predictions, matching, threshold)
+
+
+def sums(coco, found, threshold, *, by_image=False):
+    labels, predictions, _, matching, seen = judged(coco, found, threshold)
+    scale = int(by_image)
+    return sums_by(
+        labels,
+        predictions,
+        matching,
+        seen,
+        of_detection=predictions.image * scale,
+        of_label=labels.image * scale,
+        groups=len(labels.images) if by_image else 1,
+    )
+
+
+@given(CASES)
+def test_every_match_is_pycocotools_own(case):
+    assert_official(*case)
+
+
+@given(CASES, THRESHOLDS, st.randoms(use_true_random=False))
+def test_the_order_of_images_categories_and_detections_changes_nothing(case, threshold, random):
+    coco, found = case
+    shuffled, mixed = copy.deepcopy(coco), list(found)
+    for records in (shuffled["images"], shuffled["categories"], mixed):
+        random.shuffle(records)
+    assert np.allclose(sums(coco, found, threshold), sums(shuffled, mixed, threshold), rtol=1e-12)
+    ours, theirs = (errors(*judged(*one, threshold)[:4]) for one in ((coco, found), (shuffled, mixed)))
+    assert ours.loss == theirs.loss or all(np.isnan(list(ours.loss.values())))
+    assert np.array_equal(np.bincount(ours.cause + 1), np.bincount(theirs.cause + 1))
+
+
+@given(CASES, THRESHOLDS)
+def test_a_false_alarm_never_raises_precision(case, threshold):
+    coco, found = case
+    before = figures(sums(coco, found, threshold)[0])
+    stray = {"image_id": 1, "category_id": 1, "bbox": [5000.0, 0.0, 9.0, 9.0], "score": 0.95}
+    after = figures(sums(coco, [*found, stray], threshold)[0])
+    assert not after["precision"] > before["precision"]
+    assert np.array_equal(after["recall"], before["recall"], equal_nan=True)
+
+
+@given(CASES, THRESHOLDS)
+def test_the_counts_of_images_add_up(case, threshold):
+    assert np.allclose(sums(*case, threshold, by_image=True).sum(axis=0), sums(*case, threshold)[0])
+
+
+@given(CASES, THRESHOLDS)
+def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
+    labels, predictions, pairs, matching, seen = judged(*case, threshold)
+    tp, fp, fn = sums(*case, threshold)[0, :3]
+    assert tp + fn == (~labels.crowd).sum()
+    assert tp + fp == (~matching.ignored & (predictions.score >= threshold)).sum()
+    matrix = confusion(labels, predictions, pairs, matching, seen)
+    assert (np.trace(matrix), matrix[:, :-1].sum(), matrix[:-1].sum()) == (tp, tp + fp, tp + fn)
+
+
+@given(CASES)
+def test_a_detector_that_repeats_the_labels_is_perfect(case):
+    coco, _ = case
+    for k, label in enumerate(coco["annotations"]):
+        label |= {"bbox": [100.0 * k, 0.0, 50.0, 40.0], "iscrowd": 0}
+    assume(coco["annotations"])
+    keys = ("image_id", "category_id", "bbox")
+    found = [{key: label[key] for key in keys} | {"score": 0.9} for label in coco["annotations"]]
+    labels, predictions, pairs, matching, _ = judged(coco, found, 0.5)
+    figure = figures(sums(coco, found, 0.5)[0])
+    assert {float(figure[key]) for key in ("precision", "recall", "f1", "mean_iou")} == {1.0}
+    assert set(errors(labels, predictions, pairs, matching).loss.values()) == {0.0}
+    assert np.isclose(official(labels, predictions).summary["ap"], 1.0)
+
+
+@given(CASES)
+def test_fixing_all_that_is_false_or_missed_never_lowers_ap(case):
+    labels, predictions, pairs, matching, _ = judged(*case, 0.5)
+    loss = errors(labels, predictions, pairs, matching).loss
+    for cause in ("both", "duplicate", "background"):
+        assert not loss[cause] < -1e-12
+
+
+@given(st.integers(0, 1000), st.integers(1, 1000))
+def test_wilsons_interval_holds_its_share(part, whole):
+    part = min(part, whole)
+    low, high = wilson(np.array([float(part)]), np.array([float(whole)]))[:, 0]
+    assert 0 <= low <= part / whole + 1e-12
+    assert part / whole - 1e-12 <= high <= 1

@@ -1,0 +1,158 @@
+"""What is known about labels, and what is found in bins of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.detections import dataset, loaded, random_case, results
+from training.bins import figures_of, worst
+from training.bootstrap import wilson
+from training.fields import fields, seen_from
+from training.matching import match, overlapping
+from training.metrics import outcomes
+
+
+def turned(yaw_deg, at=(0.0, 0.0, 0.0)):
+    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    return [[c, -s, 0, at[0]], [s, c, 0, at[1]], [0, 0, 1, at[2]], [0, 0, 0, 1]]
+
+
+def tilted(degrees):
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return [[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]]
+
+
+def camera_at(*place):
+    return [[1, 0, 0, place[0]], [0, 1, 0, place[1]], [0, 0, 1, place[2]], [0, 0, 0, 1]]
+
+
+def of(image, annotation):
+    """Bin of the one label in each field."""
+    coco = dataset([(1, 1, (0, 0, 30, 30), annotation)])
+    coco["images"][0] |= image
+    labels, predictions = loaded(coco, [])
+    return {field.name: field.bins[field.of_label[0]] for field in fields(labels, predictions)}
+
+
+@pytest.mark.parametrize(
+    ("yaw", "camera", "side"),
+    [
+        (0, (50, 0, 10), "front"),
+        (0, (-50, 0, 10), "rear"),
+        (0, (0, 50, 10), "side"),
+        (0, (0, -50, 10), "side"),
+        (90, (0, 50, 10), "front"),
+        (180, (50, 1, 10), "rear"),
+        (0, (50, 49, 10), "front"),
+        (0, (49, 50, 10), "side"),
+    ],
+)
+def test_the_side_that_is_seen_turns_with_the_vehicle(yaw, camera, side):
+    pose = {"world_from_vehicle": turned(yaw)}
+    assert of({"world_from_camera": camera_at(*camera)}, pose)["azimuth_seen"] == side
+
+
+def test_distance_and_elevation_are_those_of_the_camera_from_the_target():
+    found = of({"world_from_camera": camera_at(103, 200, 31)}, {"world_from_vehicle": turned(30, (100, 196, 19))})
+    assert found["distance"] == "under 25 m"  # 13 m
+    assert found["elevation"] == "45° and more"
+    vehicle, camera = np.array([turned(30, (100, 196, 19))]), np.array([camera_at(103, 200, 31)], dtype=float)
+    distance, elevation, azimuth = seen_from(vehicle, camera)
+    assert distance[0] == pytest.approx(13)
+    assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
+    assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)
+
+
+@pytest.mark.parametrize(("degrees", "name"), [(0, "under 5°"), (12, "10 to 15°"), (26, "25° and more")])
+def test_slope_is_the_tilt_of_the_pose(degrees, name):
+    assert of({}, {"world_from_vehicle": tilted(degrees)})["slope"] == name
+
+
+def test_what_is_stored_comes_before_what_is_derived():
+    image = {"world_from_camera": camera_at(13, 0, 0)}
+    stored = {"world_from_vehicle": turned(0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
+    found = of(image, stored)
+    assert (found["distance"], found["slope"], found["contrast"]) == ("200 to 400 m", "10 to 15°", "0.1 to 0.2")
+
+
+@pytest.mark.parametrize(
+    ("weather", "name"),
+    [(None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
+     ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"), ("snow", "snow")],
+)  # fmt: skip
+def test_weather_has_a_bin(weather, name):
+    assert of({"weather": weather}, {})["weather"] == name
+
+
+@pytest.mark.parametrize(("share", "name"), [(0.1, "under 25 %"), (0.9, "90 to 100 %"), (1.0, "100 %"), (1, "100 %")])
+def test_visible_fraction_has_a_bin(share, name):
+    assert of({}, {"visible_fraction": share})["visible_fraction"] == name
+
+
+def test_photographs_have_size_and_class_only():
+    assert of({}, {}) == {"class": "tank", "box_size": "16 to 32 px"}
+
+
+def test_poses_of_another_kind_are_left_out():
+    boxes = [
+        (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})
+        for pose in (turned(0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
+    ]
+    coco = dataset(boxes)
+    coco["images"][0]["world_from_camera"] = camera_at(60, 0, 0)
+    by_name = {field.name: field for field in fields(*loaded(coco, []))}
+    assert by_name["distance"].of_label.tolist() == [0, -1, -1, -1, -1]
+    assert by_name["distance"].bins == ("50 to 100 m",)
+
+
+def test_the_rarest_of_many_names_share_a_bin():
+    boxes = [(1, 1, (0, 0, 9, 9), {"vehicle": f"v{k:02}"}) for k in range(40) for _ in range(1 + (k < 30))]
+    field = next(field for field in fields(*loaded(dataset(boxes), [])) if field.name == "vehicle")
+    assert field.bins[-2:] == ("v29", "10 others")
+    assert np.bincount(field.of_label).tolist() == [2] * 30 + [10]
+
+
+def judged(coco, found):
+    labels, predictions = loaded(coco, found)
+    matching = match(labels, predictions, overlapping(labels, predictions))
+    seen = outcomes(labels, predictions, matching, 0.3)
+    return [figures_of(field, labels, predictions, matching, seen) for field in fields(labels, predictions)], seen
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bins_add_up_to_the_whole(seed):
+    coco, found = random_case(seed, crowds=0.2)
+    for k, image in enumerate(coco["images"]):
+        image["scenery"] = "ab"[k % 2]
+    figures, seen = judged(coco, found)
+    assert {one.field.name for one in figures} == {"class", "box_size", "scenery"}
+    for one in figures:
+        assert one.found.sum() == seen.found.sum()
+        assert (one.labels - one.found).sum() == seen.missed.sum()
+        assert one.detections.sum() == (seen.true | seen.false).sum()
+        assert np.nansum(one.precision * one.detections) == pytest.approx(seen.true.sum())
+
+
+def test_figures_of_bins_by_hand():
+    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 100, 100)), (1, 1, (300, 0, 100, 100))]
+    found = [(1, 1, (100, 0, 100, 80), 0.9), (1, 1, (500, 0, 10, 10), 0.9)]
+    size = next(one for one in judged(dataset(boxes), results(found))[0] if one.field.name == "box_size")
+    assert size.field.bins == ("under 16 px", "64 to 96 px", "96 to 192 px")
+    assert size.labels.tolist() == [1, 0, 2]
+    assert size.recall.tolist()[::2] == [0, 0.5]
+    assert size.precision.tolist()[:2] == [0, 1]
+    assert size.mean_iou[2] == pytest.approx(0.8)
+    assert np.array_equal(size.recall_interval[:, 2:], wilson(np.array([1.0]), np.array([2.0])))
+
+
+def test_the_worst_bins_are_told_in_words_one_a_field():
+    boxes = [(1, 1, (60 * (k % 10), 60 * (k // 10), 10, 10)) for k in range(30)]
+    boxes += [(2, 2, (60 * (k % 10), 60 * (k // 10), 40, 40)) for k in range(30)]
+    found = [(*box, 0.9) for box in boxes[:3] + boxes[30:57]]
+    coco = dataset(boxes, images=2)
+    figures, _ = judged(coco, results(found))
+    told = worst(figures)
+    assert len(told) == 2
+    assert "class tank: 3 of 30 found, recall 0.10 (0.03 to 0.26), against 0.50 of all" in told
+    assert worst(figures, enough=31) == []

@@ -1,0 +1,285 @@
+"""hulldown evaluate, from files to files, and its page in a real browser."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
+
+from cli import main
+from geometry.errors import HulldownError
+from tests.detections import dataset, random_case, results
+from training.evaluation import evaluate_files
+
+METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
+
+
+def stored(folder, coco, **found):
+    """A dataset with its pictures, and files of detections."""
+    (folder / "images").mkdir(parents=True)
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    for k, image in enumerate(coco["images"]):
+        Image.new("RGB", (image["width"], image["height"]), (40 + 5 * k, 90, 60)).save(folder / image["file_name"])
+    for name, records in found.items():
+        (folder / f"{name}.json").write_text(json.dumps(records))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Two positions of three shots, in two sceneries; the far targets are missed."""
+    boxes, found = [], []
+    for image in range(1, 7):
+        for k in range(3):
+            near = {"visible_fraction": 1.0, "vehicle": f"v{k}", "distance": 30.0 + 200 * (k == 2)}
+            box = (100 * k + 20, 50 * image, 60, 40)
+            boxes.append((image, 1 + k % 2, box, near))
+            if k < 2:
+                found.append((image, 1 + (k % 2 if image != 2 else 0), box, 0.9 - 0.05 * image))
+        found.append((image, 1, (500, 20, 50, 50), 0.3 + 0.1 * image))
+    coco = dataset(boxes, images=6)
+    for k, image in enumerate(coco["images"]):
+        image |= {"scenery": "hills" if k < 3 else "steppe", "position": k // 3, "weather": None}
+    folder = tmp_path_factory.mktemp("scene")
+    better = found + [(image, 1, (220, 50 * image, 60, 40), 0.8) for image in (1, 3, 5)]
+    return stored(folder / "data", coco, weak=results(found), better=results(better), none=[])
+
+
+@pytest.fixture(scope="module")
+def weak(scene, tmp_path_factory):
+    """Its report."""
+    output = tmp_path_factory.mktemp("weak") / "report"
+    return evaluate_files(scene, [scene / "weak.json"], output), output
+
+
+def test_report_json_has_what_machines_look_for(weak):
+    found, output = weak
+    assert json.loads((output / "report.json").read_text()) == json.loads(json.dumps(found))
+    assert set(found["overall"]) >= METRICS | {"threshold", "iou"}
+    assert set(found["per_class"]) == {"tank", "truck"}
+    assert all(set(one) >= METRICS for one in found["per_class"].values())
+    assert (found["threshold"], found["iou"], found["threshold_source"]) == (0.5, 0.5, "given")
+    assert (found["images"], found["positions"], found["labels"]) == (6, 2, 18)
+    assert [found["overall"][key] for key in ("tp", "fp", "fn")] == [11, 6, 7]
+    for key in ("tp", "fp", "fn"):
+        assert found["overall"][key] == sum(one[key] for one in found["per_class"].values())
+    assert found["errors"]["class"]["count"] == 1
+    # The far ones are too few to be called the worst.
+    assert found["worst_bins"] == ["class tank: 6 of 12 found, recall 0.50 (0.25 to 0.75), against 0.61 of all"]
+
+
+def test_bins_and_confusion_of_the_report_hold_what_was_found(weak):
+    found, _ = weak
+    assert [(row["bin"], row["labels"], row["found"]) for row in found["bins"]["distance"]] == [
+        ("25 to 50 m", 12, 11),
+        ("200 to 400 m", 6, 0),
+    ]
+    assert {row["bin"] for row in found["bins"]["scenery"]} == {"hills", "steppe"}
+    assert found["bins"]["distance"][0]["precision"] is None
+    assert found["confusion"]["classes"] == ["tank", "truck", "background"]
+    assert np.array(found["confusion"]["counts"]).sum() == 11 + 1 + 5 + 6
+
+
+def test_metrics_csv_has_a_line_for_all_and_one_a_class(weak):
+    found, output = weak
+    with (output / "metrics.csv").open(newline="") as file:
+        rows = {row["scope"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["overall", "per_class.tank", "per_class.truck"]
+    assert float(rows["overall"]["recall"]) == found["overall"]["recall"]
+    assert rows["per_class.truck"]["mean_confidence_fp"] == ""
+
+
+def test_sheets_show_misses_and_false_alarms(weak):
+    _, output = weak
+    for name, colour in (("misses.png", (0, 200, 120)), ("false_alarms.png", (255, 120, 0))):
+        pixels = np.asarray(Image.open(output / name))
+        assert (pixels == colour).all(axis=2).sum() > 500
+
+
+def test_a_second_report_is_the_same_to_the_byte(weak, scene, tmp_path):
+    evaluate_files(scene, [scene / "weak.json"], tmp_path)
+    for path in weak[1].iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_page_filters_misses_by_outcome_class_and_bin(weak, browser):
+    browser.get((weak[1] / "report.html").as_uri())
+    tiles = browser.find_elements(By.CSS_SELECTOR, ".tile")
+    assert len(tiles) == 11 + 6 + 7
+
+    def shown():
+        return [tile.find_element(By.TAG_NAME, "strong").text for tile in tiles if tile.is_displayed()]
+
+    def choose(facet, value):
+        Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_value(value)
+
+    choose("outcome", "missed")
+    assert len(shown()) == 7
+    choose("class", "truck")
+    assert shown() == ["truck missed"]
+    choose("class", "")
+    choose("distance", "200 to 400 m")
+    assert shown() == ["tank missed"] * 6
+    choose("distance", "")
+    choose("outcome", "false alarm")
+    choose("cause", "background")
+    assert len(shown()) == 5
+    details = next(d for d in browser.find_elements(By.TAG_NAME, "details") if d.text.startswith("by scenery"))
+    details.click()
+    details.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
+    assert 0 < len(shown()) < 24
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+    decoded = """const done = arguments[0], images = [...document.querySelectorAll("main img")];
+        for (const image of images) image.loading = "eager";
+        Promise.all(images.map((i) => i.decode())).then(() => done(images.length), (error) => done(String(error)));"""
+    assert browser.execute_async_script(decoded) > 24
+
+
+def test_two_detectors_are_compared_with_the_first(scene, tmp_path, browser):
+    found = evaluate_files(scene, [scene / "weak.json", scene / "better.json"], tmp_path)
+    (compared,) = found["comparisons"]
+    assert (compared["first"], compared["second"]) == ("weak", "better")
+    assert compared["difference"]["recall"] == pytest.approx(3 / 18, abs=1e-5)
+    assert compared["intervals"]["recall"] == [pytest.approx(1 / 9, abs=1e-5), pytest.approx(2 / 9, abs=1e-5)]
+    assert set(found["runs"]) == {"weak", "better"}
+    with (tmp_path / "metrics.csv").open(newline="") as file:
+        assert [row["predictions"] for row in csv.DictReader(file)] == ["weak"] * 3 + ["better"] * 3
+    browser.get((tmp_path / "report.html").as_uri())
+    browser.find_element(By.LINK_TEXT, "better").click()
+    assert browser.title.startswith("better on")
+
+
+def test_a_detector_compared_with_itself_does_not_differ(scene, tmp_path):
+    shutil.copy(scene / "weak.json", tmp_path / "twin.json")
+    (compared,) = evaluate_files(scene, [scene / "weak.json", tmp_path / "twin.json"], tmp_path / "r")["comparisons"]
+    assert {value for value in compared["difference"].values() if value is not None} == {0.0}
+    assert compared["intervals"]["recall"] == [0, 0]
+
+
+def test_files_of_one_name_are_called_by_their_folders(scene, tmp_path):
+    for run in ("a", "b"):
+        (tmp_path / run).mkdir()
+        shutil.copy(scene / "none.json", tmp_path / run / "predictions.json")
+    paths = [tmp_path / run / "predictions.json" for run in ("a", "b")]
+    assert set(evaluate_files(scene, paths, tmp_path / "r")["runs"]) == {"a", "b"}
+
+
+def test_a_dataset_without_detections_has_a_report(scene, tmp_path):
+    found = evaluate_files(scene, [scene / "none.json"], tmp_path)
+    assert (found["overall"]["recall"], found["overall"]["precision"]) == (0, None)
+    assert not (tmp_path / "false_alarms.png").exists()
+
+
+def test_detections_in_a_dataset_without_labels_have_a_report(tmp_path):
+    folder = stored(tmp_path / "d", dataset([]), found=results([(1, 1, (0, 0, 9, 9), 0.9)]))
+    found = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
+    assert (found["overall"]["fp"], found["overall"]["recall"], found["overall"]["ap"]) == (1, None, None)
+
+
+def test_a_dataset_of_nothing_has_a_report(tmp_path):
+    folder = stored(tmp_path / "d", dataset([], images=0), found=[])
+    assert evaluate_files(folder, [folder / "found.json"], tmp_path / "r")["images"] == 0
+
+
+def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
+    coco, _ = random_case(3, crowds=0.0)
+    # Labels far apart: of two that lie upon each other either may be taken.
+    for k, box in enumerate(coco["annotations"]):
+        box["bbox"] = [100.0 * k, 0.0, 50.0, 40.0]
+    found = [
+        {"image_id": a["image_id"], "category_id": a["category_id"], "bbox": a["bbox"], "score": 1.0}
+        for a in coco["annotations"]
+    ]
+    folder = stored(tmp_path / "d", coco, found=found)
+    got = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
+    for one in (got["overall"], *got["per_class"].values()):
+        assert {one[key] for key in ("precision", "recall", "f1", "mean_iou", "mean_confidence")} == {1}
+        assert {one[key] for key in ("ap", "ap50", "ap75")} == {1}
+        assert {one[key] for key in ("fp", "fn")} == {0}
+        assert one["intervals"]["recall"] == one["intervals"]["ap50"] == [1, 1]
+    assert {one["count"] for one in got["errors"].values()} == {0}
+    assert {one["ap50"] for one in got["errors"].values()} == {0}
+
+
+def test_pictures_that_are_not_there_are_named_and_cost_no_figure(scene, weak, tmp_path, browser):
+    shutil.copy(scene / "annotations.json", tmp_path)
+    found = evaluate_files(tmp_path, [scene / "weak.json"], tmp_path / "r")
+    assert found["overall"] == weak[0]["overall"]
+    browser.get((tmp_path / "r" / "report.html").as_uri())
+    assert "could not be read: images/1.png: No such file" in browser.find_element(By.TAG_NAME, "body").text
+
+
+def test_the_threshold_may_come_from_a_validation_set(scene, tmp_path):
+    boxes = [(1, 1, (0, 0, 9, 9)), (1, 1, (50, 0, 9, 9))]
+    found = [(1, 1, (0, 0, 9, 9), 0.8), (1, 1, (50, 0, 9, 9), 0.7), (1, 1, (200, 0, 9, 9), 0.6)]
+    valid = stored(tmp_path / "valid", dataset(boxes), found=results(found))
+    got = evaluate_files(scene, [scene / "weak.json"], tmp_path / "r", validation=[valid, valid / "found.json"])
+    assert (got["threshold"], got["threshold_source"]) == (0.7, "validation")
+
+
+def test_a_threshold_chosen_on_the_set_itself_says_so(scene, tmp_path):
+    got = evaluate_files(scene, [scene / "weak.json"], tmp_path, threshold="best")
+    assert got["threshold_source"] == "test"
+    assert "on the set that it is judged by" in (tmp_path / "report.html").read_text()
+
+
+def test_there_is_no_best_threshold_of_no_detections(scene, tmp_path):
+    with pytest.raises(HulldownError, match="none: has nothing to choose a threshold from; give one with --threshold"):
+        evaluate_files(scene, [scene / "none.json"], tmp_path / "r", threshold="best")
+    assert not (tmp_path / "r").exists()
+
+
+def test_validation_needs_the_detections_of_each_detector(scene, tmp_path):
+    with pytest.raises(HulldownError, match="names 0 files of detections where 1 are evaluated"):
+        evaluate_files(scene, [scene / "weak.json"], tmp_path / "r", validation=[scene])
+
+
+def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
+    words = [
+        "evaluate",
+        scene,
+        scene / "weak.json",
+        "-o",
+        tmp_path / "r",
+        "--threshold",
+        "0.65",
+        "--iou",
+        "0.75",
+        "--json",
+    ]
+    assert main([str(word) for word in words]) == 0
+    answer = capsys.readouterr()
+    found = json.loads(answer.out)
+    assert (found["threshold"], found["iou"]) == (0.65, 0.75)
+    assert "weak: precision" in answer.err
+    assert (tmp_path / "r" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["nowhere.json"], "nowhere.json: cannot be read"),
+        (["annotations.json"], "annotations.json: image 1 is"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(scene, tmp_path, capsys, more, words):
+    if more == ["annotations.json"]:
+        words = "detection 0: of image 1: score is None"
+    code = main(["evaluate", str(scene), str(scene / more[0]), "-o", str(tmp_path / "r")])
+    assert code == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("words", [["--threshold", "2"], ["--iou", "0"], ["--threshold", "x"]])
+def test_a_number_out_of_range_is_refused(words, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["evaluate", "d", "p", "-o", "r", *words])
+    assert caught.value.code == 2
+    assert "expected" in capsys.readouterr().err

@@ -1,0 +1,153 @@
+"""COCO's matching, against pycocotools' own decisions."""
+
+import contextlib
+import copy
+import io
+
+import numpy as np
+import pytest
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from tests.detections import dataset, loaded, random_case, results
+from training.matching import Pairs, match, overlapping
+
+IOUS = (0.1, 0.5, 0.75, 0.95)
+
+
+def coco_of(labels, predictions):
+    """The same data as pycocotools takes them: ids from 1, since it takes annotation 0 for unmatched."""
+    truth = COCO()
+    truth.dataset = {
+        "images": [{"id": int(i)} for i in labels.image_id],
+        "categories": [{"id": int(i)} for i in predictions.class_id],
+        "annotations": [
+            {
+                "id": k + 1,
+                "image_id": int(labels.image_id[labels.image[k]]),
+                "category_id": int(labels.class_id[labels.label[k]]),
+                "bbox": labels.xywh[k].tolist(),
+                "area": float(labels.area[k]),
+                "iscrowd": int(labels.crowd[k]),
+            }
+            for k in range(len(labels.image))
+        ],
+    }
+    found = [
+        {
+            "image_id": int(labels.image_id[predictions.image[k]]),
+            "category_id": int(predictions.class_id[predictions.label[k]]),
+            "bbox": predictions.xywh[k].tolist(),
+            "score": float(predictions.score[k]),
+        }
+        for k in range(len(predictions.image))
+    ]
+    return truth, found
+
+
+def official(labels, predictions, ious=IOUS):
+    """What pycocotools decides: of each IoU, detection -> label, ignored detections; by indices."""
+    truth, found = coco_of(labels, predictions)
+    with contextlib.redirect_stdout(io.StringIO()):
+        truth.createIndex()
+        if not found:
+            return {iou: ({}, set(), set()) for iou in ious}
+        evaluation = COCOeval(truth, truth.loadRes(found), "bbox")
+        evaluation.params.iouThrs = np.array(ious)
+        evaluation.params.areaRng, evaluation.params.areaRngLbl = [[0, 1e10]], ["all"]
+        evaluation.evaluate()
+    answers = {}
+    for t, iou in enumerate(ious):
+        matches, ignored, seen = {}, set(), set()
+        for image in filter(None, evaluation.evalImgs):
+            ids = [i - 1 for i in image["dtIds"]]
+            seen |= set(ids)
+            matches |= {d: int(g) - 1 for d, g in zip(ids, image["dtMatches"][t], strict=True) if g > 0}
+            ignored |= {d for d, out in zip(ids, image["dtIgnore"][t], strict=True) if out}
+        answers[iou] = matches, ignored, seen
+    return answers
+
+
+def assert_official(coco, found):
+    labels, predictions = loaded(coco, found)
+    pairs = overlapping(labels, predictions)
+    for iou, (matches, ignored, seen) in official(labels, predictions).items():
+        mine = match(labels, predictions, pairs, iou=iou)
+        assert {d: int(g) for d, g in enumerate(mine.box) if g >= 0} == matches
+        beyond = set(range(len(predictions.score))) - seen
+        assert set(np.flatnonzero(mine.ignored)) == ignored | beyond
+        real = {g: d for d, g in matches.items() if not labels.crowd[g]}
+        assert {g: int(d) for g, d in enumerate(mine.detection) if d >= 0} == real
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_boxes_are_matched_as_pycocotools_matches_them(seed):
+    assert_official(*random_case(seed))
+
+
+def test_more_than_a_hundred_detections_in_an_image():
+    coco, _ = random_case(1, images=2, classes=2, per_image=30)
+    rng = np.random.default_rng(0)
+    found = [
+        (1 + int(rng.integers(2)), 1 + int(rng.integers(2)), [*rng.integers(0, 60, 2), 20, 20], rng.integers(9) / 9)
+        for _ in range(700)
+    ]
+    assert_official(coco, results(found))
+
+
+HARD = {
+    "no detections": ([(1, 1, (0, 0, 9, 9))], []),
+    "no labels": ([], [(1, 1, (0, 0, 9, 9), 0.5)]),
+    "nothing": ([], []),
+    "a class only in the labels": ([(1, 1, (0, 0, 9, 9))], [(1, 2, (0, 0, 9, 9), 0.5)]),
+    "a category that the dataset lacks": ([(1, 1, (0, 0, 9, 9))], [(1, 7, (0, 0, 9, 9), 0.5)]),
+    "duplicates": ([(1, 1, (0, 0, 9, 9))], [(1, 1, (0, 0, 9, 9), 0.5)] * 3),
+    "labels twice": ([(1, 1, (0, 0, 9, 9))] * 2, [(1, 1, (0, 0, 9, 9), s) for s in (0.5, 0.5, 0.4)]),
+    "an overlap of exactly the threshold": ([(1, 1, (0, 0, 10, 10))], [(1, 1, (0, 0, 10, 5), 0.5)]),
+    "boxes without area": ([(1, 1, (5, 5, 0, 0))], [(1, 1, (5, 5, 0, 0), 0.5), (1, 1, (0, 0, 9, 0), 0.5)]),
+    "a crowd takes many": (
+        [(1, 1, (0, 0, 99, 99), {"iscrowd": 1}), (1, 1, (0, 0, 9, 9))],
+        [(1, 1, (0, 0, 9, 9), s) for s in (0.9, 0.8, 0.7)],
+    ),
+    "the second takes what the first left": (
+        [(1, 1, (0, 0, 10, 10)), (1, 1, (2, 0, 10, 10))],
+        [(1, 1, (1, 0, 10, 10), 0.9), (1, 1, (1, 0, 10, 10), 0.8)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HARD)
+def test_hard_cases_are_matched_as_pycocotools_matches_them(case):
+    boxes, found = HARD[case]
+    assert_official(dataset(boxes), results(found))
+
+
+def test_annotation_0_is_found_like_any_other():
+    boxes, found = [(1, 1, (0, 0, 9, 9)), (1, 1, (20, 0, 9, 9))], [(1, 1, (0, 0, 9, 9), 0.9)]
+    labels, predictions = loaded(dataset(boxes, first_id=0), results(found))
+    assert match(labels, predictions, overlapping(labels, predictions)).detection.tolist() == [0, -1]
+
+
+def test_pairs_are_the_same_in_one_piece_and_in_many(monkeypatch):
+    labels, predictions = loaded(*random_case(3))
+    whole = overlapping(labels, predictions)
+    monkeypatch.setattr("training.matching.PAIRS_AT_ONCE", 7)
+    pieces = overlapping(labels, predictions)
+    assert len(whole.box) > 50
+    for key in Pairs.__slots__:
+        assert np.array_equal(getattr(whole, key), getattr(pieces, key))
+
+
+def test_the_order_of_a_file_changes_no_count():
+    coco, found = random_case(5)
+    counts = set()
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        shuffled = copy.deepcopy(coco)
+        rng.shuffle(shuffled["images"])
+        rng.shuffle(shuffled["categories"])
+        order = rng.permutation(len(found))
+        labels, predictions = loaded(shuffled, [found[i] for i in order])
+        mine = match(labels, predictions, overlapping(labels, predictions))
+        counts.add((int((mine.box >= 0).sum()), int((mine.detection >= 0).sum()), float(np.nansum(mine.iou))))
+    assert len(counts) == 1

@@ -1,0 +1,263 @@
+import numpy as np
+import pytest
+
+from tests.detections import dataset, loaded, random_case, results
+from tests.test_matching import official as official_matching
+from training.average_precision import SUMMARY, official
+from training.bootstrap import difference_intervals, figure_intervals, interval, resampled_sums, resamples, wilson
+from training.matching import match, overlapping
+from training.metrics import confusion, curves, figures, outcomes, sums_by
+from training.tide import CAUSES, errors, mean_ap
+
+
+def judged(coco, found, *, threshold=0.5, iou=0.5):
+    labels, predictions = loaded(coco, found)
+    pairs = overlapping(labels, predictions)
+    matching = match(labels, predictions, pairs, iou=iou)
+    return labels, predictions, pairs, matching, outcomes(labels, predictions, matching, threshold)
+
+
+def total(labels, predictions, matching, seen):
+    zeros = np.zeros(len(predictions.label), dtype=int), np.zeros(len(labels.label), dtype=int)
+    return sums_by(labels, predictions, matching, seen, of_detection=zeros[0], of_label=zeros[1], groups=1)[0]
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"), [((688, 49, 391), (93.4, 63.8, 75.8)), ((521, 15, 558), (97.2, 48.3, 64.5))]
+)
+def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected):
+    """From boxes on, not from the formula: 1,079 labels, so many found, so many false alarms."""
+    tp, fp, fn = counts
+    boxes = [(1 + k % 40, 1 + k % 2, (20 * (k // 40), 0, 10, 10)) for k in range(tp + fn)]
+    found = [(image, label, box, 0.9) for image, label, box in boxes[:tp]]
+    found += [(1 + k % 40, 1, (20 * (k // 40), 100, 10, 10), 0.6) for k in range(fp)]
+    found += [(1, 1, (300, 300, 10, 10), 0.49)]
+    labels, predictions, _, matching, seen = judged(dataset(boxes, images=40), results(found))
+    sums = total(labels, predictions, matching, seen)
+    assert sums[:3].tolist() == [tp, fp, fn]
+    assert tuple(round(100 * float(figures(sums)[key]), 1) for key in ("precision", "recall", "f1")) == expected
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("threshold", [0.0, 0.3, 0.5])
+def test_counts_above_a_threshold_are_those_of_pycocotools_on_what_is_above_it(seed, threshold):
+    coco, found = random_case(seed)
+    labels, predictions, _, matching, seen = judged(coco, found, threshold=threshold)
+    above = predictions.take(predictions.score >= threshold)
+    matches, ignored, used = official_matching(labels, above)[0.5]
+    found_labels = {g for d, g in matches.items() if d not in ignored}
+    sums = total(labels, predictions, matching, seen)
+    assert sums[0] == len(found_labels)
+    assert sums[1] == len(used - ignored - set(matches))
+    assert sums[2] == (~labels.crowd).sum() - len(found_labels)
+    assert set(np.flatnonzero(seen.found)) == found_labels
+
+
+def test_means_are_over_matches_and_over_what_is_counted():
+    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10))]
+    found = [
+        (1, 1, (0, 0, 10, 10), 0.9),
+        (1, 1, (100, 0, 10, 8), 0.8),
+        (1, 1, (200, 0, 9, 9), 0.7),
+        (1, 2, (0, 0, 9, 9), 0.1),
+    ]
+    labels, predictions, _, matching, seen = judged(dataset(boxes), results(found))
+    figure = figures(total(labels, predictions, matching, seen))
+    assert figure["mean_iou"] == pytest.approx(0.9)
+    assert figure["mean_confidence"] == pytest.approx(0.8)
+    assert figure["mean_confidence_tp"] == pytest.approx(0.85)
+    assert figure["mean_confidence_fp"] == pytest.approx(0.7)
+
+
+def test_what_nothing_defines_is_nan():
+    figure = figures(np.zeros(6))
+    assert all(np.isnan(value) for value in figure.values())
+    none_found = figures(np.array([0.0, 0, 3, 0, 0, 0]))
+    assert (none_found["recall"], none_found["f1"]) == (0, 0)
+    assert np.isnan(none_found["precision"])
+
+
+def test_curves_go_through_the_operating_points():
+    coco, found = random_case(2)
+    labels, predictions, _, matching, _ = judged(coco, found)
+    curve = curves(labels, predictions, matching)
+    assert (np.diff(curve.threshold) < 0).all()
+    for k in range(len(curve.threshold)):
+        seen = outcomes(labels, predictions, matching, float(curve.threshold[k]))
+        figure = figures(total(labels, predictions, matching, seen))
+        assert [curve.precision[k], curve.recall[k], curve.f1[k]] == [
+            figure[key] for key in ("precision", "recall", "f1")
+        ]
+    assert curve.f1[curve.threshold == curve.best()] == curve.f1.max()
+
+
+def test_there_is_no_best_threshold_without_detections():
+    labels, predictions, _, matching, _ = judged(dataset([(1, 1, (0, 0, 9, 9))]), [])
+    assert curves(labels, predictions, matching).best() is None
+
+
+def test_confusion_counts_every_label_and_every_detection_once():
+    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10)), (1, 2, (200, 0, 10, 10)), (1, 2, (300, 0, 10, 10))]
+    found = [
+        (1, 1, (0, 0, 10, 10), 0.9),
+        (1, 2, (100, 0, 10, 10), 0.9),
+        (1, 2, (100, 0, 10, 10), 0.8),
+        (1, 1, (400, 0, 10, 10), 0.9),
+        (1, 2, (300, 0, 10, 10), 0.2),
+    ]
+    matrix = confusion(*judged(dataset(boxes), results(found)))
+    assert matrix.tolist() == [[1, 1, 0], [0, 0, 2], [1, 1, 0]]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_confusion_agrees_with_the_counts(seed):
+    labels, predictions, pairs, matching, seen = judged(*random_case(seed))
+    matrix = confusion(labels, predictions, pairs, matching, seen)
+    assert np.trace(matrix) == seen.true.sum()
+    assert np.array_equal(matrix.sum(axis=1)[:-1], np.bincount(labels.label[~labels.crowd], minlength=3))
+    assert np.array_equal(matrix.sum(axis=0)[:-1], np.bincount(predictions.label[seen.true | seen.false], minlength=3))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_ap50_on_arrays_is_pycocotools_own(seed):
+    labels, predictions, _, matching, _ = judged(*random_case(seed))
+    wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
+    mine = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
+    assert mine == pytest.approx(official(labels, predictions).summary["ap50"], abs=1e-12)
+
+
+def test_average_precision_is_what_the_summary_says_and_of_each_class():
+    labels, predictions = loaded(*random_case(4))
+    found = official(labels, predictions)
+    assert list(found.summary) == list(SUMMARY)
+    assert np.nanmean(found.ap) == pytest.approx(found.summary["ap"])
+    assert np.nanmean(found.ap75) == pytest.approx(found.summary["ap75"])
+
+
+def test_a_perfect_detector_has_an_average_precision_of_1_with_annotation_0_too():
+    boxes = [(1, 1, (0, 0, 50, 50)), (2, 2, (0, 0, 50, 50))]
+    labels, predictions = loaded(dataset(boxes, images=2, first_id=0), results([(*box, 0.9) for box in boxes]))
+    found = official(labels, predictions).summary
+    assert [found[key] for key in ("ap", "ap50", "ap75", "ar_100")] == pytest.approx([1, 1, 1, 1], abs=1e-12)
+    assert np.isnan(found["ap_large"])
+
+
+def test_average_precision_of_no_detections_is_0_and_of_no_labels_undefined():
+    found = official(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
+    assert found.summary["ap"] == 0
+    assert found.ap50[0] == 0
+    assert np.isnan(found.ap50[1])
+    assert np.isnan(official(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)]))).summary["ap"])
+
+
+# A label of class 1 at x = 0, and what each detection is.
+BOX = (0, 0, 100, 100)
+TIDE = {
+    "class": [(1, 2, BOX, 0.9)],
+    "localisation": [(1, 1, (60, 0, 100, 100), 0.9)],
+    "both": [(1, 2, (60, 0, 100, 100), 0.9)],
+    "duplicate": [(1, 1, BOX, 0.9), (1, 1, (5, 0, 100, 100), 0.8)],
+    "background": [(1, 1, (300, 0, 100, 100), 0.9)],
+    "missed": [],
+}
+
+
+@pytest.mark.parametrize("cause", TIDE)
+def test_one_error_of_each_kind_is_called_by_its_name(cause):
+    labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(TIDE[cause]))
+    found = errors(labels, predictions, pairs, matching)
+    assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
+    assert found.missed.tolist() == [cause in ("both", "background", "missed")]
+    # What was missed alone leaves nothing to find where it is taken away, and nothing false of its class.
+    repair = {"class": "class", "localisation": "localisation", "both": "missed", "missed": "missed"}.get(cause)
+    assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})
+
+
+def test_an_error_costs_what_fixing_it_alone_brings():
+    """Two labels of one class: a false alarm before the first match, the second label confused and missed."""
+    boxes = [(1, 1, BOX), (1, 1, (200, 0, 100, 100))]
+    found = [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)]
+    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
+    lost = errors(labels, predictions, pairs, matching).loss
+    half = 51 / 101  # of the 101 recalls, those up to 0.5
+    assert lost["background"] == pytest.approx(half - 0.5 * half)
+    assert lost["class"] == pytest.approx(2 / 3 - 0.5 * half)
+    assert lost["missed"] == lost["duplicate"] == lost["localisation"] == lost["both"] == 0
+
+
+def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
+    found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)]
+    labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(found))
+    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(1.0)
+
+
+def test_a_misplaced_duplicate_of_a_found_label_is_taken_away_by_fixing():
+    boxes = [(1, 1, BOX), (1, 1, (400, 0, 100, 100))]
+    found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
+    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
+    half = 51 / 101
+    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(half - 0.5 * half)
+
+
+def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
+    boxes = [(1, 1, BOX), (1, 1, (60, 0, 100, 100))]
+    found = [(1, 1, BOX, 0.9), (1, 1, (10, 0, 100, 100), 0.8)]
+    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
+    assert [CAUSES[c] for c in errors(labels, predictions, pairs, matching).cause if c >= 0] == ["duplicate"]
+
+
+def test_the_interval_of_recall_is_about_as_wide_as_theory_says():
+    """1,079 independent labels, 64 % found: a standard error of 0.0146."""
+    sums = np.zeros((1079, 6))
+    sums[:688, 0], sums[688:, 2] = 1, 1
+    low, high = figure_intervals(resampled_sums(sums))["recall"]
+    assert (high - low) / (2 * 1.96) == pytest.approx(0.0146, rel=0.06)
+    assert low < 688 / 1079 < high
+
+
+def test_shots_of_one_position_widen_the_interval():
+    """The same labels in positions of ten that are found or missed together: three times as wide."""
+    found = np.arange(1000) < 640
+    each, tens = np.zeros((1000, 6)), np.zeros((100, 6))
+    each[:, 0], each[:, 2] = found, ~found
+    tens[:, 0], tens[:, 2] = found.reshape(100, 10).sum(1), (~found).reshape(100, 10).sum(1)
+    narrow, wide = (np.ptp(figure_intervals(resampled_sums(sums))["recall"]) for sums in (each, tens))
+    assert wide / narrow == pytest.approx(np.sqrt(10), rel=0.12)
+
+
+def test_two_predictions_of_one_dataset_are_compared_position_by_position():
+    """One more label found in every tenth position and nothing lost: surely better, though the intervals overlap."""
+    rng = np.random.default_rng(0)
+    before = np.zeros((400, 6))
+    before[:, 0] = rng.random(400) < 0.5
+    before[:, 2] = 1 - before[:, 0]
+    after = before.copy()
+    gained = np.flatnonzero(before[:, 2])[:20]
+    after[gained, 0], after[gained, 2] = 1, 0
+    first, second = resampled_sums(before), resampled_sums(after)
+    low, high = difference_intervals(first, second)["recall"]
+    assert 0 < low < 20 / 400 < high
+    alone = figure_intervals(first)["recall"], figure_intervals(second)["recall"]
+    assert alone[0][1] > alone[1][0]
+
+
+def test_drawings_are_as_many_as_there_are_positions(monkeypatch):
+    monkeypatch.setattr("training.bootstrap.DRAWN_AT_ONCE", 100)
+    drawn = list(resamples(7, times=50))
+    assert len(drawn) > 1
+    assert (np.concatenate(drawn).sum(axis=1) == 7).all()
+    assert np.concatenate(drawn).shape == (50, 7)
+
+
+def test_an_interval_of_nothing_is_nan():
+    assert np.isnan(interval(np.full((10, 2), np.nan))).all()
+
+
+def test_wilsons_interval_is_scipys():
+    from scipy.stats import binomtest
+
+    for part, whole in [(0, 1), (3, 7), (50, 50), (12, 400)]:
+        low, high = wilson(np.array([float(part)]), np.array([float(whole)]))[:, 0]
+        expected = binomtest(part, whole).proportion_ci(method="wilson")
+        assert (low, high) == pytest.approx((expected.low, expected.high))
+    assert np.isnan(wilson(np.zeros(1), np.zeros(1))).all()

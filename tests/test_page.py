@@ -1,0 +1,119 @@
+"""Parts of pages, in a real browser."""
+
+import io
+
+import pytest
+from PIL import Image
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select
+
+from dataset.page import Facet, Tile, charts, folded, gallery, items, page, section, table, words
+
+FACETS = [Facet("outcome", "outcome", ("missed", "found")), Facet("side_seen", "side", ("front", "rear", "<none>"))]
+
+
+def picture():
+    file = io.BytesIO()
+    Image.new("RGB", (40, 30), (200, 80, 0)).save(file, "JPEG")
+    return file.getvalue()
+
+
+def tiles():
+    values = [("missed", "front"), ("missed", "rear"), ("found", "front"), ("found", "<none>"), ("found", None)]
+    return [
+        Tile(picture(), (f"tank {k} & <b>co</b>", "line"), {"outcome": a} | ({"side_seen": b} if b else {}))
+        for k, (a, b) in enumerate(values)
+    ]
+
+
+@pytest.fixture
+def shown(browser, tmp_path):
+    rows = [["front", "2", "1"], ["rear", "1", "0"]]
+    choose = [{"side_seen": "front"}, {"side_seen": "rear"}]
+    path = tmp_path / "page.html"
+    path.write_text(
+        page(
+            "A & <B>",
+            section("Numbers", words("it's <i>"), items(["a", "b"]), table(["", "n", "m"], rows, choose=choose)),
+            section("Shades", folded("more", table(["", "x"], [["a", "1"]], shades=[[0.5]])), charts()),
+            section("Pictures", gallery(tiles(), FACETS)),
+        ),
+        encoding="utf-8",
+    )
+    browser.get(path.as_uri())
+    yield browser
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+
+
+def visible(browser):
+    found = browser.find_elements(By.CSS_SELECTOR, ".tile")
+    return [k for k, tile in enumerate(found) if tile.is_displayed()]
+
+
+def choose(browser, facet, value):
+    Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_value(value)
+
+
+def test_text_is_shown_as_it_is(shown):
+    assert shown.title == "A & <B>"
+    assert shown.find_element(By.TAG_NAME, "h1").text == "A & <B>"
+    assert shown.find_element(By.CSS_SELECTOR, "section p").text == "it's <i>"
+    assert shown.find_element(By.CSS_SELECTOR, ".tile strong").text == "tank 0 & <b>co</b>"
+
+
+def test_thumbnails_filter_by_every_facet_and_all_come_back(shown):
+    said = shown.find_element(By.CSS_SELECTOR, ".shown")
+    assert (visible(shown), said.text) == ([0, 1, 2, 3, 4], "5 of 5 shown")
+    choose(shown, "outcome", "found")
+    assert visible(shown) == [2, 3, 4]
+    choose(shown, "side_seen", "front")
+    assert (visible(shown), said.text) == ([2], "1 of 5 shown")
+    choose(shown, "outcome", "")
+    assert visible(shown) == [0, 2]
+    choose(shown, "side_seen", "<none>")
+    assert visible(shown) == [3]
+    shown.find_element(By.CSS_SELECTOR, ".clear").click()
+    assert visible(shown) == [0, 1, 2, 3, 4]
+
+
+def test_a_row_of_a_table_chooses_its_thumbnails(shown):
+    choose(shown, "outcome", "found")
+    shown.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
+    assert visible(shown) == [0, 2]
+
+
+def test_a_click_on_a_thumbnail_shows_it_large_and_escape_closes_it(shown):
+    dialog = shown.find_element(By.TAG_NAME, "dialog")
+    assert not dialog.is_displayed()
+    shown.find_elements(By.CSS_SELECTOR, ".tile")[1].click()
+    assert dialog.is_displayed()
+    assert dialog.find_element(By.TAG_NAME, "p").text == "tank 1 & <b>co</b>\nline"
+    shown.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert not dialog.is_displayed()
+
+
+def test_the_keyboard_alone_opens_and_closes_a_thumbnail(shown):
+    shown.find_elements(By.CSS_SELECTOR, ".tile")[2].send_keys(Keys.ENTER)
+    dialog = shown.find_element(By.TAG_NAME, "dialog")
+    assert dialog.is_displayed()
+    shown.switch_to.active_element.send_keys(Keys.ENTER)
+    assert not dialog.is_displayed()
+
+
+def test_pictures_are_in_the_page(shown):
+    widths = shown.execute_script("return [...document.querySelectorAll('.tile img')].map((i) => i.naturalWidth)")
+    assert widths == [40] * 5
+
+
+def test_a_page_may_not_fetch_anything(shown, tmp_path):
+    (tmp_path / "spy.png").write_bytes(picture())
+    asked = """const done = arguments[0], image = new Image();
+        image.onload = () => done("loaded"); image.onerror = () => done("refused"); image.src = "spy.png";"""
+    assert shown.execute_async_script(asked) == "refused"
+    assert "Content Security Policy" in str(shown.get_log("browser"))
+
+
+def test_a_facet_that_tells_no_two_apart_is_left_out():
+    same = [Tile(picture(), ("a",), {"outcome": "missed"})] * 2
+    assert "<select" not in gallery(same, FACETS)

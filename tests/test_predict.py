@@ -1,0 +1,113 @@
+"""hulldown predict, with the small network on random weights."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from cli import main
+from geometry.errors import DatasetError, HulldownError
+from tests.detections import dataset
+from training.labels import read_labels
+from training.predict import UNFINISHED_SUFFIX, predict
+from training.predictions import read_predictions
+from training.small import save_small, small_network, small_size
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A finished run whose network, never trained, finds something nearly everywhere."""
+    folder = tmp_path_factory.mktemp("run")
+    torch.manual_seed(0)
+    size = small_size(64)
+    network = small_network(2, size)
+    with torch.no_grad():  # untrained it is sure of nothing
+        network.head.classification_head.cls_logits.bias.fill_(1.0)
+    torch.save(save_small(network, ("truck", "tank"), size), folder / "weights.pt")
+    (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished"}))
+    return folder
+
+
+@pytest.fixture
+def data(tmp_path):
+    """Five pictures of two sizes; the last one is black."""
+    folder = tmp_path / "data"
+    (folder / "images").mkdir(parents=True)
+    coco = dataset([(1, 1, (0, 0, 9, 9))], images=5)
+    rng = np.random.default_rng(0)
+    for k, image in enumerate(coco["images"]):
+        image |= {"width": 96 - 16 * (k % 2), "height": 54}
+        pixels = rng.integers(0, 255, (54, image["width"], 3), dtype=np.uint8) * (k < 4)
+        Image.fromarray(pixels.astype(np.uint8)).save(folder / image["file_name"])
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def test_results_are_cocos_with_classes_by_name(run, data, tmp_path):
+    output = tmp_path / "found.json"
+    done = predict(run, data, output, batch=2)
+    found = json.loads(output.read_text())
+    assert (done.images, done.detections, done.already, done.unknown) == (5, len(found), 0, ())
+    assert len(found) > 5
+    assert {tuple(one) for one in found} == {("image_id", "category_id", "bbox", "score")}
+    assert {one["category_id"] for one in found} <= {1, 2}
+    assert json.loads((tmp_path / "found.json.info.json").read_text())["images"] == [1, 2, 3, 4, 5]
+    assert len(read_predictions(output, read_labels(data)).score) == len(found)
+    assert not (tmp_path / f"found.json{UNFINISHED_SUFFIX}").exists()
+
+
+def test_what_was_interrupted_goes_on_to_the_same_results(run, data, tmp_path):
+    predict(run, data, tmp_path / "whole.json", batch=1)
+    picture = data / "images" / "4.png"
+    kept = picture.read_bytes()
+    picture.write_bytes(kept[:50])
+    output = tmp_path / "parts.json"
+    with pytest.raises(DatasetError, match=r"4\.png: cannot be read as a picture"):
+        predict(run, data, output, batch=1)
+    assert not output.exists()
+    unfinished = tmp_path / f"parts.json{UNFINISHED_SUFFIX}"
+    with unfinished.open("ab") as file:
+        file.write(b'{"image":4,"fou')  # as a machine that stopped would leave it
+    picture.write_bytes(kept)
+    assert predict(run, data, output, batch=1).already == 3
+    assert output.read_bytes() == (tmp_path / "whole.json").read_bytes()
+
+
+def test_what_was_interrupted_with_other_weights_begins_anew(run, data, tmp_path):
+    output = tmp_path / "found.json"
+    (tmp_path / f"found.json{UNFINISHED_SUFFIX}").write_text('{"key":"another"}\n{"image":1,"found":[]}\n')
+    assert predict(run, data, output).already == 0
+
+
+def test_a_class_that_the_dataset_lacks_gets_an_id_and_keeps_its_name(run, data, tmp_path):
+    coco = json.loads((data / "annotations.json").read_text())
+    coco["categories"] = [{"id": 1, "name": "tank"}]
+    (data / "annotations.json").write_text(json.dumps(coco))
+    output = tmp_path / "found.json"
+    assert predict(run, data, output).unknown == ("truck",)
+    assert read_predictions(output, read_labels(data)).class_names[:2] == ("tank", "truck")
+
+
+def test_a_dataset_of_other_classes_is_refused_with_both_lists(run, data, tmp_path):
+    coco = json.loads((data / "annotations.json").read_text())
+    coco["categories"] = [{"id": 1, "name": "Tank"}]
+    (data / "annotations.json").write_text(json.dumps(coco))
+    with pytest.raises(HulldownError, match="it has Tank; the detector knows truck, tank"):
+        predict(run, data, tmp_path / "found.json")
+    assert list(tmp_path.iterdir()) == [data]
+
+
+def test_the_commands_follow_one_another(run, data, tmp_path, capsys):
+    output = tmp_path / "found.json"
+    assert main(["predict", str(run), str(data), "-o", str(output), "--device", "cpu", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["images"] == 5
+    assert main(["evaluate", str(data), str(output), "-o", str(tmp_path / "report")]) == 0
+    assert (tmp_path / "report" / "report.html").exists()
+
+
+def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):
+    assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
+    assert "no run.json here" in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1

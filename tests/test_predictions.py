@@ -1,0 +1,144 @@
+"""Labels and detections as they are read: what is refused, and in which words."""
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry.errors import DatasetError
+from tests.detections import dataset, loaded, results
+from training.labels import read_labels
+from training.predictions import read_predictions
+
+GOOD = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "annotations.json").write_text(json.dumps(dataset([(1, 1, (0, 0, 9, 9))], images=2)))
+    return tmp_path
+
+
+def read(folder, found):
+    path = folder / "found.json"
+    path.write_text(found if isinstance(found, str) else json.dumps(found))
+    return read_predictions(path, read_labels(folder))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"image_id": 7}, "detection 1: image 7 is not in the dataset"),
+        ({"image_id": "1"}, "detection 1: image '1' is not in the dataset"),
+        ({"category_id": None}, "detection 1: of image 1: category_id is None, expected a whole number"),
+        ({"bbox": [1, 2, 3]}, r"detection 1: of image 1: bbox is \[1, 2, 3\], expected \[x, y, width, height\]"),
+        ({"bbox": [1, 2, -3, 4]}, "detection 1: of image 1: bbox is"),
+        ({"bbox": [1, 2, 1e999, 4]}, "is not valid JSON"),
+        ({"score": None}, "detection 1: of image 1: score is None, expected a number"),
+        ({"score": True}, "detection 1: of image 1: score is True"),
+    ],
+)
+def test_the_first_detection_that_cannot_be_used_is_named(folder, wrong, words):
+    with pytest.raises(DatasetError, match=words) as caught:
+        read(folder, [GOOD, {**GOOD, **wrong}])
+    assert "found.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ("", "is not valid JSON"),
+        ("7", "is no COCO result"),
+        ({"results": []}, "is no COCO result"),
+        ([[]], r"detection 0: is \[\], not an object"),
+        ({"images": [{"id": 1}], "annotations": []}, r"image 2 of .* is not among its images \(1 are missing\)"),
+        ({"images": [1, 2, 3], "annotations": []}, r"image 3 is not in .* \(1 are not\)"),
+        ({"images": ["a"], "annotations": []}, "'images' is no list of image ids"),
+    ],
+)
+def test_what_is_no_result_for_this_dataset_is_refused(folder, found, words):
+    with pytest.raises(DatasetError, match=words):
+        read(folder, found)
+
+
+def test_a_file_that_is_not_there_is_refused(folder):
+    with pytest.raises(DatasetError, match=r"none\.json: cannot be read"):
+        read_predictions(folder / "none.json", read_labels(folder))
+
+
+def test_images_that_were_predicted_are_listed_beside_the_results(folder):
+    (folder / "found.json.info.json").write_text(json.dumps({"images": [1]}))
+    with pytest.raises(DatasetError, match=r"found\.json\.info\.json: image 2 of"):
+        read(folder, [])
+
+
+def test_results_may_be_a_list_or_stand_in_an_object(folder):
+    for found in ([GOOD], {"images": [{"id": 1}, {"id": 2}], "annotations": [GOOD]}):
+        assert read(folder, found).score.tolist() == [0.5]
+
+
+def test_a_category_that_the_dataset_lacks_is_a_class_of_its_own(folder):
+    found = read(folder, [GOOD, {**GOOD, "category_id": 9}])
+    assert found.class_names == ("tank", "truck", "category 9")
+    assert found.label.tolist() == [0, 2]
+
+
+def test_detections_come_in_an_order_of_their_own():
+    boxes = [(1, 1, (0, 0, 9, 9)), (1, 1, (5, 0, 9, 9)), (2, 1, (0, 0, 9, 9)), (1, 2, (0, 0, 9, 9))]
+    found = results([(*box, 0.5) for box in boxes])
+    forth = loaded(dataset([], images=2), found)[1]
+    back = loaded(dataset([], images=2), found[::-1])[1]
+    assert np.array_equal(forth.xywh, back.xywh)
+    assert forth.image.tolist() == [0, 0, 0, 1]
+    assert forth.label.tolist() == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize("name", ["annotations.json", "_annotations.coco.json", "test.json"])
+def test_labels_are_read_from_a_dataset_a_split_or_a_file(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(json.dumps(dataset([(1, 1, (0, 0, 9, 8))])))
+    labels = read_labels(path if name == "test.json" else tmp_path)
+    assert labels.class_names == ("tank", "truck")
+    assert labels.area.tolist() == [72]
+    assert labels.folder == tmp_path
+
+
+def damaged(**more):
+    return {**dataset([(1, 1, (0, 0, 9, 9))]), **more}
+
+
+@pytest.mark.parametrize(
+    ("coco", "words"),
+    [
+        (damaged(images=[{"id": 1, "file_name": "a", "width": 9, "height": 9}] * 2), "image 1 is there twice"),
+        (damaged(categories=[{"id": 1, "name": "a"}] * 2), "category 1 is there twice"),
+        (damaged(annotations=[{"id": 5, "image_id": 9, "category_id": 1, "bbox": [0, 0, 1, 1]}]), "image 9 does"),
+        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 8, "bbox": [0, 0, 1, 1]}]), "category 8 does"),
+        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1]}]), "annotation 5: bbox"),
+        (
+            damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1, 1], "area": "big"}]),
+            "annotation 5: area 'big' is no number",
+        ),
+        (damaged(annotations=[{"image_id": 1}]), r"annotations\[0\] is no record with an id"),
+        ([], "is no COCO dataset"),
+    ],
+)  # fmt: skip
+def test_labels_that_cannot_be_used_are_named(tmp_path, coco, words):
+    path = tmp_path / "test.json"
+    path.write_text(json.dumps(coco))
+    with pytest.raises(DatasetError, match=words):
+        read_labels(path)
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match=r"no annotations\.json and no _annotations\.coco\.json here"):
+        read_labels(tmp_path)
+
+
+def test_shots_of_one_position_share_it():
+    coco = dataset([], images=4)
+    for image, position in zip(coco["images"], (7, 7, 8, None), strict=True):
+        image |= {"scenery": "hills"} | ({} if position is None else {"position": position})
+    position = loaded(coco, [])[0].positions()
+    assert position[0] == position[1]
+    assert len(set(position.tolist())) == 3

@@ -1,0 +1,247 @@
+"""An evaluation for people: report.html and what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dataset.page import chart, charts, folded, gallery, items, link, page, section, table, words
+from training.bootstrap import RESAMPLES
+from training.cases import MOST, Cases, facets
+from training.evaluate import Comparison, Evaluation
+from training.evaluation_charts import differences, losses, over_thresholds, precision_recall, recall_bins
+from training.tide import CAUSES
+
+FIGURES = {
+    "tp": "true positives (TP)",
+    "fp": "false positives (FP)",
+    "fn": "false negatives (FN)",
+    "precision": "precision",
+    "recall": "recall",
+    "f1": "F1",
+    "mean_iou": "mean IoU of matches",
+    "mean_confidence": "mean confidence",
+    "mean_confidence_tp": "mean confidence of TP",
+    "mean_confidence_fp": "mean confidence of FP",
+    "ap": "AP (IoU 0.50 to 0.95)",
+    "ap50": "AP50",
+    "ap75": "AP75",
+}
+COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50")
+MEANINGS = {
+    "class": "in the right place, of the wrong class",
+    "localisation": "of the right class, overlapping too little",
+    "both": "of the wrong class, and overlapping too little",
+    "duplicate": "of a label that a more confident one has found",
+    "background": "where there is nothing",
+    "missed": "labels that no detection was for",
+}
+SOURCES = {
+    "given": "as given",
+    "validation": "of the best F1 on the validation set",
+    "test": "of the best F1 on this very set",
+}
+FLATTERS = (
+    "The threshold was chosen on the set that it is judged by, so precision, recall and F1 flatter: "
+    "choose it on a validation set."
+)
+
+
+def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) -> str:
+    """The page about one file of detections.
+
+    Parameters
+    ----------
+    one, report
+        The evaluation, and what `report_files.report` says of it.
+    looks
+        Its cases.
+    """
+    return page(
+        f"{one.predictions.name} on {one.labels.path}",
+        *operating_point(one),
+        section("How well", _figures(report), words(_sure(one))),
+        section("At other thresholds", charts(_curves(one), _thresholds(one))),
+        section("What was taken for what", words(_reading_confusion()), _confusion(report)),
+        section("Why", *_why(one, report)),
+        section("Where", *_where(one, report)),
+        section("What it looks like", *_looks(one, looks)),
+    )
+
+
+def comparison_page(
+    evaluations: Sequence[Evaluation],
+    reports: Mapping[str, Mapping[str, Any]],
+    compared: Sequence[Comparison],
+    folders: Mapping[str, str],
+) -> str:
+    """The page about several files of detections of one dataset; `folders` is where each one's own page is."""
+    first = evaluations[0]
+    rows = [
+        [title, *(_with_interval(one["overall"], key) for one in reports.values())] for key, title in FIGURES.items()
+    ]
+    changes = [
+        [f"{FIGURES[key]}: {one.second} minus {one.first}", _signed(one.difference[key]), _change(one, key)]
+        for one in compared
+        for key in (*COMPARED, "ap")
+    ]
+    return page(
+        f"{len(evaluations)} detectors on {first.labels.path}",
+        *(paragraph for one in evaluations for paragraph in operating_point(one)),
+        section("How well", table(["", *reports], rows), words(_sure(first))),
+        section(
+            "How they differ",
+            words(
+                "Both were resampled with the same drawings of positions, so that what is hard for both cancels out. "
+                "An interval that holds 0 shows no difference."
+            ),
+            chart(differences(compared, {key: FIGURES[key] for key in COMPARED}), "differences with their intervals"),
+            table(["", "difference", "95 % interval"], changes),
+        ),
+        section("At other thresholds", chart(precision_recall(evaluations), "precision over recall of each")),
+        section("Each by itself", *(link(name, f"{folder}/report.html") for name, folder in folders.items())),
+    )
+
+
+def operating_point(one: Evaluation) -> list[str]:
+    """What counts as found, in words."""
+    source = one.threshold.source
+    labels = int((~one.labels.crowd).sum())
+    text = (
+        f"{one.predictions.name}: {len(one.labels.images)} images, {labels} labels. A detection counts from a "
+        f"confidence of {one.threshold.value:.4g} on ({SOURCES[source]}); it is true if it overlaps a label of its "
+        f"class with an IoU of at least {one.matching.iou_threshold:g}."
+    )
+    return [words(text), *([words(FLATTERS, warning=True)] if source == "test" else [])]
+
+
+def _figures(report: Mapping[str, Any]) -> str:
+    columns = {"all classes": report["overall"], **report["per_class"]}
+    rows = [[title, *(_with_interval(one, key) for one in columns.values())] for key, title in FIGURES.items()]
+    return table(["", *columns], rows)
+
+
+def _sure(one: Evaluation) -> str:
+    apart = "one an image" if one.positions == len(one.labels.images) else "shots of one place are drawn together"
+    return (
+        f"In brackets: 95 % intervals by {RESAMPLES:,} drawings of the {one.positions} positions ({apart}). They hold "
+        "what another test set of this size and kind would give, not what another training would."
+    )
+
+
+def _curves(one: Evaluation) -> str:
+    return chart(precision_recall([one]), "precision over recall")
+
+
+def _thresholds(one: Evaluation) -> str:
+    return chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence")
+
+
+def _reading_confusion() -> str:
+    return (
+        "Rows are what is there, columns what was detected. The row of the background holds false alarms, its column "
+        "misses. What matching within classes leaves is matched across classes."
+    )
+
+
+def _confusion(report: Mapping[str, Any]) -> str:
+    names, counts = report["confusion"]["classes"], report["confusion"]["counts"]
+    shades = [[n / max(sum(row), 1) for n in row] for row in counts]
+    shades[-1] = [0.0] * len(names)
+    return table(["", *names], [[name, *map(str, row)] for name, row in zip(names, counts, strict=True)], shades=shades)
+
+
+def _why(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
+    rows = [
+        [f"{name}: {MEANINGS[name]}", str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
+        for name in CAUSES
+    ]
+    drawn = [chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
+    return [
+        words(
+            "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
+            "AP50 are what fixing that cause alone would bring, over all confidences."
+        ),
+        table(["cause", "count", "AP50 points"], rows),
+        *drawn,
+    ]
+
+
+def _where(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
+    overall = float(report["overall"]["recall"] or 0.0)
+    told = report["worst_bins"]
+    parts = [
+        items([f"Worst: {line}." for line in told])
+        if told
+        else words("No bin with ten labels or more lies below the whole."),
+        words(
+            "Whiskers are Wilson's 95 % intervals, which take labels for independent; the dashed line is the recall of "
+            "all. A click on a bin's name in a table shows its thumbnails."
+        ),
+        charts(
+            *(
+                chart(recall_bins(found, overall), f"recall by {found.field.title}")
+                for found in one.bins
+                if (found.labels > 0).sum() > 1  # one bin says no more than the whole
+            )
+        ),
+    ]
+    for found in one.bins:
+        rows = [
+            [
+                row["bin"],
+                str(row["labels"]),
+                str(row["found"]),
+                _ranged(row["recall"], row["recall_interval"]),
+                _ranged(row["precision"], row["precision_interval"]),
+                _number(row["mean_iou"]),
+            ]
+            for row in report["bins"][found.field.name]
+        ]
+        choose = [{found.field.name: row[0]} for row in rows]
+        header = [found.field.title, "labels", "found", "recall", "precision", "mean IoU"]
+        parts.append(folded(f"by {found.field.title}", table(header, rows, choose=choose)))
+    return parts
+
+
+def _looks(one: Evaluation, looks: Cases) -> list[str]:
+    parts = [
+        words(
+            f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false alarms, "
+            "the worst-placed finds. Green: labels. Orange: detections that count."
+        )
+    ]
+    if looks.unread:
+        parts.append(words(f"Pictures are missing that could not be read: {looks.unread}", warning=True))
+    return [*parts, gallery(looks.tiles(), facets(one)) if looks.cases else words("There is nothing to show.")]
+
+
+def _with_interval(record: Mapping[str, Any], key: str) -> str:
+    return _ranged(record[key], record["intervals"].get(key))
+
+
+def _ranged(value: float | int | None, ends: Sequence[float | None] | None) -> str:
+    if ends is None or None in ends or value is None:
+        return _number(value)
+    return f"{_number(value)} ({_number(ends[0])} to {_number(ends[1])})"
+
+
+def _number(value: float | int | None) -> str:
+    return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:.3f}"
+
+
+def _points(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.1f}"
+
+
+def _signed(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:+.3f}"
+
+
+def _change(one: Comparison, key: str) -> str:
+    ends = one.interval.get(key)
+    if ends is None or np.isnan(ends).any():
+        return "–"
+    return f"{ends[0]:+.3f} to {ends[1]:+.3f}"

@@ -1,0 +1,198 @@
+"""A detector's finds in every image of a dataset, as COCO results; what was interrupted goes on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from jaxtyping import UInt8
+
+from geometry.errors import HulldownError
+from geometry.files import replacing
+from training.detector import WEIGHTS_NAME, Detections, load_detector
+from training.labels import Labels, read_labels
+from training.predictions import INFO_SUFFIX
+from training.sources import read_picture
+
+UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
+READERS = 2
+DIGITS = 3  # decimals of a pixel
+Picture = UInt8[np.ndarray, "h w 3"]
+Found = list[dict[str, Any]]  # COCO results of an image
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """What a run of `predict` has done.
+
+    Parameters
+    ----------
+    images, detections
+        How many the results hold.
+    already
+        Of these images, how many were done before.
+    unknown
+        Classes of the detector that the dataset lacks; they have got ids of their own.
+    """
+
+    images: int
+    detections: int
+    already: int
+    unknown: tuple[str, ...]
+
+
+def predict(
+    run: Path | str,
+    dataset: Path | str,
+    output: Path | str,
+    *,
+    device: str = "auto",
+    batch: int = 8,
+    progress: Callable[[int, int], None] | None = None,
+) -> Predicted:
+    """Look at every image of a dataset and write COCO results, and beside them which images were looked at.
+
+    Parameters
+    ----------
+    run
+        Folder of a finished training, or a checkpoint of RF-DETR.
+    dataset
+        See `training.labels.read_labels`; its labels are not looked at.
+    output
+        The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too.
+    device
+        See `training.detector.load_detector`.
+    batch
+        Images that go through the network at once.
+    progress
+        Told (done, all) after each batch.
+
+    Raises
+    ------
+    HulldownError
+        If the detector cannot be loaded, knows none of the dataset's classes, or a picture cannot be read. What was
+        done until then is kept, and the same call goes on from there.
+    """
+    output = Path(output)
+    labels = read_labels(dataset)
+    detector = load_detector(run, device)
+    ids, unknown = _category_ids(detector.classes, labels)
+    key = _key(Path(run), labels, detector.classes)
+    unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
+    done = _read_unfinished(unfinished, key)
+    left = [k for k, image in enumerate(labels.image_id.tolist()) if image not in done]
+    already = len(done)
+    with _appending(unfinished, key, done) as append:
+        for indices, pictures in _batches(labels, left, batch):
+            for k, found in zip(indices, detector.detect(pictures), strict=True):
+                image = int(labels.image_id[k])
+                done[image] = _results(image, found, ids)
+                append(image, done[image])
+            if progress is not None:
+                progress(len(done), len(labels.images))
+    results = [one for image in labels.image_id.tolist() for one in done[image]]
+    info = {
+        "detector": str(run),
+        "images": labels.image_id.tolist(),
+        "categories": [
+            {"id": i, "name": name} for i, name in zip(ids, detector.classes, strict=True) if name in unknown
+        ],
+    }
+    beside = output.with_name(output.name + INFO_SUFFIX)
+    beside.unlink(missing_ok=True)  # of earlier results, which it must not outlive
+    for path, value in ((output, results), (beside, info)):
+        with replacing(path) as file:
+            file.write(orjson.dumps(value) + b"\n")
+    unfinished.unlink()
+    return Predicted(len(labels.images), len(results), already, unknown)
+
+
+def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
+    columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
+    return [
+        {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
+        for label, box, score in zip(*columns, strict=True)
+    ]
+
+
+def _category_ids(classes: Sequence[str], labels: Labels) -> tuple[list[int], tuple[str, ...]]:
+    """The dataset's id of each of the detector's classes, by name; new ones above all others for those it lacks."""
+    by_name = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
+    unknown = tuple(name for name in classes if name not in by_name)
+    if len(unknown) == len(classes):
+        raise HulldownError(
+            f"has none of the detector's classes: it has {', '.join(labels.class_names) or 'none'}; the detector knows "
+            f"{', '.join(classes)}",
+            path=labels.path,
+            remedy="rename the categories of the dataset, to the letter",
+        )
+    following = max(by_name.values(), default=0) + 1
+    new = {name: following + k for k, name in enumerate(unknown)}
+    return [by_name[name] if name in by_name else new[name] for name in classes], unknown
+
+
+def _key(run: Path, labels: Labels, classes: Sequence[str]) -> str:
+    """What makes results these and no others: weights, classes, and which images are looked at."""
+    digest = hashlib.sha256()
+    with (run / WEIGHTS_NAME if run.is_dir() else run).open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in labels.images]
+    digest.update(orjson.dumps([list(classes), images, labels.class_id.tolist(), labels.class_names]))
+    return digest.hexdigest()
+
+
+def _read_unfinished(path: Path, key: str) -> dict[int, Found]:
+    """Detections by image of what was interrupted; empty if that was about something else. A cut last line is lost."""
+    done: dict[int, Found] = {}
+    try:
+        with path.open("rb") as file:
+            if orjson.loads(file.readline()) != {"key": key}:
+                return {}
+            for line in file:
+                record = orjson.loads(line)
+                done[record["image"]] = record["found"]
+    except (FileNotFoundError, orjson.JSONDecodeError):
+        pass  # there is none, or it was cut off where it was written when the machine stopped
+    return done
+
+
+@contextmanager
+def _appending(path: Path, key: str, done: Mapping[int, Found]) -> Iterator[Callable[[int, Found], None]]:
+    """The file of what is done, written anew; yields what adds an image and its detections to it."""
+
+    def line(image: int, found: Found) -> bytes:
+        return orjson.dumps({"image": image, "found": found}) + b"\n"
+
+    with replacing(path) as file:
+        file.write(orjson.dumps({"key": key}) + b"\n")
+        file.writelines(line(image, found) for image, found in done.items())
+    with path.open("ab") as file:
+
+        def append(image: int, found: Found) -> None:
+            file.write(line(image, found))
+            file.flush()
+
+        yield append
+
+
+def _batches(labels: Labels, indices: Sequence[int], size: int) -> Iterator[tuple[list[int], list[Picture]]]:
+    """Images and their pictures, the next batch read while the network works on this one."""
+
+    def read(k: int) -> Picture:
+        record = labels.images[k]
+        return read_picture(labels.folder / record["file_name"], (record["width"], record["height"]))
+
+    chunks = [list(indices[start : start + size]) for start in range(0, len(indices), size)]
+    with ThreadPoolExecutor(READERS) as pool:
+        coming: list[Iterable[Picture]] = [pool.map(read, chunk) for chunk in chunks[:1]]
+        for n, chunk in enumerate(chunks):
+            coming += [pool.map(read, following) for following in chunks[n + 1 : n + 2]]
+            yield chunk, list(coming.pop(0))
