@@ -230,7 +230,8 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
         If there is none, or it is damaged.
     """
     folder = Path(folder)
-    if not (folder / ANNOTATIONS_NAME).exists() and (folder / COCO_NAME).exists():
+    ours = (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
+    if not ours and (folder / COCO_NAME).exists():
         return _read_annotations(folder / COCO_NAME).to_dict()
     check_is_dataset(folder)
     return read_document(folder).to_dict()

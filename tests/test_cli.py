@@ -15,6 +15,7 @@ from dataset.coco import CocoDataset
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
+VERBS += ["subset", "augment", "train"]
 
 
 def run(*words, cwd):
@@ -45,6 +46,9 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
         (["join", "none", "-o", "dataset"], "none"),
         (["export", "none", "-o", "out"], "none"),
         (["inspect", "none.blend"], "none.blend"),
+        (["subset", "none", "-o", "out"], "none"),
+        (["train", "--data", "real=none", "-o", "run", "--model", "small"], "none"),
+        (["train", "--data", "real=none", "-o", "run", "--model", "huge"], "model = 'huge'"),
         (["verify", "n" * 300], "File name too long"),
         (["inspect", "none.blend", "-o", f"{'n' * 300}.png"], "File name too long"),
     ],

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 from itertools import pairwise
@@ -11,7 +12,8 @@ from PIL import Image
 
 from geometry.errors import ConfigError, DatasetError, HulldownError
 from tests.training_pictures import edit, make_dataset
-from training.settings import load_settings, rate_factor
+from training.augment import TABLE, OneOf
+from training.settings import Settings, load_settings, rate_factor
 from training.sources import check_pictures, read_sources
 
 ROOT = Path(__file__).parents[1]
@@ -280,3 +282,10 @@ def test_run_json_says_what_the_run_was(tmp_path):
     )  # fmt: skip
     assert again == run
     assert told[-1].endswith("is finished already")
+
+
+def test_the_page_on_training_has_a_row_for_every_key_and_line():
+    page = (ROOT / "docs" / "training.md").read_text(encoding="utf-8")
+    rows = " ".join(re.findall(r"(?m)^\| (`[^|]+) \|", page))
+    lines = [name for line, of in TABLE.items() for name in (line, *(of.changes if isinstance(of, OneOf) else ()))]
+    assert [name for name in (*Settings.model_fields, *lines) if f"`{name}`" not in rows] == []

@@ -1,0 +1,77 @@
+"""What holds of augmented pictures, whatever the picture, the boxes and the seed."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from training.augment import TABLE, Augmenter, Sample, changed_table
+from training.data import at_work_size, example
+
+WIDTH, HEIGHT = 96, 64
+FULL = Augmenter(TABLE, height=HEIGHT)
+FLIP = Augmenter(
+    changed_table({name: {"probability": float(name == "horizontal_flip")} for name in TABLE}), height=HEIGHT
+)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+SIDES = st.tuples(st.floats(2, WIDTH), st.floats(2, HEIGHT), st.floats(0, 1), st.floats(0, 1), st.booleans())
+SCENES = st.tuples(SEEDS, st.lists(SIDES, max_size=4))
+
+
+def sample_of(scene):
+    """A picture of noise with boxes, some with masks; made here since types are checked with random numbers."""
+    seed, sides = scene
+    picture = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    boxes, masks = [], []
+    for w, h, along, down, masked in sides:
+        x, y = along * (WIDTH - w), down * (HEIGHT - h)
+        boxes.append([x, y, w, h])
+        rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+        inside = (abs(columns - x - w / 2) <= w / 2) & (abs(rows - y - h / 2) <= h / 2)
+        masks.append(inside if masked and inside.any() else None)
+    xywh = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    return Sample(picture, xywh, np.arange(len(boxes)), tuple(masks))
+
+
+@given(SCENES, SEEDS)
+def test_a_box_never_leaves_the_picture_and_agrees_with_its_mask(scene, seed):
+    sample = sample_of(scene)
+    found = FULL(sample, seed)
+    low, high = found.xywh[:, :2], found.xywh[:, :2] + found.xywh[:, 2:]
+    assert (low >= -1e-4).all()  # Albumentations computes boxes in float32
+    assert (high <= [WIDTH + 1e-4, HEIGHT + 1e-4]).all()
+    assert (found.xywh[:, 2:] > 0).all()
+    assert len(set(found.label.tolist())) == len(found.label)
+    for a, b, label, mask in zip(low, high, found.label, found.masks, strict=True):
+        assert (mask is None) == (sample.masks[label] is None)
+        if mask is not None:
+            rows, columns = np.nonzero(mask)
+            seen = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+            assert np.abs(np.concatenate((a, b)) - seen).max() <= 1.0 + 1e-3
+
+
+@given(SCENES, SEEDS)
+def test_the_same_seed_does_the_same(scene, seed):
+    sample = sample_of(scene)
+    one, two = FULL(sample, seed), FULL(sample, seed)
+    np.testing.assert_array_equal(one.picture, two.picture)
+    np.testing.assert_array_equal(one.xywh, two.xywh)
+
+
+@given(SCENES, SEEDS)
+def test_two_flips_are_none(scene, seed):
+    sample = sample_of(scene)
+    twice = FLIP(FLIP(sample, seed), seed)
+    np.testing.assert_array_equal(twice.picture, sample.picture)
+    np.testing.assert_allclose(twice.xywh, sample.xywh, rtol=0, atol=1e-3)
+
+
+@given(SCENES, st.integers(32, 200), st.integers(32, 200))
+def test_boxes_are_scaled_with_their_picture(scene, width, height):
+    sample = sample_of(scene)
+    seen = example(at_work_size(sample, (width, height)), (width, height))
+    assert tuple(seen.picture.shape) == (3, height, width)
+    corners = np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1)
+    scale = [width / WIDTH, height / HEIGHT] * 2
+    np.testing.assert_allclose(seen.xyxy.numpy(), corners * scale, rtol=1e-5, atol=1e-4)
