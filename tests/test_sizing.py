@@ -93,5 +93,5 @@ def test_the_check_recomputes_the_size(assets, tmp_path, measure):
     path.write_bytes(b"".join(map(encode, [header, *rows])))
     findings = check_plan(read_plan(path), assets)
     assert len(findings) == 6
-    assert f"share of the image's {measure} is 0.1" in findings[0]
+    assert "share of the image that the box fills is 0.1" in findings[0]
     assert findings[0].endswith("allowed are 0.3 to 0.4")

@@ -10,24 +10,31 @@ from rich.console import Console
 
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING, sentence
+from planning.row import Box, PlannedVehicle, Row, Weather, picture_name
 from planning.summary import Histogram, summarise
+
+TARGET = {
+    "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},
+    "bbox": Box(0.0, 0.0, 10.0, 20.0), "bbox_amodal": None, "visible_fraction": 1.0, "truncated_fraction": 0.0,
+    "slope_deg": 5.0, "gap": 0.0, "penetration": 0.0, "tries": 1,
+}  # fmt: skip
 
 
 def row(i, **changes):
-    camera, vehicle = np.eye(4), np.eye(4)
+    camera = np.eye(4)
     camera[:3, 3] = [3.0, 0.0, 4.0]
-    return {
-        "category": "tank", "vehicle": "t72", "scenery": "hills", "hdri": "noon", "shot": i % 2, "weather": None,
-        "bbox": [0.0, 0.0, 10.0, 20.0], "companions": [], "rejected": {}, "slope_deg": 5.0, "visible_fraction": 1.0,
-        "truncated_fraction": 0.0, "world_from_camera": camera.tolist(), "world_from_vehicle": vehicle.tolist(),
-        **changes,
+    image = {
+        "index": i, "image_id": i + 1, "file_name": picture_name(i), "scenery": "hills", "position": i // 2,
+        "shot": i % 2, "world_from_camera": camera, "fov_x_deg": 50.0, "width": 1920, "height": 1080, "hdri": "noon",
+        "hdri_yaw_deg": 0.0, "strength": 1.0, "weather": None, "sample_seed": 0, "companions": [], "rejected": {},
     }  # fmt: skip
+    return Row(**TARGET | image | changes)
 
 
 ROWS = [
     row(0, rejected={"too_steep": 3, "camera_low": 1}),
-    row(1, bbox=[0.0, 0.0, 33.0, 33.0], weather={"visibility_m": 100.0}),
-    row(2, category="truck", vehicle="ural", bbox=[0.0, 0.0, 500.0, 200.0], companions=[{"vehicle": "t72"}]),
+    row(1, bbox=Box(0.0, 0.0, 33.0, 33.0), weather=Weather(100.0)),
+    row(2, category="truck", vehicle="ural", bbox=Box(0.0, 0.0, 500.0, 200.0), companions=[PlannedVehicle(**TARGET)]),
     row(3, category="truck", vehicle="man", slope_deg=29.5, visible_fraction=0.4, rejected={"hidden": 2}),
 ]
 
