@@ -181,7 +181,7 @@ class VehicleBoxes:
             framed, extremes = self._framed(camera_from_parts, Lenses(each.f[rows], each.size[rows]))
             xywh[rows][framed, :2] = amodal[rows][framed, :2] = extremes[framed, :2]
             xywh[rows][framed, 2:] = amodal[rows][framed, 2:] = extremes[framed, 2:] - extremes[framed, :2]
-            for i in np.flatnonzero(~framed):
+            for i in np.flatnonzero(~framed).tolist():
                 for out, frame in ((xywh, True), (amodal, False)):
                     frustum = Frustum.of_each(each, start + i, frame=frame)
                     found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
