@@ -295,7 +295,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
     with _progress("checking") as advance:
-        findings = list(verify(arguments.dataset, plan=arguments.plan, progress=advance))
+        findings = list(verify(arguments.dataset, plan=arguments.plan, fast=arguments.fast, progress=advance))
     checked = 0
     if arguments.masks:
         from render.masks import verify_masks
@@ -735,6 +735,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
+    sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
 
     sub = verb(

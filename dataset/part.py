@@ -12,6 +12,7 @@ from dataset.document import Document, check_is_dataset, read_document
 from dataset.failures import read_failures
 from dataset.provenance import read_provenance
 from dataset.records import check_usable
+from dataset.seals import broken
 from geometry.errors import DatasetError
 
 
@@ -56,6 +57,11 @@ def read_part(folder: Path, target: Path) -> Part:
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
     images, annotations = document.images, document.annotations
+    for kind, records in (("image", images), ("annotation", annotations)):
+        # Appending seals records anew, so that what is wrong here would be right there.
+        if (spoilt := next((i for i, _ in filter(_is_broken, records)), None)) is not None:
+            problem = f"{kind} {spoilt} is not as it was recorded"
+            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
     check_usable(folder, document.categories, map(loaded, images), map(loaded, annotations))
     for what, n, unique in (
         ("image ids", len(images), document.image_ids),
@@ -74,6 +80,10 @@ def read_part(folder: Path, target: Path) -> Part:
         if not (folder / name).is_file():
             raise DatasetError("is missing", path=folder / name, remedy="render or copy this part again")
     return Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
+
+
+def _is_broken(record: tuple[int, bytes]) -> bool:
+    return broken(loaded(record))
 
 
 def loaded(record: tuple[int, bytes]) -> dict[str, Any]:

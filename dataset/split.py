@@ -14,6 +14,7 @@ import orjson
 from dataset.document import COCO_NAME
 from dataset.pictures import link_or_copy
 from dataset.records import read_usable
+from dataset.seals import changed
 from dataset.yolo import class_numbers, label_lines, write_data_file
 from geometry.errors import DatasetError
 
@@ -159,7 +160,7 @@ def export(
                 mine = [image for image in coco["images"] if split_of[image["id"]] == split]
                 part = {
                     **{key: value for key, value in coco.items() if key not in ("images", "annotations")},
-                    "images": [{**image, "file_name": names[image["id"]]} for image in mine],
+                    "images": [changed(image, file_name=names[image["id"]]) for image in mine],
                     "annotations": [annotation for image in mine for annotation in boxes[image["id"]]],
                 }
                 (unfinished / split / COCO_NAME).write_bytes(orjson.dumps(part))
