@@ -277,7 +277,7 @@ def _join(arguments: argparse.Namespace) -> int:
     from dataset.join import join
 
     with _progress("joining") as advance:
-        joined = join(arguments.parts, arguments.output, progress=advance)
+        joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links, progress=advance)
     if arguments.json:
         _print_json(dataclasses.asdict(joined))
     _say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
@@ -321,7 +321,12 @@ def _export(arguments: argparse.Namespace) -> int:
 
     with _progress("linking images") as advance:
         counts = export(
-            arguments.dataset, arguments.output, layout=arguments.format, fractions=arguments.split, progress=advance
+            arguments.dataset,
+            arguments.output,
+            layout=arguments.format,
+            fractions=arguments.split,
+            allow_links=arguments.allow_links,
+            progress=advance,
         )
     if arguments.json:
         _print_json(counts)
@@ -647,6 +652,12 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
+    def allow_links(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--allow-links", type=Path, metavar="DIR", action="append", default=[],
+            help="folder that pictures which are links may lead to, besides their dataset; may be repeated",
+        )  # fmt: skip
+
     sub = verb(
         "init", _init, "start a project", "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs."
     )
@@ -728,6 +739,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset; it stays as it is")
     sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="made if it is not there")
+    allow_links(sub)
 
     sub = verb(
         "verify", _verify, "check a dataset",
@@ -749,6 +761,7 @@ def _parser() -> argparse.ArgumentParser:
         "--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
     )  # fmt: skip
+    allow_links(sub)
 
     sub = verb(
         "subset", _subset, "make nested smaller datasets of one",

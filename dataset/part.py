@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import orjson
 
 from dataset.document import Document, check_is_dataset, read_document
 from dataset.failures import read_failures
+from dataset.pictures import own_picture
 from dataset.provenance import read_provenance
 from dataset.records import check_usable
 from dataset.seals import broken
@@ -39,8 +41,17 @@ class Part:
     failures: list[dict[str, Any]]
 
 
-def read_part(folder: Path, target: Path) -> Part:
+def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
     """Read a part that shall be appended to the dataset in `target`.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    target
+        What it shall be appended to.
+    allowed
+        Folders that links in the part may lead to.
 
     Raises
     ------
@@ -77,8 +88,11 @@ def read_part(folder: Path, target: Path) -> Part:
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
-        if not (folder / name).is_file():
-            raise DatasetError("is missing", path=folder / name, remedy="render or copy this part again")
+        try:
+            own_picture(folder, name, allowed)
+        except OSError as error:
+            problem = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error.strerror})"
+            raise DatasetError(problem, path=folder / name, remedy="render or copy this part again") from error
     return Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 

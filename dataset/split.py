@@ -12,7 +12,7 @@ from typing import Any
 import orjson
 
 from dataset.document import COCO_NAME
-from dataset.pictures import link_or_copy
+from dataset.pictures import link_or_copy, own_picture
 from dataset.records import read_usable
 from dataset.seals import changed
 from dataset.yolo import class_numbers, label_lines, write_data_file
@@ -95,6 +95,7 @@ def export(
     layout: str = "coco",
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
+    allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
     """Write a dataset as train, valid and test folders; images are linked where the disk allows, copied where not.
@@ -110,6 +111,8 @@ def export(
         ``"yolo"``: ``images/train``, ``labels/train`` and ``data.yaml``, as Ultralytics has it.
     fractions, seed
         See `share_out`.
+    allow_links
+        Folders outside the dataset that pictures which are links may lead to.
     progress
         Told (done, all) after each image.
 
@@ -120,12 +123,13 @@ def export(
     Raises
     ------
     DatasetError
-        If the dataset cannot be read, an image of it is missing, or `out` has something in it or cannot be written.
+        If the dataset cannot be read, an image of it is missing or is a link that leads elsewhere, or `out` has
+        something in it or cannot be written.
         Nothing is left in `out` then.
     """
     if layout not in ("coco", "yolo"):
         raise ValueError(f"layout: expected 'coco' or 'yolo', got {layout!r}")
-    dataset, out = Path(dataset), Path(out)
+    dataset, out, allowed = Path(dataset), Path(out), [Path(folder) for folder in allow_links]
     coco = read_usable(dataset)
     if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
         raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
@@ -144,7 +148,7 @@ def export(
             name = names[image["id"]]
             source = dataset / image["file_name"]
             try:
-                link_or_copy(source, pictures / name)
+                link_or_copy(own_picture(dataset, image["file_name"], allowed), pictures / name)
             except OSError as error:
                 problem = f"cannot be exported ({error.strerror})"
                 raise DatasetError(problem, path=source, remedy="check it with `hulldown verify`") from error
