@@ -137,7 +137,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     from reading.inspect import Inspected, inspect, write_pictures
 
     if arguments.output:
-        _make_room(arguments.output)
+        _make_room_for_picture(arguments.output)
     inspected: list[Inspected] = []
     for path in arguments.files:
         with _reading() as progress:
@@ -179,9 +179,15 @@ def _plan(arguments: argparse.Namespace) -> int:
         )
     config = load_config(arguments.config)
     _make_room(arguments.output)
+    _make_room_for_picture(_picture_of(arguments.output, "summary"))
     with _reading() as progress:
         assets = load_assets(
-            config, strict=arguments.strict, progress=progress, warn=_warn, limits=_read_limits(arguments)
+            config,
+            strict=arguments.strict,
+            cache=arguments.cache,
+            progress=progress,
+            warn=_warn,
+            limits=_read_limits(arguments),
         )
     with _progress("planning") as advance:
         plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
@@ -192,7 +198,7 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
     from planning.summary import summarise
 
     summary = summarise(plan)
-    picture = Path(arguments.output).with_suffix(".png")
+    picture = _picture_of(arguments.output, "summary")
     summary.draw(picture)
     if arguments.json:
         _print_json(summary.to_json())
@@ -210,7 +216,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(arguments.plan)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=_read_limits(arguments))
     with _progress("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
@@ -227,12 +233,13 @@ def _preview(arguments: argparse.Namespace) -> int:
     from planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
-    _make_room(arguments.output)
+    output = arguments.output or _picture_of(arguments.plan, "preview")
+    _make_room_for_picture(output)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=_read_limits(arguments))
     with _progress("shading") as advance:
-        preview_sheet(plan, assets, arguments.output, count=arguments.count, progress=advance)
-    _say(f"wrote {arguments.output}")
+        preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
+    _say(f"wrote {output}")
     return DONE
 
 
@@ -257,6 +264,7 @@ def _render(arguments: argparse.Namespace) -> int:
             blender=arguments.blender,
             limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
             read_limits=_read_limits(arguments),
+            cache=arguments.cache,
             progress=show,
         )
     if arguments.json:
@@ -301,7 +309,9 @@ def _verify(arguments: argparse.Namespace) -> int:
         from render.masks import verify_masks
 
         with _progress("rendering masks") as advance:
-            measured = verify_masks(arguments.dataset, arguments.plan, count=arguments.masks, progress=advance)
+            measured = verify_masks(
+                arguments.dataset, arguments.plan, count=arguments.masks, cache=arguments.cache, progress=advance
+            )
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:
@@ -464,9 +474,10 @@ def _demo(arguments: argparse.Namespace) -> int:
         STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
+    from annotate.sheets import save_sheet
     from dataset.overlay import dataset_sheet
 
-    dataset_sheet(dataset, count=12, columns=3, masks=False).save(folder / "contact_sheet.png")
+    save_sheet(dataset_sheet(dataset, count=12, columns=3, masks=False), folder / "contact_sheet.png")
     _say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
     return DONE
 
@@ -481,6 +492,19 @@ def _make_room(path: Path) -> None:
         raise HulldownError(
             f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
         ) from None
+
+
+def _make_room_for_picture(path: Path) -> None:
+    """As `_make_room`, and refuse to replace what is no picture of ours."""
+    from annotate.sheets import refuse_foreign
+
+    _make_room(path)
+    refuse_foreign(path)
+
+
+def _picture_of(plan: Path, what: str) -> Path:
+    """The name of a picture of a plan, which says whose it is and of what."""
+    return plan.with_name(f"{plan.name}.{what}.png")
 
 
 def _list(lines: Sequence[str]) -> None:
@@ -652,6 +676,11 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
+    def cache(sub: argparse.ArgumentParser, where: str) -> None:
+        sub.add_argument(
+            "--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})"
+        )
+
     def allow_links(sub: argparse.ArgumentParser) -> None:
         sub.add_argument(
             "--allow-links", type=Path, metavar="DIR", action="append", default=[],
@@ -690,6 +719,7 @@ def _parser() -> argparse.ArgumentParser:
         "--workers", type=_at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)"
     )
     sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+    cache(sub, "the config's; with --check .hulldown-cache beside the plan")
     _add_read_limits(sub)
 
     sub = verb(
@@ -698,14 +728,14 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument(
-        "-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"), help="default: preview.png"
-    )
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="default: PLAN.preview.png, beside the plan")
     sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "render", _render, "render a plan with Blender Cycles",
@@ -731,6 +761,7 @@ def _parser() -> argparse.ArgumentParser:
         help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
     )  # fmt: skip
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "join", _join, "put parts of a dataset together",
@@ -749,6 +780,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
     sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "export", _export, "split a dataset for training",
