@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import UInt8
+
+from dataset.check_looks import check_looks, is_rendered
 from dataset.names import place_of
 from dataset.picture_files import UnreadableError, read_picture
 from dataset.records import Finding
@@ -14,6 +18,7 @@ from dataset.seals import PICTURE_KEY, digest
 from geometry.files import stays_inside
 
 DECODERS = 4
+Look = Callable[[Mapping[str, Any], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
 def check_pictures(
@@ -21,6 +26,7 @@ def check_pictures(
     coco: Mapping[str, Any],
     *,
     fast: bool = False,
+    look: Look | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Finding]:
     """What is wrong with the files of a dataset's pictures.
@@ -33,16 +39,24 @@ def check_pictures(
         The dataset.
     fast
         Whether to look only at which files are there.
+    look
+        What else to look for in each picture that was rendered here.
     progress
         Told (done, all) after each image.
     """
     images = coco["images"]
+    labels: dict[int, list[Mapping[str, Any]]] = {}
+    for annotation in coco["annotations"]:
+        if isinstance(image_id := annotation.get("image_id"), int):
+            labels.setdefault(image_id, []).append(annotation)
     contents: dict[str, str] = {}
     with ThreadPoolExecutor(DECODERS) as pool:
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check(folder, image, fast=fast), chunk)
+            results = pool.map(
+                lambda image: _check(folder, image, labels.get(image["id"], []), fast=fast, look=look), chunk
+            )
             for done, (image, (findings, found)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
                 yield from findings
                 name = str(image.get("file_name"))
@@ -58,7 +72,9 @@ def check_pictures(
             yield Finding("warning", strays[0], f"belongs to no record{more}")
 
 
-def _check(folder: Path, image: Mapping[str, Any], *, fast: bool) -> tuple[list[Finding], str | None]:
+def _check(
+    folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
+) -> tuple[list[Finding], str | None]:
     """What is wrong with a picture, and the hash of its content."""
     name = image.get("file_name")
     if not stays_inside(name):
@@ -76,6 +92,10 @@ def _check(folder: Path, image: Mapping[str, Any], *, fast: bool) -> tuple[list[
         width, height = picture.size
         stated = f"{image.get('width')} x {image.get('height')}"
         findings.append(Finding("error", name, f"is {width} x {height}, its record says {stated}"))
+    elif picture.pixels is not None and is_rendered(image):
+        findings += check_looks(image, labels, picture.pixels)
+        if look is not None:
+            findings += look(image, picture.pixels)
     found = digest(picture.content)
     recorded = image.get(PICTURE_KEY)
     if recorded is not None and recorded != found:

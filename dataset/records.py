@@ -37,11 +37,14 @@ class Finding:
         The record or file.
     problem
         What is wrong with it.
+    figure
+        What was measured, if the finding rests on a measurement.
     """
 
     severity: Literal["error", "warning"]
     where: str
     problem: str
+    figure: float | None = None
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.problem}"

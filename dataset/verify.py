@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pycocotools.coco import COCO
 
 from annotate.masks import decode, iou, mask_box
-from dataset.check_pictures import check_pictures
+from dataset.check_pictures import Look, check_pictures
 from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from dataset.journal import is_cut_off
 from dataset.planned import check_planned
@@ -31,6 +31,7 @@ def verify(
     *,
     plan: Path | str | None = None,
     fast: bool = False,
+    look: Look | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Finding]:
     """Everything that is wrong with a dataset, as it is found.
@@ -43,6 +44,8 @@ def verify(
         A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
     fast
         Whether pictures are not opened and hashes not compared.
+    look
+        What else to look for in each picture that was rendered here, such as `dataset.check_skies.SkyCheck`.
     progress
         Told (done, all) after each image.
 
@@ -68,7 +71,7 @@ def verify(
         )
     if not fast:
         yield from check_seals(coco)
-    yield from check_pictures(folder, coco, fast=fast, progress=progress)
+    yield from check_pictures(folder, coco, fast=fast, look=look, progress=progress)
 
 
 @dataclass(frozen=True, slots=True)
