@@ -18,7 +18,7 @@ from dataset.seals import PICTURE_KEY, digest
 from geometry.files import stays_inside
 
 DECODERS = 4
-Look = Callable[[Mapping[str, Any], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
+Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
 def check_pictures(
@@ -95,7 +95,7 @@ def _check(
     elif picture.pixels is not None and is_rendered(image):
         findings += check_looks(image, labels, picture.pixels)
         if look is not None:
-            findings += look(image, picture.pixels)
+            findings += look(image, labels, picture.pixels)
     found = digest(picture.content)
     recorded = image.get(PICTURE_KEY)
     if recorded is not None and recorded != found:
