@@ -302,8 +302,10 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
+    look, findings = _look(arguments)
     with _progress("checking") as advance:
-        findings = list(verify(arguments.dataset, plan=arguments.plan, fast=arguments.fast, progress=advance))
+        options = {"plan": arguments.plan, "fast": arguments.fast, "look": look, "progress": advance}
+        findings += verify(arguments.dataset, **options)
     checked = 0
     if arguments.masks:
         from render.masks import verify_masks
@@ -324,6 +326,23 @@ def _verify(arguments: argparse.Namespace) -> int:
     masks = f", {checked} masks rendered" if arguments.masks else ""
     _say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
     return FOUND if errors else DONE
+
+
+def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
+    """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
+    if arguments.plan is None or arguments.fast:
+        return None, []
+    from dataset.check_skies import sky_check
+    from dataset.document import read_coco
+    from dataset.records import Finding
+    from planning.plan_file import read_plan
+
+    coco = read_coco(arguments.dataset)
+    try:
+        with _reading():
+            return sky_check(read_plan(arguments.plan), coco, cache=arguments.cache), []
+    except HulldownError as error:
+        return None, [Finding("warning", arguments.plan.name, f"skies are not looked at: {error}")]
 
 
 def _export(arguments: argparse.Namespace) -> int:

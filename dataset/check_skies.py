@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,11 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.world import World
 from dataset.records import Finding
-from dataset.runs import Run
+from dataset.runs import Run, find_run, plan_key
 from dataset.sky import deviation, displayed, inner, radiance
+from planning.loading import load_planned_library, planned_cache
+from planning.plan_file import Plan
+from reading.sky_maps import sky_maps
 
 WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky
@@ -46,8 +50,8 @@ class SkyCheck:
         self, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
     ) -> Iterator[Finding]:
         """What is wrong with the sky of a picture."""
-        name, hdri = str(image.get("file_name")), image.get("hdri")
-        if not self.run.owns(image["id"], name) or hdri not in self.skies or image.get("scenery") not in self.worlds:
+        name, hdri, scenery = (str(image.get(key)) for key in ("file_name", "hdri", "scenery"))
+        if not self.run.owns(image["id"], name) or hdri not in self.skies or scenery not in self.worlds:
             return
         try:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
@@ -65,7 +69,7 @@ class SkyCheck:
             seen = radiance(self.skies[other], along, yaw=yaw, strength=strength, visibility_m=visibility_m)
             return deviation(small, displayed(seen), sky)
 
-        figure = differs(str(hdri))
+        figure = differs(hdri)
         if figure > UNLIKE:
             yield Finding(
                 "error", name, f"its sky is not {hdri!r} as recorded: it differs by {figure:.1f} of 255", figure
@@ -85,6 +89,35 @@ class SkyCheck:
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
         met = self.worlds[image["scenery"]].occluded(np.broadcast_to(camera.position, along.shape), along)
         return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH)
+
+
+def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None) -> SkyCheck | None:
+    """A check of what a dataset holds of a plan; None if it holds nothing.
+
+    Parameters
+    ----------
+    plan
+        A plan that was rendered into the dataset.
+    coco
+        The dataset.
+    cache
+        Where the plan's assets are kept; beside it if None.
+
+    Raises
+    ------
+    HulldownError
+        If its assets cannot be read any more.
+    """
+    run = find_run(coco, plan_key(plan.path))
+    if run is None:
+        return None
+    cache = cache or planned_cache(plan)
+    config, library = load_planned_library(plan, cache=cache)
+    used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
+    hdris = {name: hdri.path for name, hdri in library.hdris.items() if name in used}
+    sceneries = library.assets.sceneries
+    worlds = {name: World.of(sceneries[name], fallback_z=config.ground.fallback_z) for name in sceneries}
+    return SkyCheck(worlds, sky_maps(hdris, cache), run)
 
 
 def _labelled(
