@@ -80,7 +80,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         STDERR.print(f"hulldown: {escape(_in_one_line(str(error)))}", soft_wrap=True)
         return MISTAKE
     except KeyboardInterrupt:
-        STDERR.print("hulldown: stopped; the same command goes on from here")
+        goes_on = arguments.run in (_init, _plan, _render, _join, _demo)
+        STDERR.print(f"hulldown: stopped; {'the same command goes on from here' if goes_on else 'nothing was written'}")
         return STOPPED
     except BrokenPipeError:
         # The reader of our stdout has gone, as `head` does; nothing more can be said there.
@@ -630,7 +631,8 @@ def _shares(text: str) -> tuple[float, ...]:
         shares = tuple(float(word) for word in text.split(","))
     except ValueError:
         shares = ()
-    if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1.0) > 1e-6:
+    # What is no number fails each comparison.
+    if len(shares) != 3 or not all(share >= 0 for share in shares) or not abs(sum(shares) - 1.0) <= 1e-6:
         raise argparse.ArgumentTypeError(f"expected three shares that add up to 1, such as 0.7,0.2,0.1, got {text!r}")
     return shares
 

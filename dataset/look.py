@@ -1,6 +1,6 @@
 """What pictures look like, in figures: how a target stands out, and whether an outline is one in the picture too.
 
-The thresholds were measured on 172 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a seventh of
+The thresholds were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a seventh of
 them; docs/dataset.md has the figures.
 """
 
@@ -15,8 +15,8 @@ from scipy import ndimage
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709, of display values here
 NOTHING = 1.0  # of 255: a target that differs less from what is around it, and within itself, is not in the picture
 FAINT = 8.0  # of 255: hard to make out; sound renders had 20.9 and more
-BLACK, WHITE = 16.0, 250.0  # of 255: the brightest tenth of a sound target had 42 and more
-UNLIKE = 1.2  # outlines: of 172 sound pictures the lowest had 1.36
+BLACK, WHITE = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
+UNLIKE = 1.2  # outlines: of 240 sound pictures the lowest had 1.36
 SMALLEST = 30  # pixels of a mask that has an outline to speak of
 WIDEST = 640  # pixels of the patch that is looked at; larger ones are averaged down
 AROUND = 0.25  # of a mask's longer side: how far around it its surroundings go

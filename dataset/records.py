@@ -9,19 +9,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from annotate.masks import decode, mask_box
+from annotate.masks import extent
 from dataset.document import read_coco
 from dataset.entries import is_box
 from dataset.names import is_plain, place_of
 from dataset.runs import runs_of
 from dataset.seals import PICTURE_KEY, RECORD_KEY, broken
-from geometry.errors import DatasetError
+from geometry.errors import DatasetError, shortened
 from geometry.files import stays_inside
 
 OUTSIDE = 1e-6  # pixels: what a box may reach beyond its image, by the rounding of decimal text
-LONGEST = 256  # characters of a name in a finding
 MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
 
 
@@ -45,6 +42,10 @@ class Finding:
     where: str
     problem: str
     figure: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in ("where", "problem"):
+            object.__setattr__(self, field, shortened(getattr(self, field)))
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.problem}"
@@ -200,7 +201,7 @@ def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
 def _name(image: Mapping[str, Any]) -> str:
     """What to call an image where something is wrong with it: as its file, if it has one."""
     name = image.get("file_name")
-    return name[:LONGEST] if isinstance(name, str) and name else f"image {image['id']}"
+    return name if isinstance(name, str) and name else f"image {image['id']}"
 
 
 def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
@@ -233,19 +234,18 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
     if not annotation.get("segmentation") or any(_size_problems(image)):
         return
     try:
-        mask = decode(annotation["segmentation"], image["width"], image["height"])
+        pixels, box = extent(annotation["segmentation"], image["width"], image["height"])
     except ValueError as error:
         yield str(error)
         return
-    box = mask_box(mask)
     if box is not None:
         x, y, w, h = annotation["bbox"]
         low, high = box[:2] - (x, y), box[:2] + box[2:] - (x + w, y + h)
         if low.min() < -MASK_OUTSIDE or high.max() > MASK_OUTSIDE:
             yield f"its mask covers {box.tolist()}, beyond its bbox {annotation['bbox']}"
     lengths = isinstance(annotation["segmentation"], Mapping)
-    if lengths and annotation.get("area") is not None and annotation["area"] != np.count_nonzero(mask):
-        yield f"area is {annotation['area']}, its mask has {np.count_nonzero(mask)} pixels"
+    if lengths and annotation.get("area") is not None and annotation["area"] != pixels:
+        yield f"area is {annotation['area']}, its mask has {pixels} pixels"
 
 
 def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:

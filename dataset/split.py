@@ -68,7 +68,8 @@ def share_out(
     seed
         Another seed, another split.
     """
-    if len(fractions) != 3 or min(fractions) < 0.0 or abs(sum(fractions) - 1.0) > 1e-6:
+    # What is no number fails each comparison.
+    if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
     groups: dict[str, list[int]] = {}
     for image in images:

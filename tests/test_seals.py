@@ -168,3 +168,11 @@ def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / name)
     (line,) = errors(tmp_path)
     assert "no regular file" in line
+
+
+def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):
+    edit(fill(tmp_path), lambda c: c["images"][1].update(file_name="x" * 1_000_000))
+    assert max(len(str(finding)) for finding in verify(tmp_path)) < 3000
+    with pytest.raises(DatasetError) as refused:
+        export(tmp_path, tmp_path / "out")
+    assert len(str(refused.value)) < 3000
