@@ -38,6 +38,8 @@ def is_free(file_name: object) -> bool:
 
 
 def is_plain(file_name: str) -> bool:
-    """Whether a name is spelled as its file: under a folder, without empty, ``.`` or hidden components."""
-    parts = file_name.split("/")
-    return len(parts) > 1 and not any(part == "" or part.startswith(".") for part in parts)
+    """Whether a name is spelled as its file, without empty, ``.`` or hidden components.
+
+    Plans ask more of theirs (`geometry.files.PICTURE_NAME`); older datasets have names that plans may no longer have.
+    """
+    return not any(part == "" or part.startswith(".") for part in file_name.split("/"))

@@ -128,6 +128,10 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
     for name, times in Counter(place_of(str(image.get("file_name"))) for image in images).items():
         if times > 1:
             yield Finding("error", name, f"belongs to {times} image records")
+    spelled: dict[str, str] = {}
+    for name in (str(image.get("file_name")) for image in images):
+        if (other := spelled.setdefault(name.casefold(), name)) != name:
+            yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
     for image in images:
         yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
 

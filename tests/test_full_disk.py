@@ -5,8 +5,10 @@ import sys
 from pathlib import Path
 
 from planning.plan_file import PlanWriter
+from planning.row import Header
 
 ROOT = Path(__file__).resolve().parents[1]
+HEADER = Header(hulldown_plan=1, images=0, seed=0, root=".", config={}, vehicles={}, sceneries={}, hdris={})
 FILL = """
 import resource, sys
 from pathlib import Path
@@ -29,7 +31,7 @@ def test_a_file_that_has_no_room_is_named(tmp_path):
 
 
 def test_the_lock_of_a_plan_is_removed_while_it_is_held(tmp_path, monkeypatch):
-    writer = PlanWriter(tmp_path / "plan.jsonl", {})
+    writer = PlanWriter(tmp_path / "plan.jsonl", HEADER)
     there = []
     release = writer._lock.release
     monkeypatch.setattr(

@@ -176,3 +176,28 @@ def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):
     with pytest.raises(DatasetError) as refused:
         export(tmp_path, tmp_path / "out")
     assert len(str(refused.value)) < 3000
+
+
+@pytest.mark.parametrize("name", ["images/./00000001.png", "images//00000001.png", "./images/00000001.png"])
+def test_two_names_of_one_file_are_one_name(tmp_path, name):
+    with CocoDataset.open(fill(tmp_path, 1)) as target, pytest.raises(ValueError, match="is in the dataset already"):
+        target.append({"file_name": name, "width": 32, "height": 24}, [])
+    edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
+    assert "error: images/00000001.png: belongs to 2 image records" in errors(tmp_path)
+
+
+@pytest.mark.parametrize("name", [".unfinished/1.png", "annotations.json", "Journal.jsonl", "logs/1.png", "."])
+def test_what_the_dataset_keeps_for_itself_is_no_name_of_a_picture(tmp_path, name):
+    with (
+        CocoDataset.open(tmp_path) as target,
+        pytest.raises(ValueError, match="a path inside the dataset that is free"),
+    ):
+        target.append({"file_name": name, "width": 32, "height": 24}, [])
+
+
+def test_a_planned_image_is_called_as_its_file(tmp_path):
+    with CocoDataset.open(tmp_path) as target:
+        target.run(PLAN, images=2, annotations=0)
+        with pytest.raises(ValueError, match=r"expected a name such as images/00000001\.png, got 'images/\./1\.png'"):
+            target.append({"id": 1, "file_name": "images/./1.png", "width": 32, "height": 24}, [])
+        target.append({"file_name": "photos/./1.jpg", "width": 32, "height": 24}, [])
