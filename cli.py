@@ -80,7 +80,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         STDERR.print(f"hulldown: {escape(_in_one_line(str(error)))}", soft_wrap=True)
         return MISTAKE
     except KeyboardInterrupt:
-        STDERR.print("hulldown: stopped; the same command goes on from here")
+        goes_on = arguments.run in (_init, _plan, _render, _join, _demo)
+        STDERR.print(f"hulldown: stopped; {'the same command goes on from here' if goes_on else 'nothing was written'}")
         return STOPPED
     except BrokenPipeError:
         # The reader of our stdout has gone, as `head` does; nothing more can be said there.
@@ -137,7 +138,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     from reading.inspect import Inspected, inspect, write_pictures
 
     if arguments.output:
-        _make_room(arguments.output)
+        _make_room_for_picture(arguments.output)
     inspected: list[Inspected] = []
     for path in arguments.files:
         with _reading() as progress:
@@ -179,9 +180,15 @@ def _plan(arguments: argparse.Namespace) -> int:
         )
     config = load_config(arguments.config)
     _make_room(arguments.output)
+    _make_room_for_picture(_picture_of(arguments.output, "summary"))
     with _reading() as progress:
         assets = load_assets(
-            config, strict=arguments.strict, progress=progress, warn=_warn, limits=_read_limits(arguments)
+            config,
+            strict=arguments.strict,
+            cache=arguments.cache,
+            progress=progress,
+            warn=_warn,
+            limits=_read_limits(arguments),
         )
     with _progress("planning") as advance:
         plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
@@ -192,7 +199,7 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
     from planning.summary import summarise
 
     summary = summarise(plan)
-    picture = Path(arguments.output).with_suffix(".png")
+    picture = _picture_of(arguments.output, "summary")
     summary.draw(picture)
     if arguments.json:
         _print_json(summary.to_json())
@@ -210,7 +217,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(arguments.plan)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=_read_limits(arguments))
     with _progress("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
@@ -227,12 +234,13 @@ def _preview(arguments: argparse.Namespace) -> int:
     from planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
-    _make_room(arguments.output)
+    output = arguments.output or _picture_of(arguments.plan, "preview")
+    _make_room_for_picture(output)
     with _reading() as progress:
-        assets = load_planned_assets(plan, progress=progress, limits=_read_limits(arguments))
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=_read_limits(arguments))
     with _progress("shading") as advance:
-        preview_sheet(plan, assets, arguments.output, count=arguments.count, progress=advance)
-    _say(f"wrote {arguments.output}")
+        preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
+    _say(f"wrote {output}")
     return DONE
 
 
@@ -257,6 +265,7 @@ def _render(arguments: argparse.Namespace) -> int:
             blender=arguments.blender,
             limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
             read_limits=_read_limits(arguments),
+            cache=arguments.cache,
             progress=show,
         )
     if arguments.json:
@@ -277,7 +286,7 @@ def _join(arguments: argparse.Namespace) -> int:
     from dataset.join import join
 
     with _progress("joining") as advance:
-        joined = join(arguments.parts, arguments.output, progress=advance)
+        joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links, progress=advance)
     if arguments.json:
         _print_json(dataclasses.asdict(joined))
     _say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
@@ -294,14 +303,18 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
+    look, findings = _look(arguments)
     with _progress("checking") as advance:
-        findings = list(verify(arguments.dataset, plan=arguments.plan, progress=advance))
+        options = {"plan": arguments.plan, "fast": arguments.fast, "look": look, "progress": advance}
+        findings += verify(arguments.dataset, **options)
     checked = 0
     if arguments.masks:
         from render.masks import verify_masks
 
         with _progress("rendering masks") as advance:
-            measured = verify_masks(arguments.dataset, arguments.plan, count=arguments.masks, progress=advance)
+            measured = verify_masks(
+                arguments.dataset, arguments.plan, count=arguments.masks, cache=arguments.cache, progress=advance
+            )
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:
@@ -316,12 +329,34 @@ def _verify(arguments: argparse.Namespace) -> int:
     return FOUND if errors else DONE
 
 
+def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
+    """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
+    if arguments.plan is None or arguments.fast:
+        return None, []
+    from dataset.check_skies import sky_check
+    from dataset.document import read_coco
+    from dataset.records import Finding
+    from planning.plan_file import read_plan
+
+    coco = read_coco(arguments.dataset)
+    try:
+        with _reading():
+            return sky_check(read_plan(arguments.plan), coco, cache=arguments.cache), []
+    except HulldownError as error:
+        return None, [Finding("warning", arguments.plan.name, f"skies are not looked at: {error}")]
+
+
 def _export(arguments: argparse.Namespace) -> int:
     from dataset.split import export
 
     with _progress("linking images") as advance:
         counts = export(
-            arguments.dataset, arguments.output, layout=arguments.format, fractions=arguments.split, progress=advance
+            arguments.dataset,
+            arguments.output,
+            layout=arguments.format,
+            fractions=arguments.split,
+            allow_links=arguments.allow_links,
+            progress=advance,
         )
     if arguments.json:
         _print_json(counts)
@@ -459,9 +494,10 @@ def _demo(arguments: argparse.Namespace) -> int:
         STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
+    from annotate.sheets import save_sheet
     from dataset.overlay import dataset_sheet
 
-    dataset_sheet(dataset, count=12, columns=3, masks=False).save(folder / "contact_sheet.png")
+    save_sheet(dataset_sheet(dataset, count=12, columns=3, masks=False), folder / "contact_sheet.png")
     _say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
     return DONE
 
@@ -476,6 +512,19 @@ def _make_room(path: Path) -> None:
         raise HulldownError(
             f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
         ) from None
+
+
+def _make_room_for_picture(path: Path) -> None:
+    """As `_make_room`, and refuse to replace what is no picture of ours."""
+    from annotate.sheets import refuse_foreign
+
+    _make_room(path)
+    refuse_foreign(path)
+
+
+def _picture_of(plan: Path, what: str) -> Path:
+    """The name of a picture of a plan, which says whose it is and of what."""
+    return plan.with_name(f"{plan.name}.{what}.png")
 
 
 def _list(lines: Sequence[str]) -> None:
@@ -582,7 +631,8 @@ def _shares(text: str) -> tuple[float, ...]:
         shares = tuple(float(word) for word in text.split(","))
     except ValueError:
         shares = ()
-    if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1.0) > 1e-6:
+    # What is no number fails each comparison.
+    if len(shares) != 3 or not all(share >= 0 for share in shares) or not abs(sum(shares) - 1.0) <= 1e-6:
         raise argparse.ArgumentTypeError(f"expected three shares that add up to 1, such as 0.7,0.2,0.1, got {text!r}")
     return shares
 
@@ -647,6 +697,17 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
+    def cache(sub: argparse.ArgumentParser, where: str) -> None:
+        sub.add_argument(
+            "--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})"
+        )
+
+    def allow_links(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--allow-links", type=Path, metavar="DIR", action="append", default=[],
+            help="folder that pictures which are links may lead to, besides their dataset; may be repeated",
+        )  # fmt: skip
+
     sub = verb(
         "init", _init, "start a project", "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs."
     )
@@ -679,6 +740,7 @@ def _parser() -> argparse.ArgumentParser:
         "--workers", type=_at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)"
     )
     sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+    cache(sub, "the config's; with --check .hulldown-cache beside the plan")
     _add_read_limits(sub)
 
     sub = verb(
@@ -687,14 +749,14 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument(
-        "-o", "--output", type=_picture, metavar="PNG", default=Path("preview.png"), help="default: preview.png"
-    )
+    sub.add_argument("-o", "--output", type=_picture, metavar="PNG", help="default: PLAN.preview.png, beside the plan")
     sub.add_argument("--count", type=_at_least_one, default=24, help="images, evenly from the plan (default: 24)")
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "render", _render, "render a plan with Blender Cycles",
@@ -720,6 +782,7 @@ def _parser() -> argparse.ArgumentParser:
         help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
     )  # fmt: skip
     _add_read_limits(sub)
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "join", _join, "put parts of a dataset together",
@@ -728,6 +791,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset; it stays as it is")
     sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="made if it is not there")
+    allow_links(sub)
 
     sub = verb(
         "verify", _verify, "check a dataset",
@@ -735,7 +799,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
+    sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=_at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+    cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
         "export", _export, "split a dataset for training",
@@ -748,6 +814,7 @@ def _parser() -> argparse.ArgumentParser:
         "--split", type=_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
     )  # fmt: skip
+    allow_links(sub)
 
     sub = verb(
         "subset", _subset, "make nested smaller datasets of one",

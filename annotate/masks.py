@@ -17,6 +17,7 @@ from camera.world import World
 from geometry.arrays import checked
 
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
+MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
 FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
@@ -74,10 +75,19 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
     ValueError
         If it is neither, or its size is not that of the image.
     """
+    counts = run_lengths(segmentation, width, height)
+    return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
+
+
+def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, " n"]:
+    """A COCO segmentation as run lengths, column by column, beginning with what is not in the mask; errors of `decode`.
+
+    They are few however large the image is.
+    """
     if isinstance(segmentation, Mapping):
         size, given = segmentation.get("size"), segmentation.get("counts")
         if size != [height, width]:
-            raise ValueError(f"segmentation: expected size [{height}, {width}], got {size!r}")
+            raise ValueError(f"segmentation: expected size [{height}, {width}], got {size!r:.60}")
         if isinstance(given, list) and all(isinstance(n, int) and 0 <= n <= width * height for n in given):
             counts = np.array(given, dtype=np.int64)
         elif isinstance(given, str):
@@ -86,10 +96,27 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
             raise ValueError(f"segmentation: expected run lengths under 'counts', got {given!r:.60}")
         if (counts < 0).any() or counts.sum() != width * height:
             raise ValueError(f"segmentation: expected run lengths of {width * height} pixels, got {counts.sum()}")
-        return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
+        return counts
     if not isinstance(segmentation, list) or not segmentation or not all(map(_is_ring, segmentation)):
         raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
-    return rle_codec.decode(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))).astype(bool)
+    if width * height > MOST_PIXELS:
+        raise ValueError(f"segmentation: expected polygons in an image of {MOST_PIXELS} pixels at most")
+    return _counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
+
+
+def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
+    """Pixels of a COCO segmentation and `mask_box` of its mask, which is not unfolded; errors of `decode`."""
+    ends = np.cumsum(run_lengths(segmentation, width, height))
+    first, end = ends[:-1:2], ends[1::2]
+    first, end = first[end > first], end[end > first]
+    if not len(first):
+        return 0, None
+    left, right = first // height, (end - 1) // height
+    several = left < right  # columns: such a run goes through the last row of one and the first of the next
+    top = 0 if several.any() else (first % height).min()
+    bottom = height if several.any() else ((end - 1) % height).max() + 1
+    box = np.array([left.min(), top, right.max() + 1 - left.min(), bottom - top], dtype=np.float64)
+    return int((end - first).sum()), box
 
 
 def _counts(text: str) -> Int[np.ndarray, " n"]:

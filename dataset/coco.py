@@ -22,7 +22,9 @@ from filelock import FileLock, Timeout
 from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
 from dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
 from dataset.journal import MERGED, Journal
+from dataset.names import is_plain, place_of
 from dataset.runs import Run
+from dataset.seals import PICTURE_KEY, RECORD_KEY, sealed
 from geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
@@ -112,7 +114,7 @@ class CocoDataset:
 
     def finished(self, file_name: str) -> bool:
         """Whether the dataset has an image of that name."""
-        return file_name in self._document.file_names
+        return place_of(file_name) in self._document.file_names
 
     def images(self) -> Iterator[tuple[int, str]]:
         """Id and file name of each image."""
@@ -199,7 +201,9 @@ class CocoDataset:
         ----------
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height`` and whatever else it
-            shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next.
+            shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next. With
+            ``picture_sha256``, the hash of its file, it and its annotations are sealed: `dataset.verify` finds what
+            is changed later.
         annotations
             Each with ``category`` (a name) and ``bbox`` (xywh pixels) and whatever else it shall carry. ``id`` as
             for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.
@@ -230,9 +234,18 @@ class CocoDataset:
         document = self._document
         record = plain_json(image, "image")
         check_image(record)
+        seals = record.get(PICTURE_KEY) is not None
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
         image_id = free_id(record, "image", document.next_image_id, document.image_ids)
+        if (
+            "id" in record
+            and not is_plain(record["file_name"])
+            and any(run.has_image(image_id) for run in document.runs.values())
+        ):
+            raise ValueError(
+                f"image: file_name: expected a name such as images/00000001.png, got {record['file_name']!r:.120}"
+            )
         categories: list[dict[str, Any]] = []
         records: list[dict[str, Any]] = []
         used: set[int] = set()
@@ -248,8 +261,11 @@ class CocoDataset:
             box = plain["bbox"]
             defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
             ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
-            records.append({**ids, **defaults, **plain, **ids})
-        line: dict[str, Any] = {"image": {"id": image_id, **record}, "annotations": records}
+            full = {**ids, **defaults, **plain, **ids}
+            records.append(sealed(full) if seals or RECORD_KEY in full else full)
+        full = {"id": image_id, **record}
+        full = sealed(full) if seals or RECORD_KEY in full else full
+        line: dict[str, Any] = {"image": full, "annotations": records}
         return {**line, "categories": categories} if categories else line
 
     def merge(self) -> None:
@@ -302,7 +318,7 @@ class CocoDataset:
         self.close()
 
     def _write(self, line: dict[str, Any]) -> None:
-        self._journal.append(line)
+        self._journal.append_sealed(line)
         self._document.apply(line)
 
     def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:

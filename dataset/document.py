@@ -16,12 +16,15 @@ import orjson
 
 from dataset.journal import last_merged, read_journal, replaced
 from dataset.layout import OtherLayoutError, read_by_line, write_coco
+from dataset.names import place_of
 from dataset.runs import Run
 from geometry.errors import DatasetError
+from geometry.files import open_regular
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # what RF-DETR and Roboflow look for in every split's folder
+LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all that a journal's lines have
 
 
 class Document:
@@ -57,7 +60,7 @@ class Document:
         self._reserved = (0, 0)
         for record in images:
             self.images.append((_id(record, "image", path), _dumped(record, "an image", path)))
-            self.file_names.add(str(record.get("file_name")))
+            self.file_names.add(place_of(str(record.get("file_name"))))
         for record in annotations:
             self.annotations.append((_id(record, "annotation", path), _dumped(record, "an annotation", path)))
         self.image_ids = {i for i, _ in self.images}
@@ -96,12 +99,12 @@ class Document:
         if "run" in line:
             self._add_run(line["run"])
         image = line.get("image")
-        if image is None or image["file_name"] in self.file_names:
+        if image is None or (place := place_of(image["file_name"])) in self.file_names:
             return
         if not all(isinstance(record["id"], int) for record in (image, *line["annotations"])):
             raise TypeError(f"ids of {image['file_name']!r}")
         self.pending += 1
-        self.file_names.add(image["file_name"])
+        self.file_names.add(place)
         self.images.append((image["id"], _kept(image)))
         self.image_ids.add(image["id"])
         self.highest_image_id = max(self.highest_image_id, image["id"])
@@ -160,7 +163,9 @@ class Document:
             self.categories.append(category)
 
     def _add_run(self, record: dict[str, Any]) -> None:
-        run = self.runs.setdefault(record["key"], Run(**record))
+        new = Run(**record)
+        if (run := self.runs.setdefault(new.key, new)) != new:
+            raise ValueError(f"two records of what is set aside for {new.key!r}")
         images, annotations = self._reserved
         self._reserved = (
             max(images, run.image_offset + run.images),
@@ -184,11 +189,13 @@ def read_document(folder: Path) -> Document:
     since: dict[str | int, tuple[int, dict[str, Any]]] = {}
     for number, line in enumerate(read_journal(journal), start=1):
         try:
+            if not line.keys() <= LINE_KEYS:
+                raise KeyError(f"keys {sorted(line)}")
             if "run" in line:
                 document.apply(line)
             elif "merged" not in line and (number > merged or not exists):
                 # A later line of the same name replaces: the image was deleted by hand and made again.
-                key = line["image"]["file_name"] if "image" in line else number
+                key = place_of(line["image"]["file_name"]) if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
         except (KeyError, TypeError, ValueError) as error:
@@ -240,7 +247,7 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
 def _read_annotations(path: Path) -> Document:
     """By line where that is possible, which takes a fifth of the memory."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return Document(*read_by_line(file), path)
     except (OtherLayoutError, DatasetError, OSError):
         pass
@@ -252,7 +259,8 @@ def _read_annotations(path: Path) -> Document:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        coco = orjson.loads(path.read_bytes())
+        with open_regular(path) as file:
+            coco = orjson.loads(file.read())
     except OSError as error:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error
     except orjson.JSONDecodeError as error:

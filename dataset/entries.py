@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from geometry.files import stays_inside
+from dataset.names import is_free
 
 
 def plain_json(value: Any, name: str) -> Any:
@@ -29,8 +29,8 @@ def plain_json(value: Any, name: str) -> Any:
 def check_image(record: Mapping[str, Any]) -> None:
     """Refuse an image whose file name leads elsewhere or whose size is none."""
     name = record.get("file_name")
-    if not stays_inside(name):
-        raise ValueError(f"image: file_name: expected a path inside the dataset, got {name!r}")
+    if not is_free(name):
+        raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
     for key in ("width", "height"):
         size = record.get(key)
         if not isinstance(size, int) or size < 1:

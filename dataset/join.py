@@ -17,7 +17,7 @@ import orjson
 from dataset.coco import CocoDataset
 from dataset.failures import read_failures, write_failures
 from dataset.part import Part, loaded, read_part
-from dataset.pictures import confined, place
+from dataset.pictures import confined, own_picture, place
 from dataset.provenance import add_provenance, read_provenance
 from dataset.runs import Run
 from geometry.errors import DatasetError
@@ -65,6 +65,7 @@ def join(
     parts: Sequence[Path | str],
     dataset: Path | str,
     *,
+    allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Joined:
     """Append the images of `parts` that a dataset does not have; those of one plan as if it had rendered them itself.
@@ -75,16 +76,20 @@ def join(
         Folders of datasets, read as far as they have got. They stay as they are.
     dataset
         Where to; made if it does not exist. Pictures are hard links to those of the parts where the disk allows.
+    allow_links
+        Folders outside the parts that pictures which are links may lead to.
     progress
         Told (done, all) after each image that is added.
 
     Raises
     ------
     DatasetError
-        If a part cannot be used, or two different images have one name or one id; the dataset is then as it was.
+        If a part cannot be used, a picture is a link that leads elsewhere, or two different images have one name or
+        one id; the dataset is then as it was.
     """
     folder = Path(dataset)
-    read = [read_part(Path(part), folder) for part in parts]
+    allowed = [Path(path) for path in allow_links]
+    read = [read_part(Path(part), folder, allowed) for part in parts]
     target = CocoDataset.open(folder)
     try:
         for part in read:
@@ -104,7 +109,7 @@ def join(
         raise
     with target:
         for done, move in enumerate(left, start=1):
-            place(move.picture, folder, move.name)
+            place(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
             target.append(*_records(move))
             if progress is not None:
                 progress(done, len(left))

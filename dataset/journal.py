@@ -12,8 +12,9 @@ from typing import Any, BinaryIO
 
 import orjson
 
+from dataset.seals import LINE_KEY, line_is_broken, seal_line
 from geometry.errors import DatasetError
-from geometry.files import replacing, sync_folder
+from geometry.files import open_regular, replacing, sync_folder
 
 CLOSED = -1
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
@@ -63,6 +64,10 @@ class Journal:
     def append(self, record: Mapping[str, Any]) -> None:
         """Write `record` as the next line; when this returns, the line survives a crash of the machine."""
         self.append_bytes(orjson.dumps(record, option=JOURNAL_OPTIONS))
+
+    def append_sealed(self, record: Mapping[str, Any]) -> None:
+        """As `append`, with the hash of the line at its end, which `read_journal` checks."""
+        self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
 
     def append_bytes(self, line: bytes) -> None:
         """Write one line, JSON with its newline, that the caller has serialised.
@@ -118,11 +123,11 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
     Raises
     ------
     DatasetError
-        If any other line is not a JSON object.
+        If any other line is not a JSON object, or not as it was written.
     """
     if not path.exists():
         return
-    with path.open("rb") as file:
+    with _opened(path) as file:
         for number, line in enumerate(file, start=1):
             if not line.endswith(b"\n"):
                 return
@@ -132,6 +137,10 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
                 raise _damaged(path, number, str(error)) from error
             if not isinstance(record, dict):
                 raise _damaged(path, number, f"a {type(record).__name__} where an object was expected")
+            if LINE_KEY in record:  # lines of older datasets have none
+                if line_is_broken(line):
+                    raise _damaged(path, number, "it is not as it was written")
+                del record[LINE_KEY]
             yield record
 
 
@@ -139,7 +148,7 @@ def last_merged(path: Path) -> int:
     """The number of the last line of a journal that is `MERGED`; 0 if there is none."""
     if not path.exists():
         return 0
-    with path.open("rb") as file:
+    with _opened(path) as file:
         return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
 
 
@@ -163,10 +172,24 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
         ) from error
 
 
+def is_cut_off(path: Path) -> bool:
+    """Whether a journal's last line has no newline; false if there is no journal."""
+    return path.exists() and _whole_lines(path) < path.stat().st_size
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return open_regular(path)
+    except OSError as error:
+        raise DatasetError(
+            f"cannot be read ({error.strerror})", path=path, remedy="put the file itself there"
+        ) from error
+
+
 def _whole_lines(path: Path) -> int:
     """Bytes up to and with the last newline, searched from the end."""
     block = 1 << 16
-    with path.open("rb") as file:
+    with _opened(path) as file:
         end = file.seek(0, os.SEEK_END)
         while end > 0:
             start = max(0, end - block)

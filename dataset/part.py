@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import orjson
 
 from dataset.document import Document, check_is_dataset, read_document
 from dataset.failures import read_failures
+from dataset.pictures import own_picture
 from dataset.provenance import read_provenance
 from dataset.records import check_usable
+from dataset.seals import broken
 from geometry.errors import DatasetError
 
 
@@ -38,8 +41,17 @@ class Part:
     failures: list[dict[str, Any]]
 
 
-def read_part(folder: Path, target: Path) -> Part:
+def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
     """Read a part that shall be appended to the dataset in `target`.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    target
+        What it shall be appended to.
+    allowed
+        Folders that links in the part may lead to.
 
     Raises
     ------
@@ -56,6 +68,11 @@ def read_part(folder: Path, target: Path) -> Part:
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
     images, annotations = document.images, document.annotations
+    for kind, records in (("image", images), ("annotation", annotations)):
+        # Appending seals records anew, so that what is wrong here would be right there.
+        if (spoilt := next((i for i, _ in filter(_is_broken, records)), None)) is not None:
+            problem = f"{kind} {spoilt} is not as it was recorded"
+            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
     check_usable(folder, document.categories, map(loaded, images), map(loaded, annotations))
     for what, n, unique in (
         ("image ids", len(images), document.image_ids),
@@ -71,9 +88,16 @@ def read_part(folder: Path, target: Path) -> Part:
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
-        if not (folder / name).is_file():
-            raise DatasetError("is missing", path=folder / name, remedy="render or copy this part again")
+        try:
+            own_picture(folder, name, allowed)
+        except OSError as error:
+            problem = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error.strerror})"
+            raise DatasetError(problem, path=folder / name, remedy="render or copy this part again") from error
     return Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
+
+
+def _is_broken(record: tuple[int, bytes]) -> bool:
+    return broken(loaded(record))
 
 
 def loaded(record: tuple[int, bytes]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from geometry.errors import DatasetError
@@ -81,10 +82,48 @@ def place(picture: Path, folder: Path, name: str) -> None:
     publish(temporary, folder, name)
 
 
+def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
+    """The file that a picture of somebody's dataset is, links followed: it must lie where its maker may point to.
+
+    Parameters
+    ----------
+    folder, name
+        The dataset, and the picture's name in it.
+    allowed
+        Folders that links may lead to besides the dataset itself.
+
+    Raises
+    ------
+    DatasetError
+        If a link leads elsewhere.
+    OSError
+        If there is no such file.
+    """
+    path = folder / name
+    try:
+        real = path.resolve(strict=True)
+    except RuntimeError:  # before Python 3.13
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from None
+    if not any(real.is_relative_to(home.resolve()) for home in (folder, *allowed)):
+        raise DatasetError(
+            f"is a link that leads out of its dataset, to {real}",
+            path=path,
+            remedy=f"if you trust it, allow that with --allow-links {real.parent}",
+        )
+    if not real.is_file():
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return real
+
+
 def link_or_copy(source: Path, target: Path) -> None:
     """A file under another name, that nothing has yet: as a hard link, or as a copy where there are none.
 
-    Of a symbolic link it is what that leads to: the link itself may lead nowhere from another folder.
+    Parameters
+    ----------
+    source
+        The file itself, see `own_picture`: of a symbolic link the link would be taken.
+    target
+        The other name.
 
     Raises
     ------
@@ -92,7 +131,7 @@ def link_or_copy(source: Path, target: Path) -> None:
         If there is no such file, something has the name, or it cannot be written.
     """
     try:
-        os.link(source.resolve(), target)
+        os.link(source, target)
     except (FileNotFoundError, FileExistsError):
         raise  # copied over, a target that is a link already would take what it links to with it
     except OSError:  # another disk, or one that has no links

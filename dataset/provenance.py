@@ -10,6 +10,7 @@ import orjson
 
 from dataset.journal import replaced
 from geometry.errors import DatasetError
+from geometry.files import open_regular
 
 PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems")  # lists that several runs and machines add to
@@ -25,7 +26,8 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
     """
     path = folder / PROVENANCE_NAME
     try:
-        plans = orjson.loads(path.read_bytes())["plans"]
+        with open_regular(path) as file:
+            plans = orjson.loads(file.read())["plans"]
         grown = [entry[key] for entry in plans.values() for key in GROWING]
         if all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in grown):
             return dict(plans)
@@ -33,6 +35,8 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
         return {}
     except (orjson.JSONDecodeError, KeyError, TypeError, AttributeError):
         pass
+    except OSError as error:
+        raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy="move it away") from error
     raise DatasetError("is no provenance of hulldown", path=path, remedy="move it away")
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from annotate.masks import decode, mask_box
+from annotate.masks import extent
 from dataset.document import read_coco
 from dataset.entries import is_box
-from geometry.errors import DatasetError
+from dataset.names import is_plain, place_of
+from dataset.runs import runs_of
+from dataset.seals import PICTURE_KEY, RECORD_KEY, broken
+from geometry.errors import DatasetError, shortened
 from geometry.files import stays_inside
 
 OUTSIDE = 1e-6  # pixels: what a box may reach beyond its image, by the rounding of decimal text
@@ -32,11 +34,18 @@ class Finding:
         The record or file.
     problem
         What is wrong with it.
+    figure
+        What was measured, if the finding rests on a measurement.
     """
 
     severity: Literal["error", "warning"]
     where: str
     problem: str
+    figure: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in ("where", "problem"):
+            object.__setattr__(self, field, shortened(getattr(self, field)))
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.problem}"
@@ -116,9 +125,13 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
     for image in images:
         if (other := files.setdefault(image["id"], _name(image))) != _name(image):
             yield Finding("error", _name(image), f"has the id {image['id']}, as has {other}")
-    for name, times in Counter(str(image.get("file_name")) for image in images).items():
+    for name, times in Counter(place_of(str(image.get("file_name"))) for image in images).items():
         if times > 1:
             yield Finding("error", name, f"belongs to {times} image records")
+    spelled: dict[str, str] = {}
+    for name in (str(image.get("file_name")) for image in images):
+        if (other := spelled.setdefault(name.casefold(), name)) != name:
+            yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
     for image in images:
         yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
 
@@ -151,6 +164,42 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+
+
+def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:
+    """Records that are not as they were recorded, and those beside them that nobody has sealed."""
+    images = {image["id"]: image for image in coco["images"]}
+    for image in coco["images"]:
+        yield from _seal_problems(_name(image), image, image)
+    for annotation in coco["annotations"]:
+        image_id = annotation.get("image_id")
+        image = images.get(image_id, {}) if isinstance(image_id, int) else {}
+        where = f"annotation {annotation['id']}"
+        yield from _seal_problems(f"{_name(image)}: {where}" if image else where, annotation, image)
+
+
+def _seal_problems(where: str, record: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
+    if broken(record):
+        remedy = f"if the change is meant, set its {RECORD_KEY} to null"
+        yield Finding("error", where, f"was changed after it was recorded: its {RECORD_KEY} does not fit; {remedy}")
+    elif PICTURE_KEY in image and RECORD_KEY not in record:
+        yield Finding("warning", where, f"has no {RECORD_KEY}: it was added or changed by hand, or is damaged")
+
+
+def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
+    """Two plans that have the same ids set aside, and names of their images that are not spelled as their files."""
+    runs = runs_of(coco)
+    for kind in ("image", "annotation"):
+        ranges = sorted((getattr(run, f"{kind}_offset"), getattr(run, f"{kind}s"), run.key) for run in runs)
+        for (start, length, one), (following, _, other) in pairwise(ranges):
+            if following < start + length:
+                problem = f"{kind} ids from {following + 1} on are set aside for two plans, {one:.12} and {other:.12}"
+                yield Finding("error", "info: hulldown_runs", problem)
+    for image in coco["images"]:
+        name = image.get("file_name")
+        if isinstance(name, str) and not is_plain(name) and any(run.owns(image["id"], name) for run in runs):
+            problem = "is a planned image's name, expected one such as images/00000001.png"
+            yield Finding("error", _name(image), problem)
 
 
 def _name(image: Mapping[str, Any]) -> str:
@@ -189,19 +238,18 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
     if not annotation.get("segmentation") or any(_size_problems(image)):
         return
     try:
-        mask = decode(annotation["segmentation"], image["width"], image["height"])
+        pixels, box = extent(annotation["segmentation"], image["width"], image["height"])
     except ValueError as error:
         yield str(error)
         return
-    box = mask_box(mask)
     if box is not None:
         x, y, w, h = annotation["bbox"]
         low, high = box[:2] - (x, y), box[:2] + box[2:] - (x + w, y + h)
         if low.min() < -MASK_OUTSIDE or high.max() > MASK_OUTSIDE:
             yield f"its mask covers {box.tolist()}, beyond its bbox {annotation['bbox']}"
     lengths = isinstance(annotation["segmentation"], Mapping)
-    if lengths and annotation.get("area") is not None and annotation["area"] != np.count_nonzero(mask):
-        yield f"area is {annotation['area']}, its mask has {np.count_nonzero(mask)} pixels"
+    if lengths and annotation.get("area") is not None and annotation["area"] != pixels:
+        yield f"area is {annotation['area']}, its mask has {pixels} pixels"
 
 
 def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:

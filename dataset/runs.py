@@ -73,8 +73,12 @@ def plan_key(plan: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def runs_of(coco: Mapping[str, Any]) -> list[Run]:
+    """What a COCO dictionary, as `dataset.document` gives it, says was set aside for plans."""
+    info = coco.get("info")
+    return [Run(**record) for record in (info.get("hulldown_runs", []) if isinstance(info, dict) else [])]
+
+
 def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
     """What a COCO dictionary says was set aside for a plan; None if nothing was."""
-    info = coco.get("info")
-    runs = info.get("hulldown_runs", []) if isinstance(info, dict) else []
-    return next((Run(**record) for record in runs if record["key"] == key), None)
+    return next((run for run in runs_of(coco) if run.key == key), None)

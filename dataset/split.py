@@ -12,8 +12,9 @@ from typing import Any
 import orjson
 
 from dataset.document import COCO_NAME
-from dataset.pictures import link_or_copy
+from dataset.pictures import link_or_copy, own_picture
 from dataset.records import read_usable
+from dataset.seals import changed
 from dataset.yolo import class_numbers, label_lines, write_data_file
 from geometry.errors import DatasetError
 
@@ -67,7 +68,8 @@ def share_out(
     seed
         Another seed, another split.
     """
-    if len(fractions) != 3 or min(fractions) < 0.0 or abs(sum(fractions) - 1.0) > 1e-6:
+    # What is no number fails each comparison.
+    if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
     groups: dict[str, list[int]] = {}
     for image in images:
@@ -94,6 +96,7 @@ def export(
     layout: str = "coco",
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
+    allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
     """Write a dataset as train, valid and test folders; images are linked where the disk allows, copied where not.
@@ -109,6 +112,8 @@ def export(
         ``"yolo"``: ``images/train``, ``labels/train`` and ``data.yaml``, as Ultralytics has it.
     fractions, seed
         See `share_out`.
+    allow_links
+        Folders outside the dataset that pictures which are links may lead to.
     progress
         Told (done, all) after each image.
 
@@ -119,12 +124,13 @@ def export(
     Raises
     ------
     DatasetError
-        If the dataset cannot be read, an image of it is missing, or `out` has something in it or cannot be written.
+        If the dataset cannot be read, an image of it is missing or is a link that leads elsewhere, or `out` has
+        something in it or cannot be written.
         Nothing is left in `out` then.
     """
     if layout not in ("coco", "yolo"):
         raise ValueError(f"layout: expected 'coco' or 'yolo', got {layout!r}")
-    dataset, out = Path(dataset), Path(out)
+    dataset, out, allowed = Path(dataset), Path(out), [Path(folder) for folder in allow_links]
     coco = read_usable(dataset)
     if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
         raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
@@ -143,7 +149,7 @@ def export(
             name = names[image["id"]]
             source = dataset / image["file_name"]
             try:
-                link_or_copy(source, pictures / name)
+                link_or_copy(own_picture(dataset, image["file_name"], allowed), pictures / name)
             except OSError as error:
                 problem = f"cannot be exported ({error.strerror})"
                 raise DatasetError(problem, path=source, remedy="check it with `hulldown verify`") from error
@@ -159,7 +165,7 @@ def export(
                 mine = [image for image in coco["images"] if split_of[image["id"]] == split]
                 part = {
                     **{key: value for key, value in coco.items() if key not in ("images", "annotations")},
-                    "images": [{**image, "file_name": names[image["id"]]} for image in mine],
+                    "images": [changed(image, file_name=names[image["id"]]) for image in mine],
                     "annotations": [annotation for image in mine for annotation in boxes[image["id"]]],
                 }
                 (unfinished / split / COCO_NAME).write_bytes(orjson.dumps(part))

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,15 +13,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 from numpy.typing import ArrayLike
-from PIL import Image
 from pycocotools.coco import COCO
 
 from annotate.masks import decode, iou, mask_box
-from dataset.document import ANNOTATIONS_NAME, read_coco
+from dataset.check_pictures import Look, check_pictures
+from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
+from dataset.journal import is_cut_off
 from dataset.planned import check_planned
-from dataset.records import Finding, check_annotations, check_categories, check_images
+from dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from geometry.arrays import checked
-from geometry.files import stays_inside
 
 DECODERS = 4
 
@@ -32,6 +30,8 @@ def verify(
     dataset: Path | str,
     *,
     plan: Path | str | None = None,
+    fast: bool = False,
+    look: Look | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Finding]:
     """Everything that is wrong with a dataset, as it is found.
@@ -42,6 +42,10 @@ def verify(
         Its folder.
     plan
         A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
+    fast
+        Whether pictures are not opened and hashes not compared.
+    look
+        What else to look for in each picture that was rendered here, such as `dataset.check_skies.SkyCheck`.
     progress
         Told (done, all) after each image.
 
@@ -57,10 +61,17 @@ def verify(
     yield from check_categories(coco["categories"])
     yield from check_images(coco["images"])
     yield from check_annotations(coco)
+    yield from check_runs(coco)
     if plan is not None:
         yield from check_planned(coco, Path(plan))
     yield from _check_loading(folder / ANNOTATIONS_NAME)
-    yield from _check_files(folder, coco["images"], progress)
+    if is_cut_off(folder / JOURNAL_NAME):
+        yield Finding(
+            "warning", JOURNAL_NAME, "its last line is cut off: its image is not in the dataset; render again"
+        )
+    if not fast:
+        yield from check_seals(coco)
+    yield from check_pictures(folder, coco, fast=fast, look=look, progress=progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,49 +140,3 @@ def _check_loading(path: Path) -> Iterator[Finding]:
     except Exception as error:
         # Whatever stops pycocotools stops those who train with it.
         yield Finding("error", path.name, f"pycocotools cannot load it: {type(error).__name__}: {error}")
-
-
-def _check_files(
-    folder: Path,
-    images: Sequence[Mapping[str, Any]],
-    progress: Callable[[int, int], None] | None,
-) -> Iterator[Finding]:
-    contents: dict[bytes, str] = {}
-    with ThreadPoolExecutor(DECODERS) as pool:
-        # Chunks, so that a million results are not queued up.
-        for start in range(0, len(images), 1024):
-            chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check_file(folder, image), chunk)
-            for done, (image, (findings, digest)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
-                yield from findings
-                name = str(image.get("file_name"))
-                if digest is not None and (other := contents.setdefault(digest, name)) != name:
-                    yield Finding("warning", name, f"is the same picture as {other}")
-                if progress is not None:
-                    progress(done, len(images))
-    known = {str(image.get("file_name")) for image in images}
-    if (folder / "images").is_dir():
-        present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
-        if strays := sorted(present - known):
-            more = f", like {len(strays) - 1} more" if len(strays) > 1 else ""
-            yield Finding("warning", strays[0], f"belongs to no record{more}")
-
-
-def _check_file(folder: Path, image: Mapping[str, Any]) -> tuple[list[Finding], bytes | None]:
-    name = image.get("file_name")
-    if not stays_inside(name):
-        return [Finding("error", f"image {image['id']}", f"file_name {name!r} is no path inside the dataset")], None
-    path = folder / name
-    if not path.is_file():
-        return [Finding("error", name, "is missing")], None
-    try:
-        with Image.open(path) as picture:
-            size = picture.size
-            picture.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        return [Finding("error", name, f"cannot be decoded: {error}")], None
-    findings = []
-    if size != (image.get("width"), image.get("height")):
-        stated = f"{image.get('width')} x {image.get('height')}"
-        findings.append(Finding("error", name, f"is {size[0]} x {size[1]}, its record says {stated}"))
-    return findings, hashlib.sha256(path.read_bytes()).digest()

@@ -40,6 +40,8 @@ def checked(
         given = np.asarray(value)
         if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
             raise TypeError
+        if np.iscomplexobj(given) and not np.issubdtype(dtype, np.complexfloating):
+            raise TypeError
         array = np.ascontiguousarray(given, dtype=dtype) if given.ndim else np.asarray(given, dtype=dtype)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected {np.dtype(dtype)} array of shape {expected}, got {value!r:.80}") from None
@@ -49,6 +51,26 @@ def checked(
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"{name}: expected finite numbers, got {array[first]} at index {first}")
     return array
+
+
+def whole(value: object, name: str) -> int:
+    """`value` as an int, or a ValueError that names it.
+
+    Parameters
+    ----------
+    value
+        What the caller handed over: an int, or an integer of numpy's.
+    name
+        The argument's name, for the error.
+
+    Raises
+    ------
+    ValueError
+        If it is no whole number.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")
+    return int(value)
 
 
 def _matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST = 1000  # characters of a problem or a path in a message
+
 
 class HulldownError(Exception):
     """A mistake of the user's that one line can explain.
@@ -19,10 +21,16 @@ class HulldownError(Exception):
     """
 
     def __init__(self, problem: str, *, path: Path | str | None = None, remedy: str | None = None) -> None:
+        problem = shortened(problem)
         self.problem, self.path, self.remedy = problem, path, remedy
-        where = f"{path}: " if path is not None else ""
+        where = f"{shortened(str(path))}: " if path is not None else ""
         cure = f"; {remedy}" if remedy else ""
         super().__init__(f"{where}{problem}{cure}")
+
+
+def shortened(text: str) -> str:
+    """A line that is not longer than a person reads: names in other people's files may be of a megabyte."""
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
 
 
 class AssetError(HulldownError):

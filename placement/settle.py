@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
+from geometry.arrays import checked, whole
 from geometry.portable import arctan2, hypot, sin_cos
 from geometry.transforms import facing, rigid
 from placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
@@ -153,6 +153,7 @@ def settle(
         raise ValueError(f"size_xyz: expected lengths above 0, got {size.tolist()}")
     if rule not in RULES:
         raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {rule!r}")
+    n, contact_n = whole(n, "n"), whole(contact_n, "contact_n")
     if n < (1 if rule == "averaged" else 2):
         raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {n}")
     if contact_n < 0:

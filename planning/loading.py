@@ -18,7 +18,7 @@ from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
 from planning.plan_file import Plan
 from planning.row import HdriSource, Source
-from planning.schema import SceneryEntry, VehicleEntry
+from planning.schema import CACHE_NAME, SceneryEntry, VehicleEntry
 from reading.build import Options
 from reading.cache import cached
 from reading.export import Exported
@@ -61,6 +61,7 @@ def load_assets(
     config: Config,
     *,
     strict: bool = False,
+    cache: Path | None = None,
     progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
@@ -73,6 +74,8 @@ def load_assets(
         Paths in it are relative to `config.folder`.
     strict
         Refuse files whose textures or libraries are missing.
+    cache
+        Where what is read is kept; what the config says if None.
     progress
         Called with a file's path before it is exported.
     warn
@@ -85,7 +88,7 @@ def load_assets(
     AssetError
         Naming the file, what is wrong and what to do.
     """
-    library = load_library(config, strict=strict, progress=progress, limits=limits)
+    library = load_library(config, strict=strict, cache=cache, progress=progress, limits=limits)
     if warn:
         for doubt in library.doubts:
             warn(doubt)
@@ -96,6 +99,7 @@ def load_library(
     config: Config,
     *,
     strict: bool = False,
+    cache: Path | None = None,
     progress: Callable[[str], None] | None = None,
     jobs: int | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
@@ -104,14 +108,14 @@ def load_library(
 
     Parameters
     ----------
-    config, strict, progress
+    config, strict, cache, progress
         See `load_assets`.
     jobs
         How many files are read at a time; as many as there are cores, up to four, if None.
     limits
         See `load_assets`.
     """
-    cache = config.folder / config.assets.cache
+    cache = config.folder / config.assets.cache if cache is None else cache
     hdris = hdri_paths(config)
     for path in hdris.values():
         refuse_no_hdri(path)  # before the long work
@@ -186,8 +190,26 @@ def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
     return replace(report, parts=tuple(parts))
 
 
+def planned_cache(plan: Plan) -> Path:
+    """Where assets that a plan names are kept: beside it, whatever its header says, since a plan may be anybody's.
+
+    Raises
+    ------
+    ConfigError
+        If that is a link, which may have come with the plan.
+    """
+    cache = plan.path.parent / CACHE_NAME
+    if cache.is_symlink():
+        raise ConfigError("is a link", path=cache, remedy="name the folder that it leads to by --cache, if it is yours")
+    return cache
+
+
 def load_planned_library(
-    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+    plan: Plan,
+    *,
+    cache: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> tuple[Config, Library]:
     """The config that a plan was made from, knowing its folder, and the library of its assets.
 
@@ -195,6 +217,8 @@ def load_planned_library(
     ----------
     plan
         The plan; its header names the config and the files.
+    cache
+        Where what is read is kept; `planned_cache` if None.
     progress
         Called with a file's path before it is exported.
     limits
@@ -210,16 +234,20 @@ def load_planned_library(
     root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
     # Only the folder of the config counts: what the file said is in the header.
     config = parse_config(plan.header.config, path=root / plan.path.name)
-    library = load_library(config, progress=progress, limits=limits)
+    library = load_library(config, cache=cache or planned_cache(plan), progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return config, library
 
 
 def load_planned_assets(
-    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+    plan: Plan,
+    *,
+    cache: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Assets:
     """The assets that a plan was made from; parameters and errors as of `load_planned_library`."""
-    return load_planned_library(plan, progress=progress, limits=limits)[1].assets
+    return load_planned_library(plan, cache=cache, progress=progress, limits=limits)[1].assets
 
 
 def refuse_changed(plan: Plan, assets: Assets) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import unicodedata
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -227,15 +228,26 @@ class PlanWriter:
 
     def write(self, lines: bytes, rows: int) -> None:
         """Append `rows` encoded rows."""
-        self._file.write(lines)
+        with self._named():
+            self._file.write(lines)
         self.rows += rows
 
     def finish(self) -> None:
         """Make what was written the plan."""
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        self.partial.replace(self.path)
+        with self._named():
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self.partial.replace(self.path)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """A full disk does not say which file it has no room for."""
+        try:
+            yield
+        except OSError as error:
+            problem = f"cannot be written: {error.strerror}"
+            raise ConfigError(problem, path=self.path, remedy="make room and plan again, which goes on") from error
 
     def __enter__(self) -> PlanWriter:
         return self
@@ -246,8 +258,9 @@ class PlanWriter:
         self._file.close()
         if self.rows == 0:
             self.partial.unlink(missing_ok=True)
-        self._lock.release()
+        # Before it is released: from then on a file of that name is another process's.
         Path(self._lock.lock_file).unlink(missing_ok=True)
+        self._lock.release()
 
 
 def _refuse_other_file(path: Path) -> None:

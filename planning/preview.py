@@ -10,11 +10,11 @@ from jaxtyping import Float
 from PIL import Image
 
 from annotate.drawing import contact_sheet, draw
+from annotate.sheets import save_sheet
 from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.target import PosedVehicle
-from geometry.files import replacing
 from planning.config import parse_config
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
@@ -62,8 +62,7 @@ def preview_sheet(
         if progress:
             progress(done + 1, len(indices))
     sheet = contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
-    with replacing(Path(path)) as file:
-        sheet.save(file, format="PNG")
+    save_sheet(sheet, Path(path))
 
 
 def caption(row: Row) -> str:

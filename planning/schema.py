@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
+CACHE_NAME = ".hulldown-cache"
+
 
 def _range(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
     """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
@@ -98,7 +100,7 @@ class SceneryEntry(Section):
 class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
-    cache: str = ".hulldown-cache"
+    cache: str = CACHE_NAME
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
     sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]

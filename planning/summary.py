@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from rich.markup import escape
 from rich.table import Table
 
+from annotate.sheets import SOFTWARE, refuse_foreign
 from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING
@@ -241,8 +242,9 @@ class Summary:
                     axis.xaxis.set_minor_formatter(NullFormatter())
             axis.set_title(histogram.title)
         figure.suptitle(f"{self.images:,} images at {self.positions:,} positions")
+        refuse_foreign(Path(path))
         with replacing(Path(path)) as file:
-            figure.savefig(file, format="png", dpi=100)
+            figure.savefig(file, format="png", dpi=100, metadata=SOFTWARE)
 
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         classes = {category: sum(models.values()) for category, models in _nested(self.vehicles).items()}

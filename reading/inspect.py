@@ -12,13 +12,13 @@ from jaxtyping import Float, Int, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from annotate.drawing import contact_sheet
+from annotate.sheets import save_sheet
 from assets.bundle import load_scenery, load_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import Kind, World, WorldHits
 from geometry.errors import AssetError
-from geometry.files import replacing
 from reading.export import export
 from reading.report import FileReport, refuse_missing
 from reading.watch import DEFAULT_LIMITS, ReadLimits
@@ -114,8 +114,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
             [picture for _, picture in drawn], columns=3, tile_width=sheet.width, captions=[name for name, _ in drawn]
         )
     try:
-        with replacing(path) as file:
-            sheet.save(file, format="PNG")
+        save_sheet(sheet, path)
     except (OSError, ValueError) as error:
         raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
 

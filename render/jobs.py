@@ -57,7 +57,11 @@ class RenderAssets:
 
 
 def render_assets(
-    plan: Plan, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+    plan: Plan,
+    *,
+    cache: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> RenderAssets:
     """The files that a plan's header names, exported again where the cache does not have them.
 
@@ -65,6 +69,8 @@ def render_assets(
     ----------
     plan
         The plan.
+    cache
+        Where they are kept; see `planning.loading.planned_cache`.
     progress
         Called with the path of each file that has to be exported.
     limits
@@ -77,7 +83,7 @@ def render_assets(
     AssetError
         If a file cannot be read.
     """
-    config, library = load_planned_library(plan, progress=progress, limits=limits)
+    config, library = load_planned_library(plan, cache=cache, progress=progress, limits=limits)
     return RenderAssets(
         vehicles={n: VehicleFile(shape, library.vehicles[n].tidy) for n, shape in library.assets.vehicles.items()},
         sceneries={

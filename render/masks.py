@@ -83,6 +83,7 @@ def verify_masks(
     *,
     count: int,
     assets: RenderAssets | None = None,
+    cache: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:
     """Render the masks of some images of a dataset and hold its annotations against them.
@@ -97,6 +98,8 @@ def verify_masks(
         How many images, spread evenly over those that are finished.
     assets
         The plan's files; those that its header names if not given.
+    cache
+        Where these are kept; beside the plan if None.
     progress
         Called with the images done and their number.
 
@@ -118,7 +121,7 @@ def verify_masks(
     )
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    masks = cycles_masks(plan, chosen, assets or render_assets(plan), progress=progress)
+    masks = cycles_masks(plan, chosen, assets or render_assets(plan, cache=cache), progress=progress)
     rows: list[MaskRow] = []
     findings: list[Finding] = []
     for found in masks:

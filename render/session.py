@@ -21,6 +21,7 @@ from dataset.failures import read_failures, write_failures
 from dataset.pictures import confined, publish, unwritten
 from dataset.planned import image_record
 from dataset.provenance import add_provenance, read_provenance
+from dataset.seals import PICTURE_KEY, digest
 from geometry.errors import ConfigError
 from planning.config import parse_config
 from planning.plan_file import Plan
@@ -168,12 +169,13 @@ class Session:
         self._begin()
         self._record(pool)
         try:
-            picture.write_bytes(without_notes(picture.read_bytes()))
+            content = without_notes(picture.read_bytes())
+            picture.write_bytes(content)
         except OSError as error:
             raise unwritten(self._folder, name, error) from error
         publish(picture, self._folder, name)
         self._dataset.append(
-            {"id": run.image_offset + index + 1, "file_name": name, **image_record(row)},
+            {"id": run.image_offset + index + 1, "file_name": name, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1

@@ -65,6 +65,7 @@ def render_plan(
     dataset_folder: Path | str,
     *,
     assets: RenderAssets | None = None,
+    cache: Path | None = None,
     workers: int | None = None,
     device: str = "auto",
     limit: int | None = None,
@@ -84,6 +85,8 @@ def render_plan(
         Where to add images and annotations.
     assets
         The plan's files; those that its header names if not given.
+    cache
+        Where these are kept; beside the plan if None.
     workers
         Processes that render; None for one a GPU, or one if there is none.
     device
@@ -118,7 +121,10 @@ def render_plan(
     say = progress or (lambda _: None)
     if assets is None:
         assets = render_assets(
-            plan, progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")), limits=read_limits
+            plan,
+            cache=cache,
+            progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")),
+            limits=read_limits,
         )
     outline = Outline(plan)
     wanted = len(plan) if limit is None else min(limit, len(plan))

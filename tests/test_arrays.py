@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from geometry.arrays import checked
+from geometry.arrays import checked, whole
 
 
 def test_lists_become_contiguous_float64():
@@ -41,3 +41,18 @@ def test_what_is_wrong_is_named(value, shape, dtype, message):
 
 def test_infinities_pass_where_they_are_meant():
     assert np.isinf(checked([np.inf], "limit", ("n",), finite=False)).all()
+
+
+def test_complex_numbers_do_not_lose_a_part():
+    with pytest.raises(ValueError, match=r"v: expected float64 array of shape \(2,\), got"):
+        checked([1.0, 2.0 + 1j], "v", (2,))
+
+
+@pytest.mark.parametrize("value", [2.5, 2.0, "2", True, None, float("nan")])
+def test_what_is_no_whole_number_is_named(value):
+    with pytest.raises(ValueError, match="n: expected a whole number, got"):
+        whole(value, "n")
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers():
+    assert [whole(n, "n") for n in (3, np.int64(3), np.uint8(3))] == [3, 3, 3]

@@ -244,11 +244,39 @@ def test_a_missing_asset_is_one_line(exporter: Exporter, tmp_path: Path) -> None
         load_assets(config)
 
 
-def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
-    config = config_in(tmp_path)
+def planned(folder: Path, **assets_section: str) -> Plan:
+    """A plan of `config_in`, with other values in the section of assets in its header."""
+    config = config_in(folder)
     assets = load_assets(config)
-    path = tmp_path / "plan.jsonl"
-    plan = Plan(path, make_header(config, assets, path, images=0))
+    path = folder / "plan.jsonl"
+    header = make_header(config, assets, path, images=0)
+    header.config["assets"].update(assets_section)
+    return Plan(path, header)
+
+
+@pytest.mark.parametrize("cache", ["../elsewhere", "images", "a/../../elsewhere", "$OUT"])
+def test_the_header_of_a_plan_names_no_place_to_write(exporter: Exporter, tmp_path: Path, cache: str) -> None:
+    folder = tmp_path / "project"
+    folder.mkdir()
+    plan = planned(folder, cache=cache.replace("$OUT", str(tmp_path / "out")))
+    before = set(tmp_path.rglob("*"))
+    load_planned_assets(plan)
+    assert {path.relative_to(folder).parts[0] for path in set(tmp_path.rglob("*")) - before} <= {".hulldown-cache"}
+    load_planned_assets(plan, cache=tmp_path / "mine")
+    assert (tmp_path / "mine").is_dir()
+
+
+def test_a_cache_that_is_a_link_is_not_written_through(exporter: Exporter, tmp_path: Path) -> None:
+    plan = planned(tmp_path)
+    (tmp_path / ".hulldown-cache").rename(tmp_path / "was")
+    (tmp_path / ".hulldown-cache").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ConfigError, match=r"\.hulldown-cache: is a link; name the folder that it leads to by --cache"):
+        load_planned_assets(plan)
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
+    plan = planned(tmp_path)
     assert list(load_planned_assets(plan).vehicles) == ["b", "T"]
     (tmp_path / "sky.exr").write_bytes(b"#?dusk")
     with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):

@@ -66,12 +66,25 @@ def test_the_help_does_not_wait_for_the_stages():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=60)
 
 
-@pytest.mark.parametrize("split", ["0.7,0.3", "a,b,c", "0.7,0.2,0.2", "1.2,-0.1,-0.1"])
+@pytest.mark.parametrize("split", ["0.7,0.3", "a,b,c", "0.7,0.2,0.2", "1.2,-0.1,-0.1", "nan,0,0", "0,nan,1", "inf,0,0"])
 def test_a_split_that_does_not_add_up_is_refused(split, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["export", "dataset", "-o", "out", "--split", split])
     assert stop.value.code == 2
     assert "add up to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["export", "d", "-o", "out"], "nothing was written"), (["join", "d", "-o", "out"], "goes on from here")],
+)
+def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, f"_{words[0]}", stopped)
+    assert cli.main(words) == 130
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("share", ["0/2", "3/2", "2", "1/2/3", "a/b", "-1/2", "1/0", "\u00b2/3"])

@@ -5,7 +5,7 @@ import pytest
 from pycocotools import mask as pycocotools_mask
 
 from annotate.boxes import VehicleBoxes
-from annotate.masks import area, decode, encode, iou, mask_box, vehicle_mask
+from annotate.masks import area, decode, encode, extent, iou, mask_box, vehicle_mask
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
@@ -146,3 +146,21 @@ LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1],
 def test_what_is_no_segmentation_is_refused(segmentation):
     with pytest.raises(ValueError, match="segmentation: expected"):
         decode(segmentation, 4, 3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_extent_is_that_of_the_mask_unfolded(seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((13, 17)) < (0.0, 0.01, 0.1, 0.9)[seed % 4]
+    pixels, box = extent(encode(mask), 17, 13)
+    expected = mask_box(mask)
+    assert pixels == area(mask)
+    assert (box is None) if expected is None else box.tolist() == expected.tolist()
+
+
+def test_a_mask_of_40_000_million_pixels_takes_no_memory():
+    n = 200_000
+    pixels, box = extent({"size": [n, n], "counts": [5 * n + 7, 3, n * n - 5 * n - 10]}, n, n)
+    assert (pixels, box.tolist()) == (3, [5.0, 7.0, 1.0, 3.0])
+    with pytest.raises(ValueError, match="pixels at most"):
+        extent([[0, 0, 5, 0, 5, 5]], n, n)

@@ -205,7 +205,8 @@ def test_a_picture_that_is_a_link_is_exported_as_what_it_leads_to(tmp_path):
     (tmp_path / "d" / "x.png").symlink_to("../raw/x.png")
     images = [{"id": 1, "file_name": "x.png", "width": 32, "height": 24}]
     (tmp_path / "d" / "annotations.json").write_text(json.dumps({"images": images, "categories": []}))
-    export(tmp_path / "d", tmp_path / "far" / "away" / "out", fractions=(1.0, 0.0, 0.0))
+    options = {"fractions": (1.0, 0.0, 0.0), "allow_links": [tmp_path / "raw"]}
+    export(tmp_path / "d", tmp_path / "far" / "away" / "out", **options)
     exported = tmp_path / "far" / "away" / "out" / "train" / "x.png"
     assert exported.is_file()
     assert not exported.is_symlink()

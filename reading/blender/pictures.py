@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from geometry.errors import AssetError
 from reading.hdri import mend
+from reading.sky_maps import ROWS
 
 
 def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
@@ -29,6 +30,22 @@ def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
     if notes:
         _write(pixels, job["mended"])
     return {"notes": list(notes)}
+
+
+def write_sky_map(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the small map of the picture at ``job["path"]`` to ``job["map"]``; see `reading.sky_maps`.
+
+    Raises
+    ------
+    AssetError
+        If Blender cannot read the picture.
+    """
+    pixels = _pixels(bpy.data.images.load(job["path"]))[::-1]
+    height, width = pixels.shape[:2]
+    step = max(1, height // ROWS)
+    cut = pixels[: height // step * step, : width // step * step]
+    np.save(job["map"], cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3)))
+    return {}
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:

@@ -1,0 +1,52 @@
+"""Pictures that tell people something, on disk: marked as ours, so that nobody else's is ever replaced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from geometry.errors import HulldownError
+from geometry.files import open_regular, replacing
+
+SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
+_MARK = b"tEXtSoftware\0hulldown"
+_START = 4096  # bytes in which the mark stands, before the pixels
+
+
+def save_sheet(sheet: Image.Image, path: Path) -> None:
+    """Write a picture of ours, in one step.
+
+    Raises
+    ------
+    HulldownError
+        If something else has that name.
+    """
+    refuse_foreign(path)
+    notes = PngInfo()
+    for key, text in SOFTWARE.items():
+        notes.add_text(key, text)
+    with replacing(path) as file:
+        sheet.save(file, format="PNG", pnginfo=notes)
+
+
+def refuse_foreign(path: Path) -> None:
+    """Refuse to replace what is no picture of ours; to be asked before the work, too.
+
+    Raises
+    ------
+    HulldownError
+        If something else has that name.
+    """
+    try:
+        with open_regular(path) as file:
+            ours = _MARK in file.read(_START)
+    except FileNotFoundError:
+        return
+    except OSError:
+        ours = False
+    if not ours:
+        raise HulldownError(
+            "exists and is no picture that hulldown drew", path=path, remedy="name another file by -o, or move it away"
+        )

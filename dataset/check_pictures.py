@@ -1,0 +1,106 @@
+"""Whether the pictures of a dataset are there, whole, and those that its records are about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from dataset.check_looks import check_looks, is_rendered
+from dataset.names import place_of
+from dataset.picture_files import UnreadableError, read_picture
+from dataset.records import Finding
+from dataset.seals import PICTURE_KEY, digest
+from geometry.files import stays_inside
+
+DECODERS = 4
+Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
+
+
+def check_pictures(
+    folder: Path,
+    coco: Mapping[str, Any],
+    *,
+    fast: bool = False,
+    look: Look | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Finding]:
+    """What is wrong with the files of a dataset's pictures.
+
+    Parameters
+    ----------
+    folder
+        The dataset's.
+    coco
+        The dataset.
+    fast
+        Whether to look only at which files are there.
+    look
+        What else to look for in each picture that was rendered here.
+    progress
+        Told (done, all) after each image.
+    """
+    images = coco["images"]
+    labels: dict[int, list[Mapping[str, Any]]] = {}
+    for annotation in coco["annotations"]:
+        if isinstance(image_id := annotation.get("image_id"), int):
+            labels.setdefault(image_id, []).append(annotation)
+    contents: dict[str, str] = {}
+    with ThreadPoolExecutor(DECODERS) as pool:
+        # Chunks, so that a million results are not queued up.
+        for start in range(0, len(images), 1024):
+            chunk = images[start : start + 1024]
+            results = pool.map(
+                lambda image: _check(folder, image, labels.get(image["id"], []), fast=fast, look=look), chunk
+            )
+            for done, (image, (findings, found)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
+                yield from findings
+                name = str(image.get("file_name"))
+                if found is not None and (other := contents.setdefault(found, name)) != name:
+                    yield Finding("warning", name, f"is the same picture as {other}")
+                if progress is not None:
+                    progress(done, len(images))
+    known = {place_of(str(image.get("file_name"))) for image in images}
+    if (folder / "images").is_dir():
+        present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
+        if strays := sorted(present - known):
+            more = f", like {len(strays) - 1} more" if len(strays) > 1 else ""
+            yield Finding("warning", strays[0], f"belongs to no record{more}")
+
+
+def _check(
+    folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
+) -> tuple[list[Finding], str | None]:
+    """What is wrong with a picture, and the hash of its content."""
+    name = image.get("file_name")
+    if not stays_inside(name):
+        problem = f"file_name {name!r:.120} is no path inside the dataset"
+        return [Finding("error", f"image {image['id']}", problem)], None
+    path = folder / name
+    if fast:
+        return [] if path.is_file() else [Finding("error", name, "is missing")], None
+    try:
+        picture = read_picture(path)
+    except UnreadableError as error:
+        return [Finding("error", name, str(error))], None
+    findings = []
+    if picture.size != (image.get("width"), image.get("height")):
+        width, height = picture.size
+        stated = f"{image.get('width')} x {image.get('height')}"
+        findings.append(Finding("error", name, f"is {width} x {height}, its record says {stated}"))
+    elif picture.pixels is not None and is_rendered(image):
+        findings += check_looks(image, labels, picture.pixels)
+        if look is not None:
+            findings += look(image, labels, picture.pixels)
+    found = digest(picture.content)
+    recorded = image.get(PICTURE_KEY)
+    if recorded is not None and recorded != found:
+        problem = (
+            f"is not the picture that was recorded: its SHA-256 is {found[:12]}..., recorded is {recorded!s:.12}..."
+        )
+        findings.append(Finding("error", name, problem))
+    return findings, found

@@ -1,0 +1,45 @@
+"""Names of pictures in a dataset: which file a name stands for, however it is spelled."""
+
+from __future__ import annotations
+
+import posixpath
+
+from geometry.files import stays_inside
+
+# What the dataset keeps for itself: pictures under these names would be swept away or written over.
+RESERVED = (
+    ".unfinished",
+    ".hulldown.lock",
+    "annotations.json",
+    "journal.jsonl",
+    "failures.jsonl",
+    "provenance.json",
+    "logs",
+)
+
+
+def place_of(file_name: str) -> str:
+    """The file that a name stands for: ``images/./1.png`` and ``images//1.png`` are one.
+
+    Examples
+    --------
+    >>> place_of("images/./1.png"), place_of("images//1.png")
+    ('images/1.png', 'images/1.png')
+    """
+    return posixpath.normpath(file_name)
+
+
+def is_free(file_name: object) -> bool:
+    """Whether a picture may have this name: it stays in the dataset, and is none that the dataset needs itself."""
+    if not stays_inside(file_name):
+        return False
+    first = place_of(file_name).casefold().split("/")[0]
+    return first != "." and first not in RESERVED
+
+
+def is_plain(file_name: str) -> bool:
+    """Whether a name is spelled as its file, without empty, ``.`` or hidden components.
+
+    Plans ask more of theirs (`geometry.files.PICTURE_NAME`); older datasets have names that plans may no longer have.
+    """
+    return not any(part == "" or part.startswith(".") for part in file_name.split("/"))

@@ -1,0 +1,187 @@
+"""Datasets that anybody may have written: whatever is in them, reading ends in findings or in one line."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import orjson
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from dataset.coco import CocoDataset
+from dataset.join import join
+from dataset.seals import PICTURE_KEY, digest
+from dataset.split import export
+from dataset.verify import verify
+from geometry.errors import HulldownError
+
+KEYS = (
+    *(
+        "id",
+        "file_name",
+        "width",
+        "height",
+        "image_id",
+        "category_id",
+        "bbox",
+        "segmentation",
+        "area",
+        "iscrowd",
+        "name",
+    ),
+    *("bbox_amodal", "visible_fraction", "world_from_vehicle", "picture_sha256", "record_sha256", "world_from_camera"),
+    *("hulldown_runs", "key", "image_offset", "annotation_offset", "prefix", "images", "annotations", "run", "merged"),
+    *("line_sha256", "counts", "size", "hdri", "weather", "scenery", "position"),
+)
+odd = st.sampled_from(
+    [
+        *(
+            None,
+            True,
+            -1,
+            0,
+            1,
+            2,
+            2**31,
+            2**53,
+            1e308,
+            -0.0,
+            0.5,
+            "",
+            "x",
+            "../x",
+            "/x",
+            "images/1.png",
+            ".",
+            "a" * 9999,
+        ),
+        *(
+            "images/./1.png",
+            ".unfinished/1.png",
+            "CON",
+            "\x1b[31m",
+            "\ud7ff",
+            [],
+            {},
+            [[]],
+            [1, 2, 3, 4],
+            {"size": [6, 8]},
+        ),
+        *([[0, 0, 4, 0, 4, 4]], {"size": [6, 8], "counts": [48]}, {"size": [6, 8], "counts": "0T1"}, [1e308] * 4),
+    ]
+)
+values = odd | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5)
+change = st.tuples(
+    st.integers(0, 2**16), st.sampled_from(KEYS), values, st.sampled_from(["set", "drop", "put", "twice"])
+)
+
+
+def sound(folder: Path) -> None:
+    """Two rendered images and a photograph."""
+    (folder / "images").mkdir(parents=True)
+    with CocoDataset.open(folder, categories=["tank"]) as dataset:
+        dataset.run("f" * 64, images=2, annotations=2)
+        for i in (1, 2, 7):
+            path = folder / f"images/{i}.png"
+            Image.new("RGB", (8, 6), (40 * i, 90, 9)).save(path)
+            image = {"id": i, "file_name": f"images/{i}.png", "width": 8, "height": 6}
+            if i < 7:
+                image[PICTURE_KEY] = digest(path.read_bytes())
+            mask = {"size": [6, 8], "counts": [7, 4, 37]}
+            dataset.append(
+                image, [{"id": i, "category": "tank", "bbox": [1, 1, 2, 4], "segmentation": mask, "area": 4}]
+            )
+
+
+def objects(value: Any) -> list[Any]:
+    """Every object and list in a JSON value, itself included."""
+    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    mine = [value] if isinstance(value, (dict, list)) else []
+    return mine + [found for each in inner for found in objects(each)]
+
+
+def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
+    """A JSON value with other values, keys and items in it."""
+    for at, key, new, how in changes:
+        found = objects(value)
+        if not found:
+            return value
+        place = found[at % len(found)]
+        if isinstance(place, dict):
+            keys = [key, *place] if how == "put" else list(place) or [key]
+            place[keys[at % len(keys)]] = new
+            if how == "drop":
+                place.pop(keys[at % len(keys)])
+        elif how == "twice" and place:
+            place.append(place[at % len(place)])
+        elif how == "drop" and place:
+            place.pop(at % len(place))
+        elif place:
+            place[at % len(place)] = new
+    return value
+
+
+def refusal(use: Callable[[], object]) -> str:
+    """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            use()
+        except HulldownError as error:
+            return str(error)
+    return ""
+
+
+def used(folder: Path) -> None:
+    uses: list[Callable[[], object]] = [
+        lambda: [str(finding) for finding in verify(folder)],
+        lambda: export(folder, folder.parent / "coco"),
+        lambda: export(folder, folder.parent / "yolo", layout="yolo"),
+        lambda: join([folder], folder.parent / "joined"),
+        lambda: CocoDataset.open(folder, categories=["truck"]).close(),
+    ]
+    assert all(len(refusal(use)) < 5000 for use in uses)
+    outside = {path.name for path in folder.parent.iterdir()} - {"d", "coco", "yolo", "joined"}
+    assert outside == set()
+
+
+@given(st.lists(change, min_size=1, max_size=4))
+def test_any_annotations_file_is_read_or_refused(changes: list) -> None:
+    with tempfile.TemporaryDirectory() as top:
+        folder = Path(top) / "d"
+        sound(folder)
+        path = folder / "annotations.json"
+        path.write_bytes(orjson.dumps(changed(orjson.loads(path.read_bytes()), changes)))
+        used(folder)
+
+
+@given(st.lists(change, min_size=1, max_size=4), st.booleans())
+def test_any_journal_is_read_or_refused(changes: list, alone: bool) -> None:
+    with tempfile.TemporaryDirectory() as top:
+        folder = Path(top) / "d"
+        sound(folder)
+        path = folder / "journal.jsonl"
+        lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
+        for line in lines:
+            line.pop("line_sha256", None)
+        if alone:
+            (folder / "annotations.json").unlink()
+        found = changed(lines, changes)
+        path.write_bytes(b"".join(orjson.dumps(line) + b"\n" for line in found))
+        used(folder)
+
+
+@given(
+    st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"])
+)
+def test_any_bytes_are_refused_in_a_line(content: bytes, name: str) -> None:
+    with tempfile.TemporaryDirectory() as top:
+        folder = Path(top) / "d"
+        sound(folder)
+        (folder / name).write_bytes(content)
+        used(folder)

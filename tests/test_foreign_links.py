@@ -1,0 +1,79 @@
+"""Links in somebody else's dataset: followed inside it, and where the user allows it."""
+
+import json
+import os
+
+import pytest
+from PIL import Image
+
+from dataset.join import join
+from dataset.split import export
+from geometry.errors import DatasetError
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    """A dataset whose maker has never heard of hulldown, with a file of the user's beside it."""
+    folder = tmp_path / "theirs"
+    (folder / "images").mkdir(parents=True)
+    Image.new("RGB", (8, 6)).save(folder / "images/0.png")
+    image = {"id": 1, "file_name": "images/1.png", "width": 8, "height": 6}
+    (folder / "annotations.json").write_text(json.dumps({"images": [image], "categories": [], "annotations": []}))
+    (tmp_path / "mine").mkdir()
+    Image.new("RGB", (8, 6), (9, 9, 9)).save(tmp_path / "mine/secret.png")
+    return folder
+
+
+def exported(folder, out, **options):
+    export(folder, out, fractions=(1.0, 0.0, 0.0), **options)
+    return out / "train/1.png"
+
+
+def joined(folder, out, **options):
+    join([folder], out, **options)
+    return out / "images/1.png"
+
+
+def a_link(folder):
+    (folder / "images/1.png").symlink_to("../../mine/secret.png")
+
+
+def a_link_to_a_link(folder):
+    (folder / "2.png").symlink_to("../mine/secret.png")
+    (folder / "images/1.png").symlink_to("../2.png")
+
+
+def a_linked_folder(folder):
+    (folder / "images").rename(folder / "was")
+    os.link(folder / "../mine/secret.png", folder / "../mine/1.png")
+    (folder / "images").symlink_to("../mine")
+
+
+@pytest.mark.parametrize("made", [exported, joined])
+@pytest.mark.parametrize("lead_out", [a_link, a_link_to_a_link, a_linked_folder])
+def test_a_link_out_of_a_dataset_is_followed_only_where_it_is_allowed(foreign, tmp_path, made, lead_out):
+    lead_out(foreign)
+    with pytest.raises(DatasetError, match=r"1\.png: is a link that leads out of its dataset, to .*mine") as refused:
+        made(foreign, tmp_path / "out")
+    assert f"--allow-links {tmp_path.resolve() / 'mine'}" in str(refused.value)
+    assert not (tmp_path / "out").exists()
+    picture = made(foreign, tmp_path / "out", allow_links=[tmp_path / "mine"])
+    assert not picture.is_symlink()
+    assert picture.read_bytes() == (tmp_path / "mine/secret.png").read_bytes()
+
+
+@pytest.mark.parametrize("made", [exported, joined])
+def test_a_link_inside_a_dataset_is_followed(foreign, tmp_path, made):
+    (foreign / "images/1.png").symlink_to("0.png")
+    assert made(foreign, tmp_path / "out").samefile(foreign / "images/0.png")
+
+
+@pytest.mark.parametrize("made", [exported, joined])
+def test_links_in_a_circle_and_pipes_are_one_line(foreign, tmp_path, made):
+    (foreign / "images/1.png").symlink_to("1.png")
+    with pytest.raises(DatasetError, match=r"1\.png: cannot be .*(symbolic links|loop)"):
+        made(foreign, tmp_path / "out")
+    (foreign / "images/1.png").unlink()
+    os.mkfifo(foreign / "images/1.png")
+    with pytest.raises(DatasetError, match=r"1\.png: cannot be .*no regular file"):
+        made(foreign, tmp_path / "out")

@@ -1,0 +1,41 @@
+"""A disk that is full is named by the file that had no room."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from planning.plan_file import PlanWriter
+from planning.row import Header
+
+ROOT = Path(__file__).resolve().parents[1]
+HEADER = Header(hulldown_plan=1, images=0, seed=0, root=".", config={}, vehicles={}, sceneries={}, hdris={})
+FILL = """
+import resource, sys
+from pathlib import Path
+from geometry.files import replacing
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    with replacing(Path(sys.argv[1])) as file:
+        file.write(bytes(100_000))
+        file.flush()
+except OSError as error:
+    print(error.filename)
+"""
+
+
+def test_a_file_that_has_no_room_is_named(tmp_path):
+    code = [sys.executable, "-c", FILL, str(tmp_path / "cache.npz")]
+    ran = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    assert ran.stdout.strip() == str(tmp_path / "cache.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lock_of_a_plan_is_removed_while_it_is_held(tmp_path, monkeypatch):
+    writer = PlanWriter(tmp_path / "plan.jsonl", HEADER)
+    there = []
+    release = writer._lock.release
+    monkeypatch.setattr(
+        writer._lock, "release", lambda: (there.append(Path(writer._lock.lock_file).exists()), release())
+    )
+    writer.__exit__(None, None, None)
+    assert there == [False]

@@ -1,0 +1,101 @@
+"""Pictures that do not show what their labels say are found; photographs are left alone."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+from annotate.masks import area, encode, mask_box
+from dataset.coco import CocoDataset
+from dataset.look import appearance
+from dataset.seals import PICTURE_KEY, digest
+from dataset.verify import verify
+
+SIZE = (180, 320)
+NOBODY = np.zeros(SIZE, dtype=bool)
+
+
+def scene(seed):
+    """Rough ground with an upright box on it, and where the box is."""
+    rng = np.random.default_rng(seed)
+    ground = ndimage.gaussian_filter(rng.normal(0.0, 1.0, SIZE), 1.5) * 90.0 + np.array(120.0)
+    mask = np.zeros(SIZE, dtype=bool)
+    y, x = rng.integers(40, 120), rng.integers(30, 230)
+    mask[y : y + 40, x : x + 60] = True
+    picture = np.where(mask, 60.0 + 0.3 * ndimage.gaussian_filter(rng.normal(0.0, 200.0, SIZE), 2.0), ground)
+    return np.repeat(picture.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2), mask
+
+
+def dataset(folder, pictures, masks, **fields):
+    (folder / "images").mkdir()
+    with CocoDataset.open(folder, categories=["tank"]) as target:
+        for i, (picture, mask) in enumerate(zip(pictures, masks, strict=True)):
+            path = folder / f"images/{i}.png"
+            Image.fromarray(picture).save(path)
+            image = {"file_name": f"images/{i}.png", "width": SIZE[1], "height": SIZE[0], **fields}
+            if not fields:
+                image[PICTURE_KEY] = digest(path.read_bytes())
+            label = {"segmentation": encode(mask), "area": area(mask), "bbox": mask_box(mask).tolist()}
+            target.append(image, [{"category": "tank", **label}])
+    return list(verify(folder))
+
+
+def painted(picture, mask, level):
+    return np.where(mask[..., None], np.uint8(level), picture)
+
+
+def test_sound_pictures_have_no_findings(tmp_path):
+    scenes = [scene(i) for i in range(6)]
+    assert dataset(tmp_path, *zip(*scenes, strict=True)) == []
+
+
+@pytest.mark.parametrize(
+    ("level", "problem"),
+    [(3, "its pixels are black: 3.0 of 255"), (254, "its pixels are white: 254.0 of 255")],
+)
+def test_a_target_without_light_or_with_too_much_is_found(tmp_path, level, problem):
+    picture, mask = scene(0)
+    (found,) = dataset(tmp_path, [painted(picture, mask, level)], [mask])
+    assert (found.severity, found.where) == ("error", "images/0.png: annotation 1")
+    assert found.problem == problem
+    assert found.figure == pytest.approx(level, abs=0.1)
+
+
+def test_a_black_picture_is_found(tmp_path):
+    picture, mask = scene(0)
+    assert "black" in dataset(tmp_path, [np.zeros_like(picture)], [mask])[0].problem
+
+
+@pytest.mark.parametrize(("apart", "severity"), [(0, "error"), (3, "warning"), (30, None)])
+def test_a_ghost_is_found_with_its_figure(tmp_path, apart, severity):
+    _, mask = scene(0)
+    fog = np.full((*SIZE, 3), 170, dtype=np.uint8)
+    found = dataset(tmp_path, [painted(fog, mask, 170 + apart)], [mask])
+    assert [(each.severity, each.figure) for each in found] == ([(severity, apart)] if severity else [])
+
+
+def test_the_picture_of_another_row_is_found(tmp_path):
+    (first, mask), (second, other) = scene(1), scene(2)
+    assert not (mask & other).any()
+    found = dataset(tmp_path, [second, first], [mask, other])
+    assert [(each.severity, each.where) for each in found] == [("error", f"images/{i}.png") for i in (0, 1)]
+    assert all("does not show its labels" in each.problem and each.figure < 1.2 for each in found)
+
+
+def test_photographs_are_left_alone(tmp_path):
+    picture, mask = scene(0)
+    assert dataset(tmp_path, [np.zeros_like(picture)], [mask], taken="at night") == []
+
+
+def test_a_large_target_is_looked_at_in_part():
+    picture, mask = scene(3)
+    small, large = (
+        appearance(np.kron(picture, np.ones((k, k, 1), np.uint8)), np.kron(mask, np.ones((k, k), bool)), others)
+        for k, others in ((1, NOBODY), (20, np.kron(NOBODY, np.ones((20, 20), bool))))
+    )
+    assert large.contrast == pytest.approx(small.contrast, rel=0.2)
+
+
+def test_an_empty_mask_has_no_look():
+    picture, _ = scene(0)
+    assert appearance(picture, NOBODY, NOBODY) is None

@@ -1,0 +1,203 @@
+"""What was changed after it was recorded is found: pictures, records, journal lines."""
+
+import json
+import os
+import random
+
+import orjson
+import pytest
+from PIL import Image
+
+from dataset.coco import CocoDataset
+from dataset.document import read_coco
+from dataset.join import join
+from dataset.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
+from dataset.split import export
+from dataset.verify import verify
+from geometry.errors import DatasetError
+
+PLAN = "c" * 64
+
+
+def fill(folder, n=3, *, seals=True, key=PLAN):
+    """A dataset as rendering leaves it, noise for pictures."""
+    with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
+        run = dataset.run(key, images=n, annotations=n)
+        for i in range(n):
+            name = run.file_name(f"images/{i + 1:08d}.png")
+            path = folder / name
+            path.parent.mkdir(exist_ok=True)
+            noise = random.Random(f"{key} {i}").randbytes(32 * 24 * 3)
+            Image.frombytes("RGB", (32, 24), noise).save(path)
+            image = {"id": run.image_offset + i + 1, "file_name": name, "width": 32, "height": 24}
+            if seals:
+                image[PICTURE_KEY] = digest(path.read_bytes())
+            box = {"id": run.annotation_offset + i + 1, "category": "tank", "bbox": [5.0, 4.0, 10.25, 6.5]}
+            dataset.append(image, [box])
+    return folder
+
+
+def edit(folder, change):
+    path = folder / "annotations.json"
+    coco = json.loads(path.read_text())
+    change(coco)
+    path.write_text(json.dumps(coco))
+
+
+def errors(folder, **options):
+    return [str(finding) for finding in verify(folder, **options) if finding.severity == "error"]
+
+
+def test_every_record_says_what_it_and_its_picture_hash_to(tmp_path):
+    coco = read_coco(fill(tmp_path))
+    assert list(verify(tmp_path)) == []
+    for image in coco["images"]:
+        assert image[PICTURE_KEY] == digest((tmp_path / image["file_name"]).read_bytes())
+    assert all(record[RECORD_KEY] == seal_of(record) for record in (*coco["images"], *coco["annotations"]))
+
+
+def test_pictures_of_equal_size_that_changed_places_are_found(tmp_path):
+    fill(tmp_path)
+    a, b = (tmp_path / f"images/{i:08d}.png" for i in (1, 2))
+    os.rename(a, tmp_path / "images/x.png")
+    os.rename(b, a)
+    os.rename(tmp_path / "images/x.png", b)
+    found = errors(tmp_path)
+    assert len(found) == 2
+    assert all("is not the picture that was recorded" in line for line in found)
+    assert errors(tmp_path, fast=True) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["annotations"][1]["bbox"].__setitem__(0, 5.5),
+        lambda c: c["annotations"][1].update(category_id=2),
+        lambda c: c["images"][1].update(hdri="noon"),
+        lambda c: c["images"][1].update({PICTURE_KEY: "0" * 64}),
+        lambda c: c["images"][1].pop(PICTURE_KEY),
+    ],
+)
+def test_a_record_that_was_changed_is_found_unless_somebody_says_so(tmp_path, change):
+    edit(fill(tmp_path), change)
+    found = errors(tmp_path)
+    assert found
+    assert any("was changed after it was recorded" in line for line in found)
+    assert errors(tmp_path, fast=True) == []
+    edit(tmp_path, lambda c: [record.update({RECORD_KEY: None}) for record in (c["images"][1], c["annotations"][1])])
+    assert not any("was changed" in line for line in errors(tmp_path))
+
+
+def test_a_record_without_its_seal_is_worth_a_look(tmp_path):
+    edit(fill(tmp_path), lambda c: c["annotations"][1].pop(RECORD_KEY))
+    (found,) = verify(tmp_path)
+    assert found.severity == "warning"
+    assert f"has no {RECORD_KEY}" in found.problem
+
+
+def test_old_datasets_and_photographs_are_read_as_they_are(tmp_path):
+    fill(tmp_path, seals=False)
+    journal = tmp_path / "journal.jsonl"
+    old = [json.loads(line) for line in journal.read_text().splitlines()]
+    journal.write_bytes(b"".join(orjson.dumps(_without(line)) + b"\n" for line in old))
+    assert list(verify(tmp_path)) == []
+    assert all(RECORD_KEY not in record for record in read_coco(tmp_path)["annotations"])
+    fill(tmp_path, 2, key="d" * 64)
+    assert list(verify(tmp_path)) == []
+
+
+def _without(line):
+    return {key: value for key, value in line.items() if key != "line_sha256"}
+
+
+@pytest.mark.parametrize("merged", [True, False])
+def test_a_flipped_bit_in_the_journal_is_found(tmp_path, merged):
+    journal = fill(tmp_path, 2) / "journal.jsonl"
+    if not merged:
+        (tmp_path / "annotations.json").unlink()
+        journal.write_bytes(journal.read_bytes().replace(b'{"merged":true}\n', b""))
+    before = journal.read_bytes()
+    missed = []
+    for at in range(0, len(before), 3):
+        spoilt = bytearray(before)
+        spoilt[at] ^= 1 << at % 8
+        journal.write_bytes(spoilt)
+        if not _found(tmp_path):
+            missed.append((at, bytes(spoilt[max(at - 20, 0) : at + 20])))
+    assert missed == []
+
+
+def _found(folder):
+    try:
+        return list(verify(folder, fast=True))
+    except DatasetError as error:
+        return [error]
+
+
+def test_joining_keeps_the_seals_and_refuses_what_they_do_not_fit(tmp_path):
+    part = fill(tmp_path / "part")
+    fill(tmp_path / "all", key="e" * 64)
+    join([part], tmp_path / "all")
+    assert list(verify(tmp_path / "all")) == []
+    edit(part, lambda c: c["annotations"][1].update(category_id=2))
+    with pytest.raises(DatasetError, match="annotation 2 is not as it was recorded; check it with"):
+        join([part], tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_export_has_records_that_fit(tmp_path):
+    fill(tmp_path / "all")
+    edit(tmp_path / "all", lambda c: c["images"][1].update(width=31))
+    export(tmp_path / "all", tmp_path / "out", fractions=(1.0, 0.0, 0.0))
+    coco = json.loads((tmp_path / "out/train/_annotations.coco.json").read_text())
+    assert [image[RECORD_KEY] == seal_of(image) for image in coco["images"]] == [True, False, True]
+
+
+@pytest.mark.parametrize("name", ["annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json"])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name):
+    part = fill(tmp_path / "part")
+    (part / name).unlink(missing_ok=True)
+    os.mkfifo(part / name)
+    with pytest.raises(DatasetError, match="no regular file"):
+        join([part], tmp_path / "new")
+
+
+def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
+    name = "images/00000002.png"
+    (fill(tmp_path) / name).unlink()
+    os.mkfifo(tmp_path / name)
+    (line,) = errors(tmp_path)
+    assert "no regular file" in line
+
+
+def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):
+    edit(fill(tmp_path), lambda c: c["images"][1].update(file_name="x" * 1_000_000))
+    assert max(len(str(finding)) for finding in verify(tmp_path)) < 3000
+    with pytest.raises(DatasetError) as refused:
+        export(tmp_path, tmp_path / "out")
+    assert len(str(refused.value)) < 3000
+
+
+@pytest.mark.parametrize("name", ["images/./00000001.png", "images//00000001.png", "./images/00000001.png"])
+def test_two_names_of_one_file_are_one_name(tmp_path, name):
+    with CocoDataset.open(fill(tmp_path, 1)) as target, pytest.raises(ValueError, match="is in the dataset already"):
+        target.append({"file_name": name, "width": 32, "height": 24}, [])
+    edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
+    assert "error: images/00000001.png: belongs to 2 image records" in errors(tmp_path)
+
+
+@pytest.mark.parametrize("name", [".unfinished/1.png", "annotations.json", "Journal.jsonl", "logs/1.png", "."])
+def test_what_the_dataset_keeps_for_itself_is_no_name_of_a_picture(tmp_path, name):
+    with (
+        CocoDataset.open(tmp_path) as target,
+        pytest.raises(ValueError, match="a path inside the dataset that is free"),
+    ):
+        target.append({"file_name": name, "width": 32, "height": 24}, [])
+
+
+def test_a_planned_image_is_called_as_its_file(tmp_path):
+    with CocoDataset.open(tmp_path) as target:
+        target.run(PLAN, images=2, annotations=0)
+        with pytest.raises(ValueError, match=r"expected a name such as images/00000001\.png, got 'images/\./1\.png'"):
+            target.append({"id": 1, "file_name": "images/./1.png", "width": 32, "height": 24}, [])
+        target.append({"file_name": "photos/./1.jpg", "width": 32, "height": 24}, [])

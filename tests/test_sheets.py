@@ -1,0 +1,26 @@
+"""Pictures of ours replace pictures of ours, and nothing else."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from annotate.sheets import refuse_foreign, save_sheet
+from geometry.errors import HulldownError
+from planning.summary import summarise
+
+SHEET = Image.fromarray(np.zeros((4, 6, 3), np.uint8))
+
+
+@pytest.mark.parametrize("write", [lambda path: save_sheet(SHEET, path), lambda path: summarise([]).draw(path)])
+def test_what_is_not_ours_is_not_replaced(tmp_path, write):
+    path = tmp_path / "tank.png"
+    SHEET.save(path)
+    before = path.read_bytes()
+    with pytest.raises(HulldownError, match=r"tank\.png: exists and is no picture that hulldown drew; name another"):
+        write(path)
+    assert path.read_bytes() == before
+    path.unlink()
+    write(path)
+    write(path)
+    refuse_foreign(path)
+    assert [found.name for found in tmp_path.iterdir()] == ["tank.png"]

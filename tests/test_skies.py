@@ -1,0 +1,107 @@
+"""A picture under another sky than its record names is found."""
+
+import math
+
+import numpy as np
+import pytest
+
+from camera.intrinsics import Intrinsics
+from camera.projection import Camera
+from camera.world import Plane, World
+from dataset.check_skies import SkyCheck
+from dataset.runs import Run
+from dataset.sky import deviation, displayed, inner, radiance
+
+RUN = Run("a" * 64, 0, 0, "", 9, 9)
+POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x
+IMAGE = {
+    **{"id": 1, "file_name": "images/1.png", "width": 160, "height": 90, "scenery": "plain", "fov_x_deg": 60.0},
+    **{"hdri": "east", "hdri_yaw_deg": 40.0, "strength": 1.2, "weather": None, "world_from_camera": POSE},
+}
+
+
+def sky(red, blue, bright_at):
+    """A map that is red below, blue above, and bright about one azimuth in degrees."""
+    rows, columns = np.mgrid[0:64, 0:128]
+    azimuth = np.pi - (columns + 0.5) / 128 * 2 * np.pi
+    glow = 0.2 + 2.0 * np.exp(3.0 * (np.cos(azimuth - math.radians(bright_at)) - 1.0))
+    share = (rows + 0.5)[..., None] / 64
+    return glow[..., None] * (share * np.array([red, 0.3, 0.2]) + (1 - share) * np.array([0.2, 0.4, blue]))
+
+
+SKIES = {"east": sky(0.9, 0.6, 0.0), "west": sky(0.5, 0.9, 180.0)}
+CHECK = SkyCheck({"plain": World(ground=Plane(0.0))}, SKIES, RUN)
+
+
+def picture(image):
+    """What a camera sees over an endless plain."""
+    camera = Camera(
+        Intrinsics(image["width"], image["height"], math.radians(image["fov_x_deg"])),
+        np.array(image["world_from_camera"]),
+    )
+    x, y = np.meshgrid(np.arange(image["width"]) + 0.5, np.arange(image["height"]) + 0.5)
+    along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(*x.shape, 3)
+    visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
+    yaw = math.radians(image["hdri_yaw_deg"])
+    seen = displayed(
+        radiance(SKIES[image["hdri"]], along, yaw=yaw, strength=image["strength"], visibility_m=visibility_m)
+    )
+    return np.where(along[..., 2:] < 0.0, 70.0, seen).round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("weather", [None, {"visibility_m": 900.0}])
+def test_the_named_sky_is_no_finding(weather):
+    image = {**IMAGE, "weather": weather}
+    assert list(CHECK(image, [], picture(image))) == []
+
+
+@pytest.mark.parametrize(
+    "change", [{"hdri": "west"}, {"hdri_yaw_deg": 130.0}, {"strength": 0.6}, {"weather": {"visibility_m": 200.0}}]
+)
+def test_another_sky_turn_strength_or_fog_is_found(change):
+    (found,) = CHECK(IMAGE, [], picture({**IMAGE, **change}))
+    assert (found.severity, found.where) == ("error", "images/1.png")
+    assert "its sky is " in found.problem
+    assert found.figure > 3.0
+
+
+def test_a_black_picture_has_the_wrong_sky():
+    assert list(CHECK(IMAGE, [], np.zeros((90, 160, 3), np.uint8)))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}, {"world_from_camera": None}],
+)
+def test_what_the_plan_does_not_know_is_left_alone(change):
+    assert list(CHECK({**IMAGE, **change}, [], np.zeros((90, 160, 3), np.uint8))) == []
+
+
+def test_a_vehicle_against_the_sky_is_no_sky():
+    hidden = picture(IMAGE)
+    hidden[:60, 20:140] = 0
+    assert list(CHECK(IMAGE, [], hidden))
+    assert list(CHECK(IMAGE, [{"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
+
+
+def test_a_picture_without_sky_is_left_alone():
+    down = {
+        **IMAGE,
+        "world_from_camera": np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]]).tolist(),
+    }
+    assert list(CHECK(down, [], np.zeros((90, 160, 3), np.uint8))) == []
+
+
+def test_agx_gives_what_blender_gives():
+    # Blender 5.0.1, AgX without a look, 16 bit: radiance and level of 255.
+    greys = {1.4686: 208.7, 0.03228: 44.0, 9.1836: 247.3}
+    for grey, level in greys.items():
+        assert displayed(np.full(3, grey)) == pytest.approx(level, abs=4.5)
+
+
+def test_the_deviation_is_that_of_the_smoothed_difference():
+    where = inner(np.ones((20, 30), bool))
+    noise = np.tile([[-9.0, 9.0], [9.0, -9.0]], (10, 15))[..., None]
+    assert deviation(np.full((20, 30, 3), 104.0) + noise, np.full((20, 30, 3), 100.0), where) == pytest.approx(
+        4, abs=0.5
+    )
