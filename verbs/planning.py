@@ -1,0 +1,209 @@
+"""The verbs up to a plan: init, inspect, plan, check, preview."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import HulldownError
+from verbs.arguments import AddVerb, add_cache, add_read_limits, at_least_one, picture_name, read_limits
+from verbs.terminal import (
+    DONE,
+    FOUND,
+    STDOUT,
+    make_room,
+    make_room_for_picture,
+    print_json,
+    progress_bar,
+    reading_status,
+    say,
+    show_list,
+    warn,
+)
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from demo.project import create_project
+
+    make_room(arguments.folder / "hulldown.toml")
+    with progress_bar("building demo assets") as advance:
+        config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, progress=advance)
+    say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
+    return DONE
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    from planning.config import load_config
+    from planning.loading import inspect_config
+    from reading.inspect import Inspected, inspect, write_pictures
+
+    if arguments.output:
+        make_room_for_picture(arguments.output)
+    inspected: list[Inspected] = []
+    for path in arguments.files:
+        with reading_status() as progress:
+            shared = {
+                "strict": arguments.strict,
+                "pictures": bool(arguments.output),
+                "progress": progress,
+                "limits": read_limits(arguments),
+            }
+            if path.suffix.lower() == ".toml":
+                found = inspect_config(load_config(path), **shared)
+            else:
+                found = [inspect(path, kind=arguments.kind, **shared)]
+        if not arguments.json:
+            for one in found:
+                STDOUT.print(one.report.table())
+                show_list(one.report.notes())
+        inspected += found
+    if arguments.output:
+        write_pictures(inspected, arguments.output)
+    if arguments.json:
+        print_json([one.report.to_json() for one in inspected])
+    return DONE
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from planning.config import load_config
+    from planning.loading import load_assets
+    from planning.write import write_plan
+
+    if arguments.check:
+        arguments.plan = arguments.config
+        return _check(arguments)
+    if arguments.output is None:
+        raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
+    if arguments.output.suffix.lower() == ".png":
+        raise HulldownError(
+            "a plan is text, and its picture gets this name", path=arguments.output, remedy="name it .jsonl"
+        )
+    config = load_config(arguments.config)
+    make_room(arguments.output)
+    make_room_for_picture(picture_of(arguments.output, "summary"))
+    with reading_status() as progress:
+        assets = load_assets(
+            config,
+            strict=arguments.strict,
+            cache=arguments.cache,
+            progress=progress,
+            warn=warn,
+            limits=read_limits(arguments),
+        )
+    with progress_bar("planning") as advance:
+        plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
+    return _summarise(plan, arguments)
+
+
+def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
+    from planning.summary import summarise
+
+    summary = summarise(plan)
+    picture = picture_of(arguments.output, "summary")
+    summary.draw(picture)
+    if arguments.json:
+        print_json(summary.to_json())
+    else:
+        for table in summary.tables():
+            STDOUT.print(table)
+    say(f"wrote {arguments.output} ({len(plan)} images) and {picture}; next: hulldown preview {arguments.output}")
+    return DONE
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from planning.check import check_plan
+    from planning.loading import load_planned_assets
+    from planning.plan_file import read_plan
+
+    plan = read_plan(arguments.plan)
+    with reading_status() as progress:
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
+    with progress_bar("checking") as advance:
+        findings = check_plan(plan, assets, progress=advance)
+    if arguments.json:
+        print_json(findings)
+    else:
+        show_list(findings)
+    say(f"{len(plan)} images checked, {len(findings)} limits broken")
+    return FOUND if findings else DONE
+
+
+def _preview(arguments: argparse.Namespace) -> int:
+    from planning.loading import load_planned_assets
+    from planning.plan_file import read_plan
+    from planning.preview import preview_sheet
+
+    plan = read_plan(arguments.plan)
+    output = arguments.output or picture_of(arguments.plan, "preview")
+    make_room_for_picture(output)
+    with reading_status() as progress:
+        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
+    with progress_bar("shading") as advance:
+        preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
+    say(f"wrote {output}")
+    return DONE
+
+
+def picture_of(plan: Path, what: str) -> Path:
+    """The name of a picture of a plan, which says whose it is and of what."""
+    return plan.with_name(f"{plan.name}.{what}.png")
+
+
+def add(verb: AddVerb) -> None:
+    """Add these verbs to the command."""
+    sub = verb(
+        "init",
+        _init,
+        "start a project",
+        "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs.",
+        resumes=True,
+    )
+    sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
+    sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
+    sub.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
+
+    sub = verb(
+        "inspect", _inspect, "show what will be used of asset files",
+        "Reads .blend, .glb, .gltf, .fbx or .obj files, or configs and what they list, with their options; writes a "
+        "table of each, and with -o a picture from four sides.",
+    )  # fmt: skip
+    sub.add_argument("files", type=Path, nargs="+", metavar="FILE", help="an asset, or a config (.toml)")
+    sub.add_argument(
+        "--as", dest="kind", choices=("vehicle", "scenery"),
+        help="default: judged by what is in the file; a config says it itself",
+    )  # fmt: skip
+    sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", help="shaded picture of all, parts in colours")
+    sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
+    add_read_limits(sub)
+
+    sub = verb(
+        "plan", _plan, "plan every pose of a dataset",
+        "Reads a config and its assets; writes PLAN, one line an image, and a picture of its statistics beside it.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument("config", type=Path, metavar="CONFIG", help="the config; with --check a plan")
+    sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="the plan to write, such as plan.jsonl")
+    sub.add_argument("--check", action="store_true", help="the same as `hulldown check`")
+    sub.add_argument("--workers", type=at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)")
+    sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+    add_cache(sub, "the config's; with --check .hulldown-cache beside the plan")
+    add_read_limits(sub)
+
+    sub = verb(
+        "check", _check, "recompute every limit of a plan",
+        "Reads a plan and the assets it names; prints a line for each limit of the plan's own config that is broken.",
+    )  # fmt: skip
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    add_read_limits(sub)
+    add_cache(sub, ".hulldown-cache beside the plan")
+
+    sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    sub.add_argument(
+        "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, beside the plan"
+    )
+    sub.add_argument("--count", type=at_least_one, default=24, help="images, evenly from the plan (default: 24)")
+    add_read_limits(sub)
+    add_cache(sub, ".hulldown-cache beside the plan")

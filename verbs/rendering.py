@@ -1,0 +1,205 @@
+"""The verbs from a plan to a dataset: render, join, verify, export."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import HulldownError
+from verbs.arguments import (
+    AddVerb,
+    add_allow_links,
+    add_cache,
+    add_read_limits,
+    at_least_one,
+    one_of_shares,
+    positive,
+    read_limits,
+    three_shares,
+)
+from verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, progress_bar, reading_status, say, show_list, warn
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from render.pool import DEFAULT_LIMITS
+    from render.supervisor import render_plan
+
+    with progress_bar("rendering") as advance:
+
+        def show(progress: Any) -> None:
+            if progress.line:
+                say(progress.line)
+            advance(progress.finished, progress.images)
+
+        report = render_plan(
+            arguments.plan,
+            arguments.output,
+            workers=arguments.workers,
+            device=arguments.device,
+            limit=arguments.limit,
+            share=arguments.share,
+            blender=arguments.blender,
+            limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
+            read_limits=read_limits(arguments),
+            cache=arguments.cache,
+            progress=show,
+        )
+    if arguments.json:
+        print_json(dataclasses.asdict(report))
+    say(
+        f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
+        f"in {report.seconds:.0f} s; next: hulldown verify {arguments.output}"
+    )
+    if report.failed:
+        warn(f"reasons are in {arguments.output / 'failures.jsonl'}")
+    if report.interrupted:
+        say("stopped; the same command goes on from here")
+        return STOPPED
+    return DONE if report.complete else FOUND
+
+
+def _join(arguments: argparse.Namespace) -> int:
+    from dataset.join import join
+
+    with progress_bar("joining") as advance:
+        joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links, progress=advance)
+    if arguments.json:
+        print_json(dataclasses.asdict(joined))
+    say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
+    if joined.missing:
+        warn(
+            f"{joined.missing} planned images are not there yet, {joined.failed} of them given up; "
+            "join again when there are more"
+        )
+    return DONE
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from dataset.verify import verify
+
+    if arguments.masks and not arguments.plan:
+        raise HulldownError("--masks needs --plan, whose poses are rendered again")
+    look, findings = _look(arguments)
+    with progress_bar("checking") as advance:
+        options = {"plan": arguments.plan, "fast": arguments.fast, "look": look, "progress": advance}
+        findings += verify(arguments.dataset, **options)
+    checked = 0
+    if arguments.masks:
+        from render.masks import verify_masks
+
+        with progress_bar("rendering masks") as advance:
+            measured = verify_masks(
+                arguments.dataset, arguments.plan, count=arguments.masks, cache=arguments.cache, progress=advance
+            )
+        checked = len(measured.rows)
+        findings += measured.findings
+        if not arguments.json:
+            STDOUT.print(measured.table())
+    if arguments.json:
+        print_json([dataclasses.asdict(finding) for finding in findings])
+    else:
+        show_list([str(finding) for finding in findings])
+    errors = sum(finding.severity == "error" for finding in findings)
+    masks = f", {checked} masks rendered" if arguments.masks else ""
+    say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
+    return FOUND if errors else DONE
+
+
+def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
+    """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
+    if arguments.plan is None or arguments.fast:
+        return None, []
+    from dataset.check_skies import sky_check
+    from dataset.document import read_coco
+    from dataset.records import Finding
+    from planning.plan_file import read_plan
+
+    coco = read_coco(arguments.dataset)
+    try:
+        with reading_status():
+            return sky_check(read_plan(arguments.plan), coco, cache=arguments.cache), []
+    except HulldownError as error:
+        return None, [Finding("warning", arguments.plan.name, f"skies are not looked at: {error}")]
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from dataset.split import export
+
+    with progress_bar("linking images") as advance:
+        counts = export(
+            arguments.dataset,
+            arguments.output,
+            layout=arguments.format,
+            fractions=arguments.split,
+            allow_links=arguments.allow_links,
+            progress=advance,
+        )
+    if arguments.json:
+        print_json(counts)
+    say(f"wrote {arguments.output}: " + ", ".join(f"{n} {name}" for name, n in counts.items()))
+    return DONE
+
+
+def add(verb: AddVerb) -> None:
+    """Add these verbs to the command."""
+    sub = verb(
+        "render", _render, "render a plan with Blender Cycles",
+        "Reads a plan and the assets it names; writes images, annotations.json and a journal. Resumes by itself.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="added to if it is there")
+    sub.add_argument("--workers", type=at_least_one, help="processes (default: one a GPU, or one)")
+    sub.add_argument(
+        "--device",
+        default="auto",
+        choices=("auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"),
+        help="default: auto, a GPU if there is one",
+    )
+    sub.add_argument("--limit", type=at_least_one, metavar="N", help="only the first N images of the plan")
+    sub.add_argument(
+        "--share", type=one_of_shares, default=(1, 1), metavar="K/N",
+        help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
+    )  # fmt: skip
+    sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
+    sub.add_argument(
+        "--image-timeout", type=positive, metavar="SECONDS",
+        help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
+    )  # fmt: skip
+    add_read_limits(sub)
+    add_cache(sub, ".hulldown-cache beside the plan")
+
+    sub = verb(
+        "join", _join, "put parts of a dataset together",
+        "Reads datasets, such as the shares of a plan that several machines have rendered; appends to DATASET what it "
+        "does not have, pictures as hard links where the disk allows. Join again when there are more images.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset; it stays as it is")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="made if it is not there")
+    add_allow_links(sub)
+
+    sub = verb(
+        "verify", _verify, "check a dataset",
+        "Reads a dataset; prints what is wrong with records, images and boxes. Exit code 1 if something is.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
+    sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
+    sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+    add_cache(sub, ".hulldown-cache beside the plan")
+
+    sub = verb(
+        "export", _export, "split a dataset for training",
+        "Reads a dataset; writes train, valid and test; shots of one position stay together.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="a new or an empty folder")
+    sub.add_argument("--format", choices=("coco", "yolo"), default="coco", help="default: coco")
+    sub.add_argument(
+        "--split", type=three_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
+        help="shares of train, valid and test (default: 0.7,0.2,0.1)",
+    )  # fmt: skip
+    add_allow_links(sub)

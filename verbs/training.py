@@ -1,0 +1,188 @@
+"""The verbs from datasets to a judged detector: subset, augment, train, predict, evaluate."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from verbs.arguments import AddVerb, at_least_one, fractions, named_folder, overlap, picture_name, threshold_or_best
+from verbs.terminal import DONE, make_room, print_json, progress_bar, progress_bars, say, warn
+
+
+def _subset(arguments: argparse.Namespace) -> int:
+    from training.subset import write_subsets
+
+    with progress_bar("linking images") as advance:
+        counts = write_subsets(
+            arguments.dataset, arguments.output, fractions=arguments.fractions, seed=arguments.seed,
+            stratified=arguments.stratified, progress=advance,
+        )  # fmt: skip
+    if arguments.json:
+        print_json(counts)
+    say(f"wrote {arguments.output}: " + ", ".join(f"{n} images in {name}" for name, n in counts.items()))
+    return DONE
+
+
+def _augment(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+
+    require_extra()
+    from training.sheet import augmentation_sheet
+
+    make_room(arguments.output)
+    with progress_bar("augmenting") as advance:
+        sheet = augmentation_sheet(
+            arguments.dataset, rows=arguments.rows, seed=arguments.seed, config=arguments.config, progress=advance
+        )
+    sheet.save(arguments.output)
+    say(f"wrote {arguments.output}")
+    return DONE
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+    from training.settings import FLAGS, load_settings
+
+    settings = load_settings(arguments.config, {name: getattr(arguments, name) for name in FLAGS})
+    require_extra()
+    from training.train import train
+
+    with progress_bars() as advance:
+        run = train(
+            dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
+            workers=arguments.workers, device=arguments.device, progress=advance, say=say,
+        )  # fmt: skip
+    if arguments.json:
+        print_json(run)
+    say(f"wrote {arguments.output}; next: hulldown predict {arguments.output} DATASET -o predictions.json")
+    return DONE
+
+
+def _predict(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+
+    require_extra()
+    from training.predict import predict
+
+    make_room(arguments.output)
+    with progress_bar("predicting") as advance:
+        done = predict(
+            arguments.detector, arguments.dataset, arguments.output, device=arguments.device, batch=arguments.batch,
+            progress=advance,
+        )  # fmt: skip
+    if done.unknown:
+        warn(f"{arguments.dataset} has no class {', '.join(done.unknown)}: what is found of it counts as false alarms")
+    if arguments.json:
+        print_json(dataclasses.asdict(done))
+    say(
+        f"wrote {arguments.output}: {done.detections} detections in {done.images} images, {done.already} of them done "
+        f"before; next: hulldown evaluate {arguments.dataset} {arguments.output} -o report"
+    )
+    return DONE
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    from training.evaluation import evaluate_files
+
+    with progress_bar("evaluating") as advance:
+        found = evaluate_files(
+            arguments.dataset,
+            arguments.predictions,
+            arguments.output,
+            threshold=arguments.threshold,
+            iou=arguments.iou,
+            validation=arguments.validation or (),
+            progress=advance,
+        )
+    if arguments.json:
+        print_json(found)
+    for name, one in found.get("runs", {found.get("predictions"): found}).items():
+        figures = (f"{key} {_figure(one['overall'][key])}" for key in ("precision", "recall", "f1", "ap50"))
+        say(f"{name}: {', '.join(figures)}")
+    say(f"look at {arguments.output / 'report.html'}")
+    return DONE
+
+
+def _figure(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.3f}"
+
+
+def add(verb: AddVerb) -> None:
+    """Add these verbs to the command."""
+    sub = verb(
+        "subset", _subset, "make nested smaller datasets of one",
+        "Reads a dataset; writes OUT/100, OUT/50 and so on, each within the larger ones, pictures as hard links.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=Path, metavar="OUT", required=True, help="a new or an empty folder")
+    sub.add_argument(
+        "--fractions", type=fractions, default=(1.0, 0.5, 0.25, 0.1, 0.05), metavar="A,B,...",
+        help="shares of the images (default: 1,0.5,0.25,0.1,0.05)",
+    )  # fmt: skip
+    sub.add_argument("--seed", type=int, default=0, help="another seed, other subsets (default: 0)")
+    sub.add_argument("--stratified", action="store_true", help="keep the proportion of classes in each")
+
+    sub = verb(
+        "augment", _augment, "show what augmentation makes of a dataset's pictures",
+        "Reads a dataset; writes a sheet: in each row a picture as it is and eight times augmented, with its boxes.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET")
+    sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", required=True)
+    sub.add_argument("--seed", type=int, default=0, help="another seed, other augmentations (default: 0)")
+    sub.add_argument("--rows", type=at_least_one, default=6, help="pictures, evenly from the dataset (default: 6)")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="of a training; its [augmentation] is used")
+
+    sub = verb(
+        "train", _train, "train a detector under a fixed budget",
+        "Reads datasets; writes RUN with weights, metrics, config and draws. What is left out here stands in the "
+        "config, or is what suits the model. The same command goes on with a run that was stopped.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument(
+        "--data", type=named_folder, action="append", required=True, metavar="NAME=DIR",
+        help="a dataset to draw pictures from, such as real=photographs; once for each",
+    )  # fmt: skip
+    sub.add_argument("-o", "--output", type=Path, metavar="RUN", required=True, help="the run's folder")
+    sub.add_argument("--valid", type=Path, metavar="DIR", help="a dataset to measure the result on; it decides nothing")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="keys: see docs/training.md")
+    sub.add_argument("--model", help="small, for a CPU; or nano, rf-small, medium, large of RF-DETR (default: medium)")
+    sub.add_argument("--budget", type=at_least_one, help="pictures drawn, with replacement (default: 25000)")
+    sub.add_argument("--seed", type=int, help="of draws, augmentation and weights (default: 0)")
+    sub.add_argument("--resolution", type=at_least_one, help="pixels that the model sees (default: the model's)")
+    sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
+    sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
+    sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
+
+    sub = verb(
+        "predict", _predict, "detect in every image of a dataset",
+        "Reads a run, or a checkpoint of RF-DETR, and a dataset; writes COCO results. The same command goes on with "
+        "what was stopped.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a checkpoint")
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
+    sub.add_argument(
+        "--device", default="auto", help="a name that PyTorch knows (default: auto, a GPU if there is one)"
+    )
+    sub.add_argument("--batch", type=at_least_one, default=8, help="images at once (default: 8)")
+
+    sub = verb(
+        "evaluate", _evaluate, "judge detections: what, where, why, how sure",
+        "Reads a dataset and COCO results of any detector; writes report.html, report.json, metrics.csv and sheets of "
+        "misses and false alarms. Several files of results are compared with the first.",
+    )  # fmt: skip
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("predictions", type=Path, nargs="+", metavar="PREDICTIONS", help="a file of COCO results")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder of the report")
+    choice = sub.add_mutually_exclusive_group()
+    choice.add_argument(
+        "--threshold", type=threshold_or_best, default=0.5, metavar="T",
+        help="confidence from which detections count (default: 0.5); best: of the best F1 on DATASET, which flatters",
+    )  # fmt: skip
+    choice.add_argument(
+        "--validation", type=Path, nargs="+", metavar="FILE",
+        help="another dataset and the detections in it, of each detector: the threshold is that of the best F1 there",
+    )  # fmt: skip
+    sub.add_argument("--iou", type=overlap, default=0.5, metavar="T", help="overlap of a find (default: 0.5)")
