@@ -12,6 +12,7 @@ from rich.table import Table
 
 import cli
 from dataset.coco import CocoDataset
+from geometry.errors import HulldownError
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
