@@ -17,16 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rfdetr.config as rf_config
 import torch
 from jaxtyping import UInt8
-from rfdetr import RFDETR
-from rfdetr.assets.coco_classes import COCO_CLASSES
-from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
-from rfdetr.training.callbacks.best_model import BestModelCallback
-from rfdetr.training.callbacks.ema import RFDETREMACallback
-from rfdetr.training.module_data import RFDETRDataModule
-from rfdetr.training.module_model import RFDETRModelModule
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
@@ -35,6 +27,16 @@ from training.data import Example, network_pictures
 from training.detector import Detections, DetectorError, read_weights
 from training.extra import quiet
 from training.settings import Settings, rate_factor
+
+with quiet():  # it warns of what its own dependencies will lose
+    import rfdetr.config as rf_config
+    from rfdetr import RFDETR
+    from rfdetr.assets.coco_classes import COCO_CLASSES
+    from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
+    from rfdetr.training.callbacks.best_model import BestModelCallback
+    from rfdetr.training.callbacks.ema import RFDETREMACallback
+    from rfdetr.training.module_data import RFDETRDataModule
+    from rfdetr.training.module_model import RFDETRModelModule
 
 CONFIGS = {
     "nano": rf_config.RFDETRNanoConfig,
