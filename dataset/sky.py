@@ -34,8 +34,8 @@ def displayed(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     Examples
     --------
     >>> import numpy as np
-    >>> displayed(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round(-1).tolist()
-    [[0.0, 0.0, 0.0], [260.0, 260.0, 260.0]]
+    >>> displayed(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
+    [[0.0, 0.0, 0.0], [255.0, 255.0, 255.0]]
     """
     stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
     curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
