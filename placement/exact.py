@@ -111,9 +111,9 @@ class ExactGround:
         g = self._ground
         x, y = at[0][over.point], at[1][over.point]
         z = g.heights(over.face, x, y)
-        tame = g.tame[over.face]
-        low = np.where(tame, z - 2 * g.height_error, -np.inf)
-        high = np.where(tame, z + 2 * g.height_error, np.inf)
+        well_conditioned = g.well_conditioned[over.face]
+        low = np.where(well_conditioned, z - 2 * g.height_error, -np.inf)
+        high = np.where(well_conditioned, z + 2 * g.height_error, np.inf)
         starts = np.flatnonzero(np.concatenate([[True], over.point[1:] != over.point[:-1]]))
         bar = np.repeat(np.maximum.reduceat(low, starts), np.diff(np.append(starts, len(low))))
         return over[np.flatnonzero(high >= bar)]
@@ -134,17 +134,19 @@ class ExactGround:
         g = self._ground
         x, y = at[0][over.point], at[1][over.point]
         z = g.heights(over.face, x, y)
-        wild = np.flatnonzero(~g.tame[over.face])
-        if len(wild):
-            numerator, denominator = exact_heights(self._corners(over.face[wild]), x[wild], y[wild])
-            z[wild] = (numerator / denominator).astype(np.float64)
+        ill_conditioned = np.flatnonzero(~g.well_conditioned[over.face])
+        if len(ill_conditioned):
+            numerator, denominator = exact_heights(
+                self._corners(over.face[ill_conditioned]), x[ill_conditioned], y[ill_conditioned]
+            )
+            z[ill_conditioned] = (numerator / denominator).astype(np.float64)
         return z
 
     def _normals(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
         normal = upward(self._ground.slope[face])
-        wild = np.flatnonzero(~self._ground.tame[face])
-        if len(wild):
-            normal[wild] = exact_normals(self._corners(face[wild]))
+        ill_conditioned = np.flatnonzero(~self._ground.well_conditioned[face])
+        if len(ill_conditioned):
+            normal[ill_conditioned] = exact_normals(self._corners(face[ill_conditioned]))
         return normal
 
     def _alike(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:

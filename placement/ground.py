@@ -10,7 +10,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from geometry.meshes import Mesh
 from geometry.predicates import EPS, ORIENT_BOUND, TINY, orient
 
-# What a tame face promises: heights within this many ulp of the largest |z| on the ground, ...
+# Guaranteed on a well-conditioned face: heights within this many ulp of the largest |z| on the ground, ...
 HEIGHT_ULPS = 8
 # ... and normals within this many radians.
 NORMAL_ERROR = 1e-12
@@ -35,10 +35,10 @@ class Ground:
         (f,) the mesh's number for each ground face.
     slope
         (f,) dz/dx + i dz/dy of each face.
-    tame
-        (f,) whether `heights` and `upward` keep their promises on the face.
+    well_conditioned
+        (f,) whether `heights` and `upward` are within their guaranteed errors on the face.
     height_error
-        The largest error of a height on a tame face, in metres.
+        The largest error of a height on a well-conditioned face, in metres.
     """
 
     x: Float[np.ndarray, " v"]
@@ -47,7 +47,7 @@ class Ground:
     corners: Int[np.ndarray, "3 f"]
     mesh_face: Int[np.ndarray, " f"]
     slope: Complex[np.ndarray, " f"]
-    tame: Bool[np.ndarray, " f"]
+    well_conditioned: Bool[np.ndarray, " f"]
     height_error: float
 
     @classmethod
@@ -58,19 +58,19 @@ class Ground:
         largest = max(-low, high)
         n, error = len(mesh.faces), HEIGHT_ULPS * float(np.spacing(largest))
         corners, turn = np.empty((3, n), dtype=np.int32), np.empty(n, dtype=np.int8)
-        slope, tame = np.empty(n, dtype=np.complex128), np.empty(n, dtype=bool)
+        slope, well_conditioned = np.empty(n, dtype=np.complex128), np.empty(n, dtype=bool)
         for begin in range(0, n, _CHUNK):
             part = slice(begin, begin + _CHUNK)
             a, b, c = (np.ascontiguousarray(corner) for corner in mesh.faces[part].T)
-            turn[part], slope.real[part], slope.imag[part], tame[part] = _prepare(x, y, z, (a, b, c), error)
+            turn[part], slope.real[part], slope.imag[part], well_conditioned[part] = _prepare(x, y, z, (a, b, c), error)
             corners[0, part] = a
             corners[1, part], corners[2, part] = np.where(turn[part] < 0, (c, b), (b, c))
         if largest and largest < _SMALLEST:
-            tame[:] = False
+            well_conditioned[:] = False
         kept = np.flatnonzero(turn).astype(np.int32)
         if len(kept) < n:
-            corners, slope, tame = corners[:, kept], slope[kept], tame[kept]
-        return cls(x, y, z, corners, kept, slope, tame, error)
+            corners, slope, well_conditioned = corners[:, kept], slope[kept], well_conditioned[kept]
+        return cls(x, y, z, corners, kept, slope, well_conditioned, error)
 
     def boxes(self) -> tuple[Float[np.ndarray, "2 f"], Float[np.ndarray, "2 f"]]:
         """Lowest and highest x and y of every face."""
@@ -98,7 +98,7 @@ def plane_heights(
     z: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
     """Heights of planes of these slopes so far from where they are `z` high."""
-    with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not tame
+    with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         height = slope.real * dx
         height += slope.imag * dy
         height += z
@@ -108,7 +108,7 @@ def plane_heights(
 def upward(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     """Unit upward normals of planes of these slopes."""
     normal = np.empty((len(slope), 3))
-    with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not tame
+    with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         up = slope.real**2
         up += slope.imag**2
         np.sqrt(np.add(up, 1.0, out=up), out=up)
@@ -152,7 +152,7 @@ def _prepare(
         rounded = EPS * ((10.0 * kappa + 4.0) * (alpha * reach_x + beta * reach_y))
         highest = np.maximum(np.maximum(np.abs(az), np.abs(bz)), np.abs(cz))
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
-        tame = rounded + 2.0 * EPS * highest <= error
-        tame &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
-        tame &= (kappa <= _MOST_CANCELLED) & (size > 1e-150)
-    return turn, slope_x, slope_y, tame
+        well_conditioned = rounded + 2.0 * EPS * highest <= error
+        well_conditioned &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
+        well_conditioned &= (kappa <= _MOST_CANCELLED) & (size > 1e-150)
+    return turn, slope_x, slope_y, well_conditioned

@@ -167,7 +167,7 @@ class Terrain:
         state = self._sheets.state(x, y)
         accepted &= state == SINGLE
         accepted &= face >= 0
-        accepted &= g.tame[face]
+        accepted &= g.well_conditioned[face]
         slope = g.slope[face]
         z, normal = plane_heights(slope, -dx[0], -dy[0], g.z[corners[0]]), upward(slope)
         rest = np.flatnonzero(~accepted)
