@@ -12,9 +12,9 @@ from annotate.clipping import Frustum, extremes_of_mesh, extremes_of_points, ext
 from annotate.posing import PosedParts, move
 from camera.projection import NEAR
 
-SMALL = 30_000  # triangles: so many are clipped sooner than they are chosen from
+SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
-GROUP = 32  # clusters in a group, whose bounds are asked first
+GROUP = 32  # clusters in a group, whose bounds are compared first
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
 SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by their rounding
 
@@ -66,7 +66,7 @@ class ClusteredSurface:
         while len(left):
             chosen = np.ones(len(left), dtype=bool)
             if len(left) > 4 * count:
-                # What lies far beyond a side is likely to move it most, and so to rule out others.
+                # Clusters far beyond a side are likely to move it most, and so to rule out others.
                 depth = self._leaves.reach(np.array([[0.0, 0.0, 1.0, 0.0]]), camera_from_parts, left)
                 gain = self._leaves.gain(best, frustum, camera_from_parts, left) / np.maximum(depth, NEAR)
                 chosen[:] = False

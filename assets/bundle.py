@@ -102,7 +102,7 @@ def _arrays(kind: type) -> tuple[str, ...]:
 
 
 def _names(names: Sequence[str]) -> np.ndarray:
-    # An empty list would become floats; a name that ends in NUL would lose it, and Blender knows none.
+    # NumPy would make floats of an empty list. It also strips trailing NULs, which Blender's names never have.
     return np.array(names, dtype=np.str_) if names else np.empty(0, dtype="<U1")
 
 

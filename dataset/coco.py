@@ -1,8 +1,8 @@
 """A COCO dataset in a folder that can be appended to, by several runs, and survives a crash at any moment.
 
 ``annotations.json`` holds what is merged, ``journal.jsonl`` one line for each image since the beginning. A line
-``{"merged": true}`` says that everything above it is in ``annotations.json``, which then rules: a record that
-somebody deletes there stays deleted.
+``{"merged": true}`` says that everything above it is in ``annotations.json``, which then overrides the journal: a
+record that a user deletes there stays deleted.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def plain_json(value: Any, name: str) -> Any:
 
 
 def check_image(record: Mapping[str, Any]) -> None:
-    """Refuse an image whose file name leads elsewhere or whose size is none."""
+    """Refuse an image whose file name leads out of the dataset or whose size is not positive."""
     name = record.get("file_name")
     if not is_free(name):
         raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")

@@ -27,7 +27,7 @@ class Run:
     Raises
     ------
     ValueError
-        If these are no names and counts, as in a file that somebody has edited.
+        If these are no names and counts, as in a file that was edited.
     """
 
     key: str

@@ -62,8 +62,8 @@ class InstancedScene:
     instance_mesh
         (k,) for each instance the index into `meshes`; k = 0 is legal.
     world_from_instance
-        (k, 4, 4) affine poses: may mirror, shear and scale unevenly. An instance that is squashed flat works too,
-        at the price of a mesh of its own.
+        (k, 4, 4) affine poses: may mirror, shear and scale unevenly. A flattened instance works too, but
+        is stored as a mesh of its own.
 
     Raises
     ------
@@ -154,7 +154,7 @@ class InstancedScene:
         instance: Int[np.ndarray, " p"],
         max_distance: ArrayLike = np.inf,
     ) -> Bool[np.ndarray, " n"]:
-        """Whether each ray is blocked by an instance it is paired with, for who knows which ones can be in the way.
+        """Whether each ray is blocked by an instance it is paired with; for callers that know which ones it may meet.
 
         Parameters
         ----------

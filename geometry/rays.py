@@ -1,9 +1,9 @@
 """Rays against a triangle mesh: the one owner of embreex, and of float32.
 
-What Embree and embreex do not say, and what is done about it here: coordinates are float32, so a mesh is traced about
+Undocumented behaviour of Embree and embreex, and how it is handled here: coordinates are float32, so a mesh is traced about
 its own centre, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten, so it
 is always a fresh array; distances count in lengths of the direction, so directions are made unit; a miss has primID -1
-and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() lets go of the GIL,
+and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() releases the GIL,
 building does not, and a mesh added after the first run() is ignored.
 """
 
@@ -166,7 +166,7 @@ class RayCaster:
         start, unit, limit = checked_rays(origins, directions, max_distance)
         relative = start - self._centre
         nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the centre
-        # No ray enters the bounding sphere sooner than this: what lies before is walked in float64.
+        # No ray enters the bounding sphere before this distance, so that the start is moved there in float64.
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         reach = np.minimum(limit - skipped, _FAR).astype(np.float32)

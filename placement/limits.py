@@ -1,7 +1,7 @@
 """What a vehicle must keep clear of: obstacles, and other vehicles.
 
-Vehicles are held to oriented boxes grown by the clearance to the sides and upwards (not downwards: what lies under the
-vehicle is the ground's affair). Obstacles are held to their triangles. All predicates take stacks of poses.
+Vehicles are tested as oriented boxes, grown by the clearance to the sides and upwards (not downwards: contact with the
+ground is tested by settling). Obstacles are tested by their triangles. All predicates take stacks of poses.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def extent_of(shape: VehicleShape, articulation: Mapping[str, float] | None = No
 
 
 class Obstacles:
-    """What stands in a scenery, ready for the question whether a vehicle is clear of it. Built once, never changes.
+    """The obstacles of a scenery, prepared for testing whether vehicles are clear of them. Built once, never changes.
 
     Parameters
     ----------

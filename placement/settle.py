@@ -47,7 +47,7 @@ class Settled:
         nearer to 0, the less sure the pose. nan for the rules that know no contacts.
     gap
         (k,) metres: the largest vertical distance from the vehicle's tilted z = 0, which it stands on, down to the
-        ground beneath its feet. All points are feet unless `footprint` is an `Underside`; a belly then is none.
+        ground beneath its feet. All points are feet unless `footprint` is an `Underside`, whose belly is no foot.
     penetration
         (k,) metres: the largest vertical distance from the tilted underside, at its own height, up to the ground.
     rejection

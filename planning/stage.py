@@ -75,7 +75,7 @@ class Model:
     corners
         (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
     extents
-        (b,) those boxes, as clearances are asked of them.
+        (b,) those boxes, as tests of clearance take them.
     corner_part
         (b,) the parts they belong to.
     """

@@ -66,7 +66,7 @@ def scenery_doubts(
 
 def _missing(missing: Sequence[Missing]) -> list[str]:
     return [
-        f"missing: {m.path}, which {_names(list(m.wanted_by)) if m.wanted_by else 'the file'} wants" for m in missing
+        f"missing: {m.path}, used by {_names(list(m.wanted_by)) if m.wanted_by else 'the file'}" for m in missing
     ]
 
 

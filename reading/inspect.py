@@ -47,7 +47,7 @@ class Inspected:
     report
         What was found in its file and what was made of it.
     picture
-        What it looks like (see `draw`); None if nobody asked.
+        What it looks like (see `draw`); None if no picture was requested.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Whether a file is a vehicle or a scenery, judged by what is in it, and refusals of what cannot be meant."""
+"""Whether a file is a vehicle or a scenery, judged by its contents, and refusals of entries that are probably mistakes."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> str:
     """Refuse a scenery that is listed as a vehicle, or a vehicle as a scenery; a doubt where it may be meant, or "".
 
-    Options that say more about the file than names and sizes do (a scale, what to keep, what is ground) are believed.
+    Options that say more about the file than names and sizes do (a scale, what to keep, what is ground) win.
 
     Raises
     ------
     AssetError
-        If nobody can have meant it.
+        If the entry is probably a mistake.
     """
     if not pieces:
         return ""

@@ -176,13 +176,13 @@ def refuse_missing(reports: Sequence[FileReport]) -> None:
     Raises
     ------
     AssetError
-        Naming the first file that lacks one, what it lacks and who wants it.
+        Naming the first file that lacks one, what it lacks and which objects use it.
     """
     for report in reports:
         if report.missing:
             first, more = report.missing[0], len(report.missing) - 1
             raise AssetError(
-                f"{first.path} is missing, which {', '.join(first.wanted_by) or 'the file'} wants"
+                f"{first.path} is missing, used by {', '.join(first.wanted_by) or 'the file'}"
                 + (f" (and {more} more)" if more else ""),
                 path=report.path,
                 remedy="put the file there, pack it into the .blend, or go on without --strict",

@@ -188,8 +188,8 @@ def _footprint(bounds: Float[np.ndarray, "2 3"]) -> float:
 def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Role]:
     """For each piece of a scenery file, whether it is "ground", "obstacle", "backdrop" or "dropped", and why.
 
-    A backdrop stands in nobody's way, and the HDRI is seen in its place. The ground-plane inventory is paper, section
-    2.1.5.
+    A backdrop is no obstacle and is not rendered: the HDRI is seen in its place. The ground-plane inventory is paper,
+    section 2.1.5.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A child process that reads somebody's file, watched: how much memory it holds, and whether it still says a word."""
+"""A child process that reads somebody's file, watched: how much memory it holds, and whether it still writes output."""
 
 from __future__ import annotations
 

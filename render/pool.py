@@ -1,6 +1,6 @@
-"""Worker processes and the jobs they do: what crashes, hangs or grows costs one attempt and a restart.
+"""Worker processes and their jobs: one that crashes, hangs or uses too much memory costs one attempt and a restart.
 
-Knows nothing of pictures: a job is a JSON object and so is its answer.
+Independent of what the jobs do: a job is a JSON object, and so is its answer.
 """
 
 from __future__ import annotations

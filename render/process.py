@@ -113,7 +113,7 @@ class WorkerProcess:
         return f"{how}; its last words: {lines[-1][:300]}" if lines else how
 
     def close_stdin(self) -> None:
-        """Tell it that there is nobody any more: it ends, in the middle of a job too."""
+        """Tell the process that its parent is done with it: it ends, even in the middle of a job."""
         assert self._process.stdin is not None
         self._process.stdin.close()
 

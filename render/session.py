@@ -138,7 +138,7 @@ class Session:
         return self._unfinished / f"{index}.png"
 
     def _row(self, index: int) -> Row:
-        """A row of the plan, which is read as it is wanted; of another plan under its name nothing is taken."""
+        """A row of the plan, read when it is needed; refused if another file has replaced the plan meanwhile."""
         if stamp_of(self._plan.path) != self._todo.stamp:
             raise ConfigError(
                 "is not what it was when this run began",

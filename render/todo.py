@@ -92,12 +92,12 @@ def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
 
 
 def sort_key(row: Row) -> tuple[str, str, bool, str]:
-    """By what is dear to change, the dearest first: a scenery, what stands in it, whether there is fog, the sky."""
+    """Sorts rows by what takes long to change, the longest first: scenery, vehicle, fog or none, HDRI."""
     return row.scenery, row.vehicle, row.weather is not None, row.hdri
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Which file has a name, and whether it was written to; None if there is none."""
+    """Identity, size and time of the last change of a file; None if there is none."""
     try:
         stat = path.stat()
     except OSError:

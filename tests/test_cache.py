@@ -234,7 +234,7 @@ def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> 
     load_assets(config_in(tmp_path))
     with pytest.raises(AssetError) as caught:
         load_assets(config_in(tmp_path), strict=True)
-    assert "b.blend: /x/gone.png is missing, which Hull, Skirt wants (and 1 more)" in str(caught.value)
+    assert "b.blend: /x/gone.png is missing, used by Hull, Skirt (and 1 more)" in str(caught.value)
 
 
 def test_a_missing_asset_is_one_line(exporter: Exporter, tmp_path: Path) -> None:

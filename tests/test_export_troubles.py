@@ -21,7 +21,7 @@ def test_missing_files_are_named_with_who_wants_them(messy: Messy) -> None:
     missing = {Path(m.path).name: m.wanted_by for m in messy.exported["textured"].report.missing}
     assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",)}
     assert [Path(m.path).name for m in messy.exported["lost_library"].report.missing] == ["soon_gone.blend"]
-    assert any("gone.png, which 'Turret' wants" in doubt for doubt in messy.exported["textured"].report.doubts)
+    assert any("gone.png, used by 'Turret'" in doubt for doubt in messy.exported["textured"].report.doubts)
     files = {Path(f).name for f in messy.exported["textured"].files}
     assert {"there.png", "gone.png"} <= files
     assert {Path(f).name for f in messy.exported["linked"].files} == {"library_vehicle.blend"}

@@ -182,7 +182,7 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
     with Image.open(tmp_path / "tiny.png") as image:
         assert image.size == (960, 960)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.blend", "tiny.png"]
-    with pytest.raises(AssetError, match=r"gone\.png is missing, which Hull wants"):
+    with pytest.raises(AssetError, match=r"gone\.png is missing, used by Hull"):
         inspect(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
         write_pictures([inspected], tmp_path / "none" / "x.png")

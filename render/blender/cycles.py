@@ -25,7 +25,7 @@ TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves bl
 
 
 class Unusable(Exception):
-    """Whatever the image, Blender or the machine cannot do what is asked; args: what is so, and the remedy."""
+    """Blender or the machine cannot do what is asked, for any image; args: the problem and the remedy."""
 
 
 def available_devices() -> list[dict[str, str]]:
