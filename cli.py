@@ -37,7 +37,7 @@ from verbs.terminal import (
     warnings_in_one_line,
 )
 
-# What a disk or its owner refuses is nobody's bug, nor is a file where a folder must be, or the other way round.
+# Errors of the file system that are no bugs: a full disk, missing rights, a file in place of a folder or the reverse.
 REFUSALS = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM),
     *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),

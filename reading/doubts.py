@@ -65,9 +65,7 @@ def scenery_doubts(
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:
-    return [
-        f"missing: {m.path}, used by {_names(list(m.wanted_by)) if m.wanted_by else 'the file'}" for m in missing
-    ]
+    return [f"missing: {m.path}, used by {_names(list(m.wanted_by)) if m.wanted_by else 'the file'}" for m in missing]
 
 
 def _names(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Whether a file is a vehicle or a scenery, judged by its contents, and refusals of entries that are probably mistakes."""
+"""Whether a file is a vehicle or a scenery, by its contents, and refusals of entries that are probably mistakes."""
 
 from __future__ import annotations
 
