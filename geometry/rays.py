@@ -2,9 +2,9 @@
 
 Undocumented behaviour of Embree and embreex, and how it is handled: coordinates are float32, so a mesh is traced
 about its own centre, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten,
-so it is always a fresh array; distances count in lengths of the direction, so directions are made unit; a miss has primID
--1 and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() releases the GIL,
-building does not, and a mesh added after the first run() is ignored.
+so it is always a fresh array; distances count in lengths of the direction, so directions are made unit; a miss has
+primID -1 and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() releases the
+GIL, building does not, and a mesh added after the first run() is ignored.
 """
 
 from __future__ import annotations
