@@ -11,6 +11,7 @@ import pytest
 from rich.table import Table
 
 import cli
+import verbs.rendering
 from dataset.coco import CocoDataset
 from geometry.errors import HulldownError
 
@@ -83,7 +84,7 @@ def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, f"_{words[0]}", stopped)
+    monkeypatch.setattr(verbs.rendering, f"_{words[0]}", stopped)
     assert cli.main(words) == 130
     assert said in capsys.readouterr().err
 

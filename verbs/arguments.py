@@ -6,12 +6,12 @@ import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, runtime_checkable
 
-if TYPE_CHECKING:
-    from reading.watch import ReadLimits
+from reading.watch import GIB, ReadLimits
 
 
+@runtime_checkable
 class AddVerb(Protocol):
     """Adds a verb to the command."""
 
@@ -31,8 +31,6 @@ def picture_name(text: str) -> Path:
 
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
     """How much memory and time reading an asset may take."""
-    from reading.watch import GIB, ReadLimits
-
     memory = arguments.read_memory
     return ReadLimits(
         silence_s=arguments.read_timeout or ReadLimits().silence_s,
