@@ -12,9 +12,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from assets.bundle import load_scenery, load_vehicle
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from reading.build import Options
 from reading.formats import format_of
@@ -48,33 +45,6 @@ class Exported:
     bundle: Path
     tidy: Path
     files: tuple[str, ...]
-
-
-def export_vehicle(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> VehicleShape:
-    """The vehicle in the file `path`.
-
-    Parameters
-    ----------
-    path
-        A .blend, .glb, .gltf, .fbx or .obj file.
-    name
-        What to call it; the file's name without suffix if empty.
-    options
-        How to read it.
-
-    Raises
-    ------
-    AssetError
-        If the file cannot be read or no vehicle is left in it.
-    """
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
-        return load_vehicle(export(path, folder, kind="vehicle", name=name, options=options).bundle)
-
-
-def export_scenery(path: Path | str, *, name: str = "", options: Options = DEFAULTS) -> Scenery:
-    """The scenery in the file `path`; parameters and errors as of `export_vehicle`."""
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
-        return load_scenery(export(path, folder, kind="scenery", name=name, options=options).bundle)
 
 
 def export(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geometry.errors import AssetError
-from reading.export import export_vehicle
+from reading.export import export
 from tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender
@@ -82,6 +82,6 @@ def test_refused_without_asking_blender(tmp_path: Path, file: str, content: byte
     if content is not None:
         (tmp_path / file).write_bytes(content)
     with pytest.raises(AssetError) as caught:
-        export_vehicle(tmp_path / file)
+        export(tmp_path / file, tmp_path, kind="vehicle")
     assert str(caught.value).startswith(f"{tmp_path / file}: {problem}")
     assert "\n" not in str(caught.value)
