@@ -86,8 +86,9 @@ def _panned(
     return np.stack(axes, -1)
 
 
-def _unit(x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> tuple[np.ndarray, np.ndarray]:
+def _unit(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Cosine and sine of the angle of (x, y)."""
+    x, y = np.asarray(x), np.asarray(y)
     length = hypot(x, y)
     length = np.where(length > 0.0, length, 1.0)
     return x / length, y / length
