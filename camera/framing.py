@@ -88,10 +88,10 @@ def _panned(
 
 def _unit(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Cosine and sine of the angle of (x, y)."""
-    x, y = np.asarray(x), np.asarray(y)
+    x, y = np.asarray(x), np.asarray(y)  # one camera's are numbers
     length = hypot(x, y)
     length = np.where(length > 0.0, length, 1.0)
-    return x / length, y / length
+    return np.asarray(x / length), np.asarray(y / length)
 
 
 def frame_target(
