@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
+# The fog is a box around the camera.
+FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
+FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
+FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
+FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
 
 
 def extinction(visibility_m: float) -> float:

@@ -7,11 +7,11 @@ T. Sobotka, AgX, https://github.com/sobotka/AgX, 2022; in Blender since 4.0 with
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
+
+from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
 
 # Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colours that Blender 5.0 has
 # transformed, from 2^-9 to 2^6 and up to saturated; on 3144 others the largest error of a channel is 1.5 of 255 in the
@@ -21,9 +21,6 @@ _OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [
 _CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
 _LOWEST, _STOPS = -12.47393, 16.5
 _POWER = 2.2
-# As render.blender.light makes fog: a box around the camera of evenly lit air.
-_EXTINCTION = -math.log(0.02)
-_REACH, _SIDE, _ABOVE, _TOP = 1.5, 2000.0, 0.25, 300.0
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
 _SMOOTHED = 5  # pixels: finer than that is the sky of a small map not known
 
@@ -74,10 +71,10 @@ def radiance(
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if visibility_m is None:
         return seen
-    reach, above = min(_REACH * visibility_m, _SIDE), min(_ABOVE * visibility_m, _TOP)
+    reach, above = min(FOG_REACH * visibility_m, FOG_SIDE), min(FOG_ABOVE * visibility_m, FOG_TOP)
     with np.errstate(divide="ignore"):
         sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
-    clear = np.exp(-_EXTINCTION / visibility_m * sides.min(axis=0))[..., None]
+    clear = np.exp(-extinction(visibility_m) * sides.min(axis=0))[..., None]
     return clear * seen + (1.0 - clear) * airlight(sky) * strength
 
 

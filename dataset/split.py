@@ -76,7 +76,7 @@ def share_out(
         groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image["id"])
     counts = {name: _count(annotations.get(i, ()) for i in ids) for name, ids in groups.items()}
     # Large groups first: small ones then even out what those left uneven.
-    order = sorted(groups, key=lambda name: (-len(groups[name]), _shuffled(name, seed)))
+    order = sorted(groups, key=lambda name: (-len(groups[name]), shuffled(name, seed)))
     have: dict[str, dict[int, int]] = {split: {} for split in SPLITS}
     split_of: dict[int, str] = {}
     open_splits = [(split, share) for split, share in zip(SPLITS, fractions, strict=True) if share > 0.0]
@@ -234,5 +234,6 @@ def _count(images: Iterable[Sequence[Mapping[str, Any]]]) -> dict[int, int]:
     return counts
 
 
-def _shuffled(name: str, seed: int) -> bytes:
+def shuffled(name: str, seed: int) -> bytes:
+    """A key that sorts names into an order which depends on them and the seed alone."""
     return hashlib.sha256(f"{seed} {name}".encode()).digest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
@@ -15,7 +14,7 @@ from dataset.document import ANNOTATIONS_NAME
 from dataset.layout import write_coco
 from dataset.pictures import link_or_copy
 from dataset.records import read_usable
-from dataset.split import all_or_nothing, group_of
+from dataset.split import all_or_nothing, group_of, shuffled
 from geometry.errors import DatasetError
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
@@ -61,7 +60,7 @@ def shuffled_images(
         groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
     for members in groups.values():
         members.sort(key=lambda image: str(image["file_name"]))
-    order = sorted(groups.values(), key=lambda members: _shuffled(str(members[0]["file_name"]), seed))
+    order = sorted(groups.values(), key=lambda members: shuffled(str(members[0]["file_name"]), seed))
     if stratified:
         order = _spread(order, annotations)
     return [int(image["id"]) for members in order for image in members]
@@ -168,7 +167,3 @@ def _spread(
         ends = list(accumulate(len(members) for members in groups))
         placed += [((end - len(m) / 2) / ends[-1], kind, m) for end, m in zip(ends, groups, strict=True)]
     return [members for _, _, members in sorted(placed, key=lambda entry: entry[:2])]
-
-
-def _shuffled(name: str, seed: int) -> bytes:
-    return hashlib.sha256(f"{seed} {name}".encode()).digest()

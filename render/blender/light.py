@@ -12,14 +12,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.fog import extinction
+from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
 from reading.blender.frames import pose
 
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
-FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
-FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
-FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
-FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
 
 
 class HdriWorld:
