@@ -11,7 +11,7 @@ export PYTHONDONTWRITEBYTECODE = 1
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen.
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
-	footprint limits framing size shell projection clearance boxes))
+	footprint clearance_of_poses framing size shell projection clearance boxes))
 
 .PHONY: help setup setup-training browser demo test kernels check bench thorough clean
 

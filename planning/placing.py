@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from geometry.portable import arctan2
 from placement.candidates import candidates
-from placement.limits import clear_of_vehicles
+from placement.clearance import clear_of_vehicles
 from placement.rejection import Rejection
 from placement.settle import Settled, settle
 from planning.draws import Draws, Purpose, RowStreams

@@ -18,7 +18,7 @@ from camera.world import Plane, World
 from geometry.errors import ConfigError
 from geometry.transforms import apply, compose, rigid
 from placement.footprint import Underside, underside
-from placement.limits import Extent, Obstacles
+from placement.clearance import Extent, Obstacles
 from placement.terrain import Terrain
 from planning.row import rounded
 from planning.schema import Config

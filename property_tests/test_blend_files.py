@@ -88,14 +88,17 @@ cases = st.tuples(files, parents, damages, st.sampled_from(["vehicle", "scenery"
 
 
 class Reader:
-    """A process that makes and reads files, started anew when a damaged one has killed it."""
+    """A process that makes and reads files, started anew when a damaged one has killed it.
+
+    What a damaged file has done to Blender's memory may end the process as late as at the next file.
+    """
 
     def __init__(self) -> None:
         self.child: subprocess.Popen[str] | None = None
         self.folder = tempfile.TemporaryDirectory(prefix="hulldown-blends-")
 
     def ask(self, message: dict) -> dict:
-        """The answer; {"ended": when} if the process has ended or hangs."""
+        """The answer; {"ended": exit status} if the process has ended or hangs."""
         if self.child is None:
             self.child = subprocess.Popen(
                 [sys.executable, "-P", str(MAKER)],
@@ -119,14 +122,15 @@ class Reader:
             pass
         finally:
             timer.cancel()
-        self.close()
-        return {"ended": True}
+        return {"ended": self.close()}
 
-    def close(self) -> None:
-        if self.child is not None:
-            self.child.kill()
-            self.child.communicate()
-            self.child = None
+    def close(self) -> int | None:
+        child, self.child = self.child, None
+        if child is None:
+            return None
+        child.kill()
+        child.communicate()
+        return child.returncode
 
 
 @pytest.fixture(scope="module")
@@ -149,9 +153,13 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, batch):
             "answer": str(folder / "answer.json"),
         }
         related = related if said["objects"] else []
-        answer = reader.ask({"make": {**said, "parents": related}, "damage": damaged, "job": job})
+        message = {"make": {**said, "parents": related}, "damage": damaged, "job": job}
+        sound = damaged["keep"] == 1.0 and not damaged["bytes"]
+        answer = reader.ask(message)
+        if sound and "ended" in answer:
+            answer = reader.ask(message)  # by a process that has read nothing yet
         assert "traceback" not in answer, answer["traceback"]
         if "error" in answer:
             assert "\n" not in answer["error"]["problem"]
         else:  # Blender itself may crash on what is damaged, and that is said in one line by who has started it
-            assert "report" in answer or (answer == {"ended": True} and (damaged["bytes"] or damaged["keep"] < 1.0))
+            assert "report" in answer or ("ended" in answer and not sound), answer

@@ -7,7 +7,7 @@ from assets.vehicle import VehicleShape
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_about, rotation_z
-from placement.limits import Obstacles, clear_of_obstacles, clear_of_vehicles, extent_of
+from placement.clearance import Obstacles, clear_of_obstacles, clear_of_vehicles, extent_of
 
 SIZE = np.array([4.0, 2.0, 1.5])
 _UNIT = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
