@@ -17,8 +17,8 @@ from camera.target import PosedVehicle, VehicleTarget
 from camera.world import Plane, World
 from geometry.errors import ConfigError
 from geometry.transforms import apply, compose, rigid
-from placement.footprint import Underside, underside
 from placement.clearance import Extent, Obstacles
+from placement.footprint import Underside, underside
 from placement.terrain import Terrain
 from planning.row import rounded
 from planning.schema import Config
