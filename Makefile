@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml constraints.txt
 setup-training: $(TRAINING_STAMP) ## the same with PyTorch, RF-DETR and Albumentations: 6 GB more
 
 $(TRAINING_STAMP): $(STAMP)
-	$(INSTALL) '.[blender,dev,training]'
+	$(INSTALL) '.[blender,dev,training,readers]'
 	@touch $@
 
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)

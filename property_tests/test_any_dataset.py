@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from dataset.coco import CocoDataset
+from dataset.export import export
 from dataset.join import join
 from dataset.seals import PICTURE_KEY, digest
-from dataset.split import export
 from dataset.verify import verify
 from geometry.errors import HulldownError
 

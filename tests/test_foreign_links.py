@@ -6,8 +6,8 @@ import os
 import pytest
 from PIL import Image
 
+from dataset.export import export
 from dataset.join import join
-from dataset.split import export
 from geometry.errors import DatasetError
 
 

@@ -10,9 +10,9 @@ from PIL import Image
 
 from dataset.coco import CocoDataset
 from dataset.document import read_coco
+from dataset.export import export
 from dataset.join import join
 from dataset.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
-from dataset.split import export
 from dataset.verify import verify
 from geometry.errors import DatasetError
 

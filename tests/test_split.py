@@ -6,8 +6,9 @@ import pytest
 from PIL import Image
 
 from dataset.coco import CocoDataset
-from dataset.split import SPLITS, export, group_of, share_out
-from dataset.yolo import label_lines
+from dataset.export import LAYOUTS, export
+from dataset.layouts.yolo import label_lines
+from dataset.split import SPLITS, group_of, share_out
 from geometry.errors import DatasetError
 
 
@@ -224,7 +225,7 @@ def test_no_dataset_is_named(tmp_path):
         export(tmp_path, tmp_path / "out")
 
 
-@pytest.mark.parametrize("layout", ["coco", "yolo"])
+@pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("exists", [False, True])
 def test_an_export_that_fails_leaves_nothing(dataset, tmp_path, layout, exists):
     broken = tmp_path / "dataset"

@@ -12,9 +12,9 @@ import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int
 
-from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
+from dataset.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from dataset.records import check_usable
-from dataset.split import COCO_NAME, group_of
+from dataset.split import group_of
 from geometry.errors import DatasetError
 
 

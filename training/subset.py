@@ -14,7 +14,8 @@ from dataset.document import ANNOTATIONS_NAME
 from dataset.layout import write_coco
 from dataset.pictures import link_or_copy
 from dataset.records import read_usable
-from dataset.split import all_or_nothing, group_of, shuffled
+from dataset.split import group_of, positions, shuffled
+from dataset.unfinished import all_or_nothing
 from geometry.errors import DatasetError
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
@@ -55,9 +56,7 @@ def shuffled_images(
         Whether every beginning shall have each class in the proportion of the whole, as well as whole positions
         allow.
     """
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for image in images:
-        groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
+    groups = positions(images, annotations)
     for members in groups.values():
         members.sort(key=lambda image: str(image["file_name"]))
     order = sorted(groups.values(), key=lambda members: shuffled(str(members[0]["file_name"]), seed))

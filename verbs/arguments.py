@@ -61,6 +61,11 @@ def positive(text: str) -> float:
     return number
 
 
+def at_least_zero(text: str) -> float:
+    """A finite number from 0 on."""
+    return 0.0 if text.strip() in ("0", "0.0") else positive(text)
+
+
 def three_shares(text: str) -> tuple[float, ...]:
     """Three shares that add up to 1."""
     try:

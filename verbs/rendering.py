@@ -14,6 +14,7 @@ from verbs.arguments import (
     add_cache,
     add_read_limits,
     at_least_one,
+    at_least_zero,
     one_of_shares,
     positive,
     read_limits,
@@ -125,7 +126,7 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from dataset.split import export
+    from dataset.export import export
 
     with progress_bar("linking images") as advance:
         counts = export(
@@ -133,6 +134,7 @@ def _export(arguments: argparse.Namespace) -> int:
             arguments.output,
             layout=arguments.format,
             fractions=arguments.split,
+            polygons_within=arguments.polygons,
             allow_links=arguments.allow_links,
             progress=advance,
         )
@@ -197,7 +199,14 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="a new or an empty folder")
-    sub.add_argument("--format", choices=("coco", "yolo"), default="coco", help="default: coco")
+    sub.add_argument(
+        "--format", default="coco",
+        choices=("coco", "yolo", "rfdetr-yolo", "voc", "kitti", "huggingface", "webdataset"), help="default: coco",
+    )  # fmt: skip
+    sub.add_argument(
+        "--polygons", type=at_least_zero, nargs="?", const=0.3, metavar="PIXELS",
+        help="masks as polygons that keep within so many pixels of the outline (default: 0.3)",
+    )  # fmt: skip
     sub.add_argument(
         "--split", type=three_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",

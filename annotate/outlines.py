@@ -1,0 +1,124 @@
+"""Masks as polygons, for readers that know no run lengths, and what is lost by leaving corners out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import contourpy
+import numpy as np
+from jaxtyping import Bool, Float
+
+from annotate.masks import decode
+
+Ring = Float[np.ndarray, "_ 2"]
+
+
+def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
+    """A COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
+
+    The outline runs half way between the centres of pixels in the mask and out of it.
+
+    Parameters
+    ----------
+    segmentation
+        Run lengths or polygons; see `annotate.masks.decode`.
+    width, height
+        Of the image, in pixels.
+    within
+        Pixels: corners are left out where the outline moves by no more. A piece or a hole that has fewer than three
+        corners left goes.
+
+    Returns
+    -------
+    Polygons as x1, y1, x2, y2, ... in pixels; none for an empty mask.
+
+    Raises
+    ------
+    ValueError
+        If the segmentation is damaged, or `within` is negative or no number.
+
+    Examples
+    --------
+    >>> polygons({"size": [4, 4], "counts": [5, 2, 2, 2, 5]}, 4, 4, within=0.6)
+    [[1.0, 1.5, 2.5, 1.0, 3.0, 2.5, 1.5, 3.0]]
+    """
+    if not within >= 0.0:
+        raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
+    found = []
+    for rings in _pieces(decode(segmentation, width, height)):
+        outer, *holes = (simplified(ring, within) for ring in rings)
+        if len(outer) >= 3:
+            whole = bridged([outer, *(hole for hole in holes if len(hole) >= 3)])
+            found.append([float(number) for number in np.round(whole, 3).ravel()])
+    return found
+
+
+def bridged(rings: Sequence[Ring]) -> Ring:
+    """Several rings as one, tied together by bridges without width where they come nearest to the first.
+
+    Parameters
+    ----------
+    rings
+        (n, 2) corners each, in pixels, the last not repeating the first.
+    """
+    whole = np.asarray(rings[0], dtype=np.float64)
+    for ring in rings[1:]:
+        apart = ((whole[:, None] - ring[None]) ** 2).sum(axis=2)
+        here, there = np.unravel_index(np.argmin(apart), apart.shape)
+        round_trip = np.roll(ring, -int(there), axis=0)
+        whole = np.concatenate([whole[: here + 1], round_trip, round_trip[:1], whole[here:]])
+    return whole
+
+
+def simplified(ring: Ring, within: float) -> Ring:
+    """A ring without the corners that lie within a distance of the line between the corners that are kept.
+
+    References
+    ----------
+    Douglas and Peucker, Algorithms for the reduction of the number of points required to represent a digitized line,
+    Cartographica 1973; begun here at the corner farthest from the centre and the one farthest from that.
+    """
+    first = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
+    ring = np.roll(ring, -first, axis=0)
+    closed = np.concatenate([ring, ring[:1]])
+    far = int(np.argmax(((ring - ring[0]) ** 2).sum(axis=1)))
+    keep = np.zeros(len(closed), dtype=bool)
+    keep[[0, far]] = True
+    spans = [(0, far), (far, len(ring))]
+    while spans:
+        start, end = spans.pop()
+        if end - start < 2:
+            continue
+        away = _from_line(closed[start + 1 : end], closed[start], closed[end])
+        worst = int(np.argmax(away))
+        if away[worst] > within:
+            middle = start + 1 + worst
+            keep[middle] = True
+            spans += [(start, middle), (middle, end)]
+    return ring[keep[:-1]]
+
+
+def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"]) -> Float[np.ndarray, " _"]:
+    """How far points are from the segment between two."""
+    along = end - start
+    length = float(along @ along)
+    share = np.clip((points - start) @ along / length, 0.0, 1.0) if length else np.zeros(len(points))
+    return np.sqrt(((points - start - share[:, None] * along) ** 2).sum(axis=1))
+
+
+def _pieces(mask: Bool[np.ndarray, "h w"]) -> list[list[Ring]]:
+    """The outline of each piece of a mask, then those of its holes, in pixels."""
+    if not mask.any():
+        return []
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    top, left = rows[0], columns[0]
+    framed = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.float64), 1)
+    generator = contourpy.contour_generator(z=framed, fill_type=contourpy.FillType.OuterOffset)
+    found = []
+    for points, offsets in zip(*generator.filled(0.5, np.inf), strict=True):
+        # Each ring ends with its first corner; the frame moved all by one, and centres are at one half.
+        rings = [points[start : end - 1] + np.array([left - 0.5, top - 0.5]) for start, end in pairwise(offsets)]
+        found.append(rings)
+    return found

@@ -1,0 +1,110 @@
+"""A dataset written as folders that training tools read, split into train, valid and test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from annotate.outlines import polygons
+from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
+from dataset.records import read_usable
+from dataset.seals import changed
+from dataset.shares import Shares
+from dataset.split import SPLITS, share_out
+from dataset.unfinished import all_or_nothing
+from geometry.errors import DatasetError
+
+# What each layout is written by, from the shares to a folder that is there; docs/exports.md says who reads which.
+LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
+    "coco": coco.write,
+    "yolo": yolo.write,
+    "rfdetr-yolo": yolo.write_for_rfdetr,
+    "voc": voc.write,
+    "kitti": kitti.write,
+    "huggingface": huggingface.write,
+    "webdataset": webdataset.write,
+}
+WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface", "webdataset")
+
+
+def export(
+    dataset: Path | str,
+    out: Path | str,
+    *,
+    layout: str = "coco",
+    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
+    seed: int = 0,
+    polygons_within: float | None = None,
+    allow_links: Sequence[Path | str] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, int]:
+    """Write a dataset as train, valid and test; images are linked where the disk allows, copied where not.
+
+    Parameters
+    ----------
+    dataset
+        The folder of a COCO dataset.
+    out
+        A folder that does not exist or is empty.
+    layout
+        One of `LAYOUTS`.
+    fractions, seed
+        See `dataset.split.share_out`.
+    polygons_within
+        Masks as polygons, whose corners are left out where the outline moves by at most so many pixels; None: as they
+        are, or none where the layout has polygons alone.
+    allow_links
+        Folders outside the dataset that pictures which are links may lead to.
+    progress
+        Told (done, all) after each image.
+
+    Returns
+    -------
+    Images in each split.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset cannot be read, an image of it is missing or is a link that leads elsewhere, a mask is damaged,
+        the layout has no polygons, or `out` has something in it or cannot be written. Nothing is left in `out` then.
+    """
+    if layout not in LAYOUTS:
+        raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {layout!r}")
+    if polygons_within is not None and layout not in WITH_POLYGONS:
+        raise DatasetError(f"layout {layout} has no polygons", remedy=f"these have: {', '.join(WITH_POLYGONS)}")
+    folder = Path(dataset)
+    document = read_usable(folder)
+    images = document["images"]
+    labels: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
+    sizes = {image["id"]: (image["width"], image["height"]) for image in images}
+    for annotation in document["annotations"]:
+        if (key := annotation["image_id"]) in labels:
+            if polygons_within is not None:
+                annotation = _outlined(annotation, sizes[key], polygons_within, folder)
+            labels[key].append(annotation)
+    split_of = share_out(images, labels, fractions=fractions, seed=seed)
+    done = 0
+
+    def tick() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, len(images))
+
+    head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
+    allowed = [Path(each) for each in allow_links]
+    with all_or_nothing(Path(out)) as unfinished:
+        LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
+    return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
+
+
+def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float, folder: Path) -> Mapping[str, Any]:
+    """A label with its mask as polygons; crowds keep run lengths, which is what COCO's readers expect of them."""
+    if not annotation.get("segmentation") or annotation.get("iscrowd"):
+        return annotation
+    try:
+        return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))
+    except ValueError as error:
+        where, remedy = f"annotation {annotation['id']}", "check it with `hulldown verify`"
+        raise DatasetError(f"{where}: {error}", path=folder, remedy=remedy) from None

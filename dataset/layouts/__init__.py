@@ -1,0 +1,1 @@
+"""Layouts of an export: one module for each family of readers."""

@@ -1,0 +1,155 @@
+"""A dataset whose images are shared out: what every layout of an export is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from dataset.pictures import link_or_copy, own_picture
+from dataset.split import SPLITS
+from geometry.errors import DatasetError
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Item:
+    """An image of an export.
+
+    Parameters
+    ----------
+    image, labels
+        Its COCO records, as they are in the dataset.
+    name
+        What its picture is called in the export: without folders, its stem unique.
+    picture
+        The file itself, links followed.
+    source
+        What the dataset calls it, for errors.
+    """
+
+    image: Mapping[str, Any]
+    labels: Sequence[Mapping[str, Any]]
+    name: str
+    picture: Path
+    source: Path
+
+    @property
+    def stem(self) -> str:
+        """The name without its suffix."""
+        return PurePosixPath(self.name).stem
+
+    def link(self, folder: Path, name: str | None = None) -> None:
+        """Give the picture its name, or another one, in a folder too; errors of `Shares.of`."""
+        try:
+            link_or_copy(self.picture, folder / (name or self.name))
+        except OSError as error:
+            raise _unusable(self.source, error) from error
+
+    def content(self) -> bytes:
+        """The picture's bytes; errors of `Shares.of`."""
+        try:
+            return self.picture.read_bytes()
+        except OSError as error:
+            raise _unusable(self.source, error) from error
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shares:
+    """A dataset, and to which split each of its images goes.
+
+    Parameters
+    ----------
+    folder
+        Of the dataset.
+    head
+        All of its COCO dictionary but images and annotations.
+    images, labels
+        Image records, and each image's annotation records by its id.
+    split_of
+        Image id -> one of `SPLITS`.
+    allowed
+        Folders outside the dataset that pictures which are links may lead to.
+    tick
+        Called after each image.
+    """
+
+    folder: Path
+    head: Mapping[str, Any]
+    images: Sequence[Mapping[str, Any]]
+    labels: Mapping[int, Sequence[Mapping[str, Any]]]
+    split_of: Mapping[int, str]
+    allowed: Sequence[Path]
+    tick: Callable[[], None]
+
+    def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
+        """Each split with its items, in the order of the dataset.
+
+        Raises
+        ------
+        DatasetError
+            From the items: naming a picture that is missing, or a link that leads out of the dataset.
+        """
+        names = flat_names(self.images)
+        for split in SPLITS:
+            yield split, self._items(split, names)
+
+    @property
+    def categories(self) -> list[Mapping[str, Any]]:
+        """Category records, in the order of their ids."""
+        return sorted(self.head["categories"], key=lambda category: category["id"])
+
+    @property
+    def class_numbers(self) -> dict[int, int]:
+        """Category id -> number from 0, in the order of the ids."""
+        return {category["id"]: number for number, category in enumerate(self.categories)}
+
+    @property
+    def class_names(self) -> dict[int, str]:
+        """Category id -> name."""
+        return {category["id"]: str(category["name"]) for category in self.categories}
+
+    def _items(self, split: str, names: Mapping[int, str]) -> Iterator[Item]:
+        for image in self.images:
+            key = image["id"]
+            if self.split_of[key] != split:
+                continue
+            source = self.folder / image["file_name"]
+            try:
+                picture = own_picture(self.folder, image["file_name"], self.allowed)
+            except OSError as error:
+                raise _unusable(source, error) from error
+            yield Item(image, self.labels[key], names[key], picture, source)
+            self.tick()
+
+
+def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
+    """One name an image without folders, by its id; stems are unique, since labels are named by them.
+
+    Dots in stems become underscores: some readers take what follows the first of them for the suffix.
+    """
+    names: dict[int, str] = {}
+    taken: set[str] = set()
+    for image in images:
+        path = PurePosixPath(image["file_name"])
+        stem = path.stem.replace(".", "_")
+        if stem.casefold() in taken:
+            stem = f"{stem}-{image['id']}"
+        while stem.casefold() in taken:
+            stem += "-again"
+        taken.add(stem.casefold())
+        names[image["id"]] = stem + path.suffix
+    return names
+
+
+def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
+    """The polygons of a label; of one that has none the corners of its box."""
+    if isinstance(rings := label.get("segmentation"), list) and rings:
+        return rings
+    x, y, w, h = (float(number) for number in label["bbox"])
+    return [[x, y, x + w, y, x + w, y + h, x, y + h]]
+
+
+def _unusable(source: Path, error: OSError) -> DatasetError:
+    problem = f"cannot be exported ({error.strerror})"
+    return DatasetError(problem, path=source, remedy="check it with `hulldown verify`")

@@ -1,0 +1,44 @@
+"""Folders that are there whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from geometry.errors import DatasetError
+
+UNFINISHED_NAME = ".unfinished"
+
+
+@contextmanager
+def all_or_nothing(out: Path) -> Iterator[Path]:
+    """A folder to write to, whose content becomes that of `out` if all goes well.
+
+    It lies in `out`, so that moving is renaming. What a killed run left in it is not seen by training tools, and the
+    next run replaces it.
+
+    Raises
+    ------
+    DatasetError
+        If `out` is a file, has something in it already, or cannot be written.
+    """
+    if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
+        raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
+    unfinished = out / UNFINISHED_NAME
+    made = not out.exists()
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        yield unfinished
+        for path in sorted(unfinished.iterdir()):
+            path.rename(out / path.name)
+        unfinished.rmdir()
+    except BaseException as error:
+        shutil.rmtree(out if made else unfinished, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise DatasetError(
+                f"cannot be written ({error.strerror})", path=out, remedy="choose a folder that you may write to"
+            ) from error
+        raise

@@ -1,0 +1,373 @@
+"""Every layout of an export, read by the packages that it is for."""
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+from pycocotools.coco import COCO
+
+from annotate.masks import decode, encode
+from annotate.outlines import polygons
+from dataset.export import LAYOUTS, WITH_POLYGONS, export
+from dataset.layouts import webdataset as shards
+from dataset.layouts.kitti import label_line
+from geometry.errors import DatasetError
+
+WIDTH, HEIGHT = 64, 40
+NAMES = ["tank", 'truck "6x6"', "armoured car"]  # the last has no label
+
+
+def mask_of(kind: int) -> np.ndarray:
+    """A ring with a hole, two pieces that touch at a corner, and a triangle."""
+    mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    if kind == 0:
+        mask[8:30, 10:40] = True
+        mask[14:20, 20:30] = False
+    elif kind == 1:
+        mask[5:15, 5:15] = True
+        mask[15:25, 15:25] = True
+    else:
+        rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+        mask = (rows > 4) & (columns > rows * 0.7) & (columns < 60 - rows)
+    return mask
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Thirty renders of ten positions with masks, three of them without vehicles, two crowds, six photographs."""
+    folder = tmp_path_factory.mktemp("dataset")
+    rng = np.random.default_rng(0)
+    images, annotations = [], []
+    for i in range(36):
+        render = i < 30
+        name = f"images/a.{i:03d}.png" if render else f"photographs/{i}.jpg"
+        (folder / name).parent.mkdir(exist_ok=True)
+        Image.fromarray(rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)).save(folder / name)
+        image = {"id": i + 1, "file_name": name, "width": WIDTH, "height": HEIGHT}
+        if render:
+            image |= {"scenery": "hills", "position": i // 3, "shot": i % 3, "fov_x_deg": 50.0}
+        images.append(image)
+        if i % 10 == 4:
+            continue
+        mask = mask_of(i % 3)
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        box = [columns[0] + 0.25, rows[0] + 0.125, columns[-1] - columns[0] + 0.5, rows[-1] - rows[0] + 0.75]
+        label = {
+            **{
+                "id": len(annotations) + 1,
+                "image_id": i + 1,
+                "category_id": 3 + i // 3 % 2,
+                "iscrowd": int(i in (6, 7)),
+            },
+            **{"bbox": [float(n) for n in box], "area": int(mask.sum()), "segmentation": encode(mask)},
+        }
+        if not render:
+            label["segmentation"] = []
+        annotations.append(label)
+    categories = [{"id": 3 + k, "name": name} for k, name in enumerate(NAMES)]
+    coco = {"images": images, "annotations": annotations, "categories": categories[::-1]}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(dataset, tmp_path_factory):
+    """The folder of a layout, with polygons or without."""
+    made = {}
+
+    def of(layout, within=None):
+        if (layout, within) not in made:
+            out = tmp_path_factory.mktemp(layout) / "out"
+            counts = export(dataset, out, layout=layout, polygons_within=within)
+            assert sum(counts.values()) == 36
+            assert min(counts.values()) > 0
+            made[layout, within] = out
+        return made[layout, within]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def labels(dataset):
+    """What each picture's bytes are labelled with: (class name, box, crowd), sorted."""
+    coco = json.loads((dataset / "annotations.json").read_text())
+    names = {category["id"]: category["name"] for category in coco["categories"]}
+    found = {}
+    for image in coco["images"]:
+        mine = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
+        content = (dataset / image["file_name"]).read_bytes()
+        found[content] = [(names[one["category_id"]], one["bbox"], one["iscrowd"]) for one in mine]
+    return found
+
+
+def corners(box) -> np.ndarray:
+    x, y, w, h = box
+    return np.array([x, y, x + w, y + h])
+
+
+def compare(labels, found, *, crowds=True, atol=1e-3):
+    """Each picture once, with its labels; `found` is (picture's bytes, [(class name, corners)])."""
+    seen = {}
+    for content, boxes in found:
+        wanted = [(name, corners(box)) for name, box, crowd in labels[content] if crowds or not crowd]
+        assert [name for name, _ in boxes] == [name for name, _ in wanted]
+        for (_, mine), (_, true) in zip(boxes, wanted, strict=True):
+            np.testing.assert_allclose(mine, true, rtol=0, atol=atol)
+        seen[content] = True
+    assert len(seen) == len(labels)
+
+
+@pytest.mark.parametrize("within", [None, 0.3])
+def test_pycocotools_reads_coco(exported, labels, capsys, within):
+    out, found = exported("coco", within), []
+    for split in ("train", "valid", "test"):
+        coco = COCO(str(out / split / "_annotations.coco.json"))
+        for image in coco.loadImgs(coco.getImgIds()):
+            mine = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
+            content = (out / split / image["file_name"]).read_bytes()
+            found.append((content, [(coco.cats[a["category_id"]]["name"], corners(a["bbox"])) for a in mine]))
+            for annotation in mine:
+                if annotation["segmentation"]:
+                    true = mask_of((image["id"] - 1) % 3)
+                    shown = coco.annToMask(annotation).astype(bool)
+                    assert (true & shown).sum() / (true | shown).sum() > (0.97 if within else 0.9999)
+                    assert isinstance(annotation["segmentation"], list) == (
+                        within is not None and not annotation["iscrowd"]
+                    )
+    compare(labels, found)
+
+
+@pytest.mark.parametrize("within", [None, 0.0])
+def test_rfdetr_reads_its_yolo(exported, labels, within):
+    yolo = pytest.importorskip("rfdetr.datasets.yolo")
+    out, found = exported("rfdetr-yolo", within), []
+    assert yolo.is_valid_yolo_dataset(str(out))
+    for split in ("train", "valid", "test"):
+        data = yolo.YoloDetection(
+            img_folder=str(out / split / "images"),
+            lb_folder=str(out / split / "labels"),
+            data_file=str(out / "data.yaml"),
+            transforms=None,
+            include_masks=within is not None,
+        )
+        assert list(data.sv_dataset.classes) == NAMES
+        for path, _, detections in (data.sv_dataset[i] for i in range(len(data.sv_dataset))):
+            with open(path, "rb") as file:
+                content = file.read()
+            if within is None:
+                found.append(
+                    (content, [(NAMES[k], xyxy) for k, xyxy in zip(detections.class_id, detections.xyxy, strict=True)])
+                )
+            else:
+                wanted = [name for name, _, crowd in labels[content] if not crowd]
+                assert [NAMES[k] for k in detections.class_id] == wanted
+    if within is None:
+        compare(labels, found, crowds=False)
+
+
+def test_rfdetr_reads_coco(exported):
+    datasets = pytest.importorskip("rfdetr.datasets.coco")
+    out = exported("coco")
+    assert datasets.is_valid_coco_dataset(str(out))
+    data = datasets.CocoDetection(out / "train", out / "train" / "_annotations.coco.json", transforms=None)
+    assert len(data) > 10
+
+
+@pytest.mark.parametrize("layout", ["yolo", "rfdetr-yolo"])
+def test_supervision_reads_yolo_with_its_masks(exported, dataset, layout):
+    supervision = pytest.importorskip("supervision")
+    out = exported(layout, 0.0)
+    pictures, texts = ("images/train", "labels/train") if layout == "yolo" else ("train/images", "train/labels")
+    data = supervision.DetectionDataset.from_yolo(str(out / pictures), str(out / texts), str(out / "data.yaml"))
+    assert data.classes == NAMES
+    by_bytes = {(dataset / f"images/a.{i:03d}.png").read_bytes(): i for i in range(30)}
+    seen = 0
+    for path, _, detections in data:
+        with open(path, "rb") as file:
+            i = by_bytes.get(file.read())
+        if i is not None and len(detections):
+            shown, true = detections.mask[0], mask_of(i % 3)
+            # It rounds corners to whole pixels and fills polygons with their outline, which is up to a pixel more.
+            assert (true & shown).sum() / true.sum() > 0.98
+            assert (true & shown).sum() / (true | shown).sum() > 0.75
+            seen += 1
+    assert seen > 10
+
+
+def test_yolo_is_as_ultralytics_documents_it(exported, labels):
+    out, found = exported("yolo"), []
+    for split in ("train", "valid", "test"):
+        for picture in (out / "images" / split).iterdir():
+            # Its rule for finding labels: the last /images/ becomes /labels/, the suffix .txt.
+            text = out / "labels" / split / f"{picture.stem}.txt"
+            rows = np.array([line.split() for line in text.read_text().splitlines()], dtype=float).reshape(-1, 5)
+            assert ((rows[:, 1:] >= 0) & (rows[:, 1:] <= 1)).all()
+            centre, size = rows[:, 1:3] * [WIDTH, HEIGHT], rows[:, 3:] * [WIDTH, HEIGHT]
+            boxes = np.hstack([centre - size / 2, centre + size / 2])
+            found.append(
+                (picture.read_bytes(), [(NAMES[int(k)], box) for k, box in zip(rows[:, 0], boxes, strict=True)])
+            )
+    compare(labels, found, crowds=False, atol=1e-6)
+
+
+def test_supervision_reads_voc(exported, labels):
+    supervision = pytest.importorskip("supervision")
+    out = exported("voc")
+    data = supervision.DetectionDataset.from_pascal_voc(str(out / "JPEGImages"), str(out / "Annotations"))
+    found = []
+    for path, _, detections in data:
+        with open(path, "rb") as file:
+            names = [data.classes[k] for k in detections.class_id]
+            found.append((file.read(), list(zip(names, detections.xyxy, strict=True))))
+    compare(labels, found, atol=1.0)
+    for (name, box), (_, true, _) in zip(found[0][1], labels[found[0][0]], strict=True):
+        assert name in NAMES
+        assert (box[:2] <= corners(true)[:2]).all()
+        assert (box[2:] >= corners(true)[2:]).all()
+    stems = [
+        name for split in ("train", "val", "test") for name in (out / f"ImageSets/Main/{split}.txt").read_text().split()
+    ]
+    assert sorted(stems) == sorted(path.stem for path in (out / "Annotations").iterdir())
+
+
+@pytest.mark.parametrize("within", [None, 0.3])
+def test_hugging_face_reads_its_image_folder(exported, labels, tmp_path, monkeypatch, within):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    monkeypatch.setenv("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
+    datasets = pytest.importorskip("datasets")
+    datasets.disable_progress_bars()
+    loaded = datasets.load_dataset(
+        "imagefolder", data_dir=str(exported("huggingface", within)), cache_dir=str(tmp_path)
+    )
+    assert sorted(loaded) == ["test", "train", "validation"]
+    found = []
+    for part in loaded.values():
+        for row in part.cast_column("image", datasets.Image(decode=False)):
+            with open(row["image"]["path"], "rb") as file:
+                content = file.read()
+            objects = row["objects"]
+            found.append(
+                (content, [(n, corners(b)) for n, b in zip(objects["category"], objects["bbox"], strict=True)])
+            )
+            assert objects["iscrowd"] == [crowd for *_, crowd in labels[content]]
+    compare(labels, found)
+
+
+# It leaves closing its files to the garbage collector.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_webdataset_reads_its_shards(exported, labels, dataset, tmp_path, monkeypatch):
+    reader = pytest.importorskip("webdataset")
+    out = exported("webdataset")
+    found = []
+    for split in ("train", "valid", "test"):
+        paths = sorted(str(path) for path in out.glob(f"{split}-*.tar"))
+        for sample in reader.WebDataset(paths, shardshuffle=False):
+            records = json.loads(sample["json"])
+            content = sample.get("png") or sample["jpg"]
+            with Image.open(io.BytesIO(content)) as picture:
+                assert picture.size == (records["image"]["width"], records["image"]["height"])
+            found.append((content, [(one["category"], corners(one["bbox"])) for one in records["annotations"]]))
+    compare(labels, found, atol=0)
+    monkeypatch.setattr(shards, "SHARD_IMAGES", 5)
+    export(dataset, tmp_path / "small", layout="webdataset", fractions=(1.0, 0.0, 0.0))
+    names = sorted(path.name for path in (tmp_path / "small").iterdir())
+    assert names == ["categories.json", *(f"train-{k:06d}.tar" for k in range(8))]
+    assert (
+        sum(1 for _ in reader.WebDataset([str(p) for p in (tmp_path / "small").glob("*.tar")], shardshuffle=False))
+        == 36
+    )
+
+
+def test_shards_end_where_their_bytes_do(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(shards, "SHARD_BYTES", 20_000)
+    export(dataset, tmp_path / "out", layout="webdataset", fractions=(1.0, 0.0, 0.0))
+    sizes = [path.stat().st_size for path in (tmp_path / "out").glob("*.tar")]
+    assert len(sizes) > 5
+    assert max(sizes) < 50_000  # tar's own blocks are on top
+
+
+def test_shards_are_the_same_whenever_they_are_written(dataset, exported, tmp_path):
+    export(dataset, tmp_path / "again", layout="webdataset")
+    for path in exported("webdataset").iterdir():
+        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, labels):
+    out, found = exported("kitti") / "training", []
+    for picture in sorted((out / "image_2").iterdir()):
+        lines = [line.split() for line in (out / "label_2" / f"{picture.stem}.txt").read_text().splitlines()]
+        assert all(len(line) == 15 for line in lines)
+        crowds = [crowd for *_, crowd in labels[picture.read_bytes()]]
+        assert [line[0] == "DontCare" for line in lines] == [bool(crowd) for crowd in crowds]
+        boxes = [
+            (name, np.array(line[4:8], dtype=float))
+            for line, (name, *_) in zip(lines, labels[picture.read_bytes()], strict=True)
+        ]
+        found.append((picture.read_bytes(), boxes))
+        camera = dict(line.split(": ") for line in (out / "calib" / f"{picture.stem}.txt").read_text().splitlines())
+        matrix = np.array(camera["P2"].split(), dtype=float).reshape(3, 4)
+        assert matrix[0, 2] == WIDTH / 2
+    compare(labels, found, atol=1e-4)
+    assert [path.stem for path in sorted((out / "image_2").iterdir())] == [f"{i:06d}" for i in range(36)]
+
+
+def test_kittis_turn_is_zero_for_a_vehicle_that_drives_to_the_right():
+    """Its readme: rotation_y is in the camera's frame, 0 along x, and -pi/2 away from the camera."""
+    # Columns are forward, left and up in the camera's frame.
+    driving_right = np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], axis=1)
+    box = {"center": [0.0, 1.0, 20.0], "size": [8.0, 3.0, 2.0], "rotation": driving_right.tolist()}
+    up = driving_right[:, 2]
+    np.testing.assert_allclose(up, [0, -1, 0])
+    line = label_line(
+        {"bbox": [1, 2, 3, 4], "bbox_3d": box, "visible_fraction": 0.7, "truncated_fraction": 0.25}, "a b"
+    )
+    fields = line.split()
+    assert fields[:3] == ["a_b", "0.2500", "1"]
+    assert [float(each) for each in fields[8:11]] == [2.0, 3.0, 8.0]
+    np.testing.assert_allclose([float(each) for each in fields[11:15]], [0.0, 2.0, 20.0, 0.0], atol=1e-6)
+    away = np.stack([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], axis=1)
+    line = label_line({"bbox": [1, 2, 3, 4], "bbox_3d": {**box, "rotation": away.tolist()}}, "a")
+    assert float(line.split()[14]) == pytest.approx(-math.pi / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - set(WITH_POLYGONS)))
+def test_a_layout_without_polygons_says_so(dataset, tmp_path, layout):
+    with pytest.raises(DatasetError, match=f"layout {layout} has no polygons"):
+        export(dataset, tmp_path / "out", layout=layout, polygons_within=0.3)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_mask_is_named_before_polygons_are_written(dataset, tmp_path):
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    (folder / "images").symlink_to(dataset / "images")
+    coco = json.loads((dataset / "annotations.json").read_text())
+    coco["images"] = coco["images"][:30]
+    coco["annotations"] = [one for one in coco["annotations"] if one["image_id"] <= 30]
+    coco["annotations"][2]["segmentation"] = {"size": [3, 3], "counts": "1"}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    with pytest.raises(DatasetError, match="annotation 3: segmentation: expected size"):
+        export(folder, tmp_path / "out", polygons_within=0.3, allow_links=[dataset])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_polygons_without_tolerance_are_the_mask(kind):
+    mask = mask_of(kind)
+    shown = decode(polygons(encode(mask), WIDTH, HEIGHT), WIDTH, HEIGHT)
+    assert (mask & shown).sum() / (mask | shown).sum() > 0.995
+
+
+def test_polygons_of_random_masks_lose_little():
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        mask = rng.random((12, 16)) < rng.uniform(0.05, 0.95)
+        rings = polygons(encode(mask), 16, 12)
+        shown = decode(rings, 16, 12) if rings else np.zeros_like(mask)
+        assert (mask == shown).mean() > 0.95
+    assert polygons(encode(np.zeros((4, 4), dtype=bool)), 4, 4) == []
+    whole = polygons(encode(np.ones((4, 4), dtype=bool)), 4, 4)
+    assert decode(whole, 4, 4).all()
