@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import base64
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 
+GENERATOR = "hulldown"
 # Nothing may be fetched from anywhere: what the page shows is in it.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 
@@ -23,12 +26,19 @@ class Tile:
     caption
         Lines below it; the first stands out.
     values
-        Of each facet by key what the thumbnail is; a facet that says nothing of it is left out.
+        Of each facet by key what the thumbnail is, or several such; a facet that says nothing of it
+        is left out.
+    numbers
+        Of each key of an `Order` what it is put in order by; what is not known comes last.
+    overlay
+        SVG that is drawn over the picture, and can be hidden.
     """
 
     picture: bytes
     caption: Sequence[str]
-    values: Mapping[str, str]
+    values: Mapping[str, str | Sequence[str]]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    overlay: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +58,31 @@ class Facet:
     values: Sequence[str]
 
 
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Something thumbnails can be put in order by.
+
+    Parameters
+    ----------
+    key, title
+        What it is called in `Tile.numbers`, and for readers.
+    """
+
+    key: str
+    title: str
+
+
 def page(title: str, *parts: str) -> str:
     """A whole page from parts that the functions here have made."""
     style, script = (files("dataset").joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f'<meta name="generator" content="{GENERATOR}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title>\n<style>{style}</style></head>\n<body><main>\n<h1>{escape(title)}</h1>\n"
         + "\n".join(parts)
-        + f"\n</main>\n<dialog><img alt=''><p></p><button autofocus>Close</button></dialog>\n"
+        + "\n</main>\n<dialog><span class=frame></span><p></p><button autofocus>Close</button></dialog>\n"
         f"<script>{script}</script></body></html>\n"
     )
 
@@ -129,11 +154,22 @@ def link(text: str, to: str) -> str:
     return f'<p><a href="{escape(to)}">{escape(text)}</a></p>'
 
 
-def gallery(tiles: Sequence[Tile], facets: Sequence[Facet]) -> str:
-    """Thumbnails, with a choice for each facet; a click on one shows it large. Facets that tell no two apart go."""
+def gallery(tiles: Sequence[Tile], facets: Sequence[Facet], orders: Sequence[Order] = ()) -> str:
+    """Thumbnails, with a choice for each facet; a click on one shows it large. Facets that tell no two apart go.
+
+    Parameters
+    ----------
+    tiles
+        In the order in which they stand first.
+    facets
+        What they are filtered by.
+    orders
+        What else they can be put in order by.
+    """
     bars = []
     for facet in facets:
-        counts = {value: sum(tile.values.get(facet.key) == value for tile in tiles) for value in facet.values}
+        found = Counter(value for tile in tiles for value in _several(tile.values.get(facet.key)))
+        counts = {value: found[value] for value in facet.values}
         options = [
             f'<option value="{escape(value)}">{escape(value)} ({n})</option>' for value, n in counts.items() if n
         ]
@@ -141,14 +177,27 @@ def gallery(tiles: Sequence[Tile], facets: Sequence[Facet]) -> str:
             title, key = escape(facet.title), escape(facet.key)
             all_of_them = f"<option value=''>all</option>{''.join(options)}"
             bars.append(f"<label>{title}<select data-facet='{key}'>{all_of_them}</select></label>")
+    if orders:
+        ways = [
+            f'<option value="{sign}{escape(order.key)}">{escape(order.title)}, {way}</option>'
+            for order in orders
+            for sign, way in (("+", "lowest first"), ("-", "highest first"))
+        ]
+        bars.append(
+            f"<label>order<select class=order><option value=''>as it is</option>{''.join(ways)}</select></label>"
+        )
+    if any(tile.overlay for tile in tiles):
+        bars.append("<label class=switch><input type=checkbox class=overlays checked>labels</label>")
     shown = []
     for tile in tiles:
         kind = "image/png" if tile.picture.startswith(b"\x89PNG") else "image/jpeg"
         first, *others = [escape(line) for line in tile.caption] or [""]
-        values = " ".join(f'data-{key}="{escape(value)}"' for key, value in tile.values.items())
+        values = [f'data-{key}="{escape(chr(10).join(_several(value)))}"' for key, value in tile.values.items()]
+        values += [f'data-by-{key}="{value:.9g}"' for key, value in tile.numbers.items() if math.isfinite(value)]
         shown.append(
-            f'<button class=tile {values}><img loading=lazy src="{data_uri(tile.picture, kind)}" alt="{first}">'
-            f"<strong>{first}</strong>{''.join(f'<span>{line}</span>' for line in others)}</button>"
+            f"<button class=tile {' '.join(values)}><span class=frame>"
+            f'<img loading=lazy src="{data_uri(tile.picture, kind)}" alt="{first}">{tile.overlay}</span>'
+            f"<strong>{first}</strong>{''.join(f'<span class=line>{line}</span>' for line in others)}</button>"
         )
     return (
         f"<div class=gallery><div class=filters>{''.join(bars)}<button class=clear>show all</button></div>"
@@ -156,6 +205,10 @@ def gallery(tiles: Sequence[Tile], facets: Sequence[Facet]) -> str:
         + "\n".join(shown)
         + "</div></div>"
     )
+
+
+def _several(values: str | Sequence[str] | None) -> Sequence[str]:
+    return () if values is None else (values,) if isinstance(values, str) else values
 
 
 def data_uri(content: bytes, kind: str) -> str:

@@ -93,11 +93,13 @@ class Artist:
         classes = dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values())
         self._class_ids = {name: i + 1 for i, name in enumerate(classes)}
 
-    def picture(self, row: Row, *, width: int = TILE_WIDTH) -> Image.Image:
-        """One row at the given width, with the boxes and classes of its vehicles."""
+    def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
+        """One row at the given width, with the boxes and classes of its vehicles if asked for."""
         scale = width / row.width
         height = max(1, round(row.height * scale))
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
+        if not labels:
+            return image
         records = [
             {"bbox": [x * scale for x in vehicle.bbox], "category_id": self._class_ids[vehicle.category]}
             for vehicle in row.vehicles

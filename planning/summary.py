@@ -220,7 +220,7 @@ class Summary:
         # Slow to import, and of no use to the worker processes.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-        from matplotlib.ticker import NullFormatter
+        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
         figure = Figure(figsize=(12.0, 9.0), layout="constrained")
         FigureCanvasAgg(figure)
@@ -229,7 +229,7 @@ class Summary:
             # Between two dollars matplotlib reads formulae; names have none.
             names = [name.replace("$", r"\$") for name in counts]
             axis.barh(names[::-1], list(counts.values())[::-1], color="#4878a8")
-            axis.set_title(title)
+            axis.set_title(title, fontsize=10)
         for axis, histogram in zip(axes[3:], self.histograms.values(), strict=True):
             used = np.flatnonzero(histogram.counts)
             if len(used):
@@ -238,9 +238,10 @@ class Summary:
                 axis.bar(edges[:-1], histogram.counts[part], width=np.diff(edges), align="edge", color="#4878a8")
                 if edges[0] > 0 and histogram.edges[0] > 0:
                     axis.set_xscale("log")
-                    axis.xaxis.set_major_formatter("{x:g}")
+                    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                    axis.xaxis.set_major_formatter(ScalarFormatter())
                     axis.xaxis.set_minor_formatter(NullFormatter())
-            axis.set_title(histogram.title)
+            axis.set_title(histogram.title, fontsize=10, wrap=True)
         figure.suptitle(f"{self.images:,} images at {self.positions:,} positions")
         refuse_foreign(Path(path))
         with replacing(Path(path)) as file:

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from dataset.known import seen_from
 from tests.detections import dataset, loaded, random_case, results
 from training.bins import figures_of, worst
 from training.bootstrap import wilson
-from training.fields import fields, seen_from
+from training.fields import fields
 from training.matching import match, overlapping
 from training.metrics import outcomes
 

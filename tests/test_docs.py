@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from PIL import Image
 from pycocotools.coco import COCO
 
 from planning.schema import Config, Section
@@ -103,6 +104,23 @@ def test_every_command_of_a_page_works_in_that_project(page, reader):
         if words[:1] != ["init"]:
             answer = hulldown(words, folder)
             assert answer.returncode == 0, f"{command}: {answer.stderr[-500:]}"
+
+
+@pytest.mark.blender
+def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
+    folder, _ = reader
+    code = re.findall(r"(?ms)^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"))
+    assert len(code) == 3
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(
+        [sys.executable, "-P", "-c", "\n".join(code)],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr[-500:]
+    with Image.open(folder / "labelled.png") as labelled, Image.open(folder / "bare.png") as bare:
+        assert labelled.size == bare.size
+        assert labelled.tobytes() != bare.tobytes()
+    assert (folder / "planned.png").exists()
 
 
 def anchors(page):

@@ -1,48 +1,201 @@
-"""A file's report as a person reads it."""
+"""The page about a dataset, and what it is made from."""
 
-import io
-import math
+import json
+import re
 
-from rich.console import Console
+import numpy as np
+import pytest
+from PIL import Image
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select
 
-from reading.report import FileReport, PartRow, Row
+from annotate.masks import encode
+from dataset.report import write_report
+from dataset.table import Dataset
+from geometry.errors import DatasetError
 
-
-def report(path: str) -> FileReport:
-    size = (7.0, 3.0, 2.0)
-    return FileReport(
-        kind="vehicle",
-        path=path,
-        size=size,
-        triangles=1234,
-        unit=0.01,
-        up="y",
-        rows=(Row("Hull [old]", "MESH", "hull", "by default", 2, 617, size), Row("Sun", "LIGHT", "dropped", "[light]")),
-        parts=(
-            PartRow(
-                "turret",
-                "hull",
-                (0.0, 0.0, 1.5),
-                (0.0, 0.0, 1.0),
-                (-math.pi / 6, math.pi / 6),
-                "origin of 'Turret [a]'",
-            ),
-        ),
-        doubts=("odd [/very]",),
-    )
+WIDTH, HEIGHT = 96, 54
 
 
-def test_the_table_has_every_name_as_it_is() -> None:
-    console = Console(width=160, file=io.StringIO())
-    console.print(report("a [/new] one/tank[v].blend").table())
-    said = console.file.getvalue()
-    for words in ("a [/new] one/tank[v].blend: vehicle", "Hull [old]", "7.00 x 3.00 x 2.00", "617", "[light]"):
-        assert words in said
+def pose(x, y, z):
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
 
 
-def test_notes_say_size_parts_and_doubts() -> None:
-    assert report("tank.blend").notes() == [
-        "size 7.00 x 3.00 x 2.00 m, 1,234 triangles, y up, 1 unit = 0.01 m",
-        "turret on hull: pivot (0.00, 0.00, 1.50), axis (0.00, 0.00, 1.00), -30 to 30 degrees; origin of 'Turret [a]'",
-        "doubt: odd [/very]",
-    ]
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Twelve renders of two classes, one of them with two labels, one background, and two photographs."""
+    folder = tmp_path_factory.mktemp("dataset")
+    images, labels = [], []
+    for i in range(14):
+        image = {"id": i + 1, "file_name": f"images/{i}.png", "width": WIDTH, "height": HEIGHT}
+        (folder / "images").mkdir(exist_ok=True)
+        Image.new("RGB", (WIDTH, HEIGHT), (10 * i, 90, 60)).save(folder / image["file_name"])
+        if i < 12:
+            image |= {"scenery": ("hills", "<steppe>")[i % 2], "hdri": "noon", "position": i // 2, "strength": 1.0}
+            image |= {
+                "world_from_camera": pose(0.0, -20.0, 5.0).tolist(),
+                "weather": {"visibility_m": 300.0} if i == 5 else None,
+            }
+        images.append(image)
+        mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
+        mask[10:20, 20 : 30 + i] = True
+        for k in range(0 if i == 7 else 2 if i == 3 else 1):
+            label = {"id": len(labels) + 1, "image_id": i + 1, "category_id": 1 + (i + k) % 2}
+            label |= {"bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0], "segmentation": encode(mask) if k == 0 else []}
+            if i < 12:
+                label |= {"vehicle": f"v{k}", "world_from_vehicle": pose(0.0, float(i), 0.0).tolist()}
+                label |= {"visible_fraction": 0.5 + i / 24, "truncated_fraction": 0.0}
+            labels.append(label)
+    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck & <trailer>"}]
+    coco = {"images": images, "annotations": labels, "categories": categories}
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(folder, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(Dataset.read(folder), path)
+    return path
+
+
+@pytest.fixture
+def shown(browser, report):
+    browser.get(report.as_uri())
+    yield browser
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+
+
+def tiles(browser):
+    """The numbers of the pictures that are shown, in their order."""
+    found = browser.find_elements(By.CSS_SELECTOR, ".tile strong")
+    return [int(re.findall(r"\d+", tile.text)[0]) for tile in found if tile.is_displayed()]
+
+
+def choose(browser, facet, value):
+    Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_visible_text(value)
+
+
+def test_all_images_are_shown_and_counted(shown):
+    assert tiles(shown) == list(range(14))
+    assert "14 images, 14 labels of 2 classes, 1 image without labels, 12 positions." in shown.page_source
+
+
+def test_every_class_of_an_image_finds_it(shown):
+    choose(shown, "class", "truck & <trailer> (6)")
+    assert tiles(shown) == [1, 3, 5, 9, 11, 13]
+    choose(shown, "class", "none (1)")
+    assert tiles(shown) == [7]
+    choose(shown, "class", "all")
+    choose(shown, "weather", "fog, under 500 m (1)")
+    assert tiles(shown) == [5]
+    shown.find_element(By.CSS_SELECTOR, ".clear").click()
+    assert len(tiles(shown)) == 14
+
+
+def test_a_row_of_the_table_shows_its_class(shown):
+    shown.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
+    assert tiles(shown) == [0, 2, 3, 4, 6, 8, 10, 12]
+
+
+def test_thumbnails_are_put_in_order_and_what_is_not_known_comes_last(shown):
+    order = Select(shown.find_element(By.CSS_SELECTOR, ".order"))
+    order.select_by_visible_text("visible fraction, highest first")
+    assert tiles(shown) == [11, 10, 9, 8, 6, 5, 4, 3, 2, 1, 0, 7, 12, 13]
+    order.select_by_visible_text("visible fraction, lowest first")
+    assert tiles(shown) == [0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 7, 12, 13]
+    order.select_by_visible_text("as it is")
+    assert tiles(shown) == list(range(14))
+
+
+def test_the_arrows_go_through_what_is_shown_and_the_focus_comes_back(shown):
+    shown.find_element(By.CSS_SELECTOR, ".clear").click()
+    choose(shown, "class", "tank (8)")
+    shown.find_elements(By.CSS_SELECTOR, ".tile")[2].send_keys(Keys.ENTER)
+    dialog = shown.find_element(By.TAG_NAME, "dialog")
+    first = dialog.find_element(By.TAG_NAME, "p").text
+    assert first.startswith("images/2.png\ntank, v0, 12 x 10 px, 23 m, 58 % visible")
+    keys = shown.switch_to.active_element
+    keys.send_keys(Keys.ARROW_RIGHT)
+    assert dialog.find_element(By.TAG_NAME, "p").text.startswith("images/3.png")
+    keys.send_keys(Keys.ARROW_LEFT, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
+    assert dialog.find_element(By.TAG_NAME, "p").text.startswith("images/0.png")
+    assert len(dialog.find_elements(By.CSS_SELECTOR, "svg rect")) == 1
+    keys.send_keys(Keys.ESCAPE)
+    assert not dialog.is_displayed()
+    assert shown.switch_to.active_element.text.startswith("images/0.png")
+
+
+def test_boxes_and_masks_lie_where_they_should_and_can_be_hidden(shown):
+    overlay = "document.querySelectorAll('.tile')[3].querySelector('svg')"
+    box = shown.execute_script(f"return {overlay}.querySelector('rect').getBoundingClientRect()")
+    frame = shown.execute_script(f"return {overlay}.parentElement.querySelector('img').getBoundingClientRect()")
+    scale = frame["width"] / WIDTH
+    for side, wanted in (("x", 20.0 * scale), ("y", 10.0 * scale)):
+        assert box[side] - frame[side] == pytest.approx(wanted, abs=1.0)
+    assert box["width"] == pytest.approx(13.0 * scale, abs=1.0)
+    assert shown.execute_script(f"return {overlay}.querySelectorAll('.mask').length") == 1
+    box = shown.find_element(By.CSS_SELECTOR, ".overlays")
+    box.click()
+    assert not shown.find_element(By.CSS_SELECTOR, ".tile svg").is_displayed()
+    box.click()
+    assert shown.find_element(By.CSS_SELECTOR, ".tile svg").is_displayed()
+
+
+def test_only_a_report_is_replaced(folder, report, tmp_path):
+    write_report(Dataset.read(folder), report, most=2)
+    assert report.read_text().count("<button class=tile") == 2
+    write_report(Dataset.read(folder), report)
+    (tmp_path / "mine.html").write_text("<p>mine</p>")
+    with pytest.raises(DatasetError, match=r"mine\.html: is there and no report of hulldown; choose another name"):
+        write_report(Dataset.read(folder), tmp_path / "mine.html")
+    with pytest.raises(DatasetError, match="cannot be written"):
+        write_report(Dataset.read(folder), tmp_path / "mine.html" / "report.html")
+
+
+def test_the_same_dataset_is_the_same_page(folder, report, tmp_path):
+    write_report(Dataset.read(folder), tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
+
+
+def test_a_picture_that_is_missing_is_named(folder, tmp_path):
+    (tmp_path / "annotations.json").write_text((folder / "annotations.json").read_text())
+    with pytest.raises(DatasetError, match=r"0\.png: cannot be read as a picture"):
+        write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_an_empty_dataset_says_so(tmp_path):
+    (tmp_path / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
+    with pytest.raises(DatasetError, match="has no images yet"):
+        write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+
+
+def test_photographs_alone_have_a_report(tmp_path):
+    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg")
+    image = {"id": 1, "file_name": "a.jpg", "width": 8, "height": 6}
+    (tmp_path / "annotations.json").write_text(json.dumps({"images": [image], "annotations": [], "categories": []}))
+    write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+    assert "1 image, 0 labels of 0 classes" in (tmp_path / "report.html").read_text()
+
+
+def test_tables_have_one_length_and_name_what_is_known(folder):
+    dataset = Dataset.read(folder)
+    assert {len(column) for column in dataset.labels.values()} == {14}
+    assert {len(column) for column in dataset.of_images.values()} == {14}
+    labels = dataset.labels
+    np.testing.assert_allclose(labels["distance"][0], np.sqrt(20.0**2 + 5.0**2))
+    assert np.isnan(labels["distance"][-2:]).all()
+    assert labels["scenery"][:2].tolist() == ["hills", "<steppe>"]
+    assert [image.labels[0].category for image in dataset.images[:2]] == ["tank", "truck & <trailer>"]
+    assert dataset.picture(3).size == (WIDTH, HEIGHT)
+    assert dataset.picture(3).getpixel((20, 9)) != dataset.picture(3, labels=False).getpixel((20, 9))
+
+
+def test_pandas_and_polars_take_the_tables(folder):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(Dataset.read(folder).labels)
+    assert table.groupby("category")["box_size"].count().to_dict() == {"tank": 8, "truck & <trailer>": 6}

@@ -2,64 +2,57 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from dataset.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
 from training.bins import BinFigures
 from training.evaluate import Comparison, Evaluation
-
-INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
-COLOURS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
-LONGEST = 24  # characters of a name beside an axis
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
     """Precision over recall, with the operating points."""
-    figure, axes = _axes(5.4, 3.6)
-    for one, colour in zip(evaluations, _colours(len(evaluations)), strict=True):
-        name = _short(one.predictions.name) if len(evaluations) > 1 else "all classes"
+    figure, axes = axes_of(5.4, 3.6)
+    for one, colour in zip(evaluations, colours(len(evaluations)), strict=True):
+        name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
         axes.plot(one.curves.recall, one.curves.precision, color=colour, label=name)
         if len(evaluations) == 1:
             for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
                 colour_c = COLOURS[(c + 1) % len(COLOURS)]
-                axes.plot(curve.recall, curve.precision, color=colour_c, linewidth=0.9, label=_short(label))
+                axes.plot(curve.recall, curve.precision, color=colour_c, linewidth=0.9, label=short(label))
         at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=colour)
     axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02), title="precision over recall")
     axes.legend(fontsize=7, loc="lower left")
-    return _svg(figure)
+    return svg(figure)
 
 
 def over_thresholds(one: Evaluation) -> bytes:
     """Precision, recall and F1 over the confidence from which detections count."""
-    figure, axes = _axes(5.4, 3.6)
+    figure, axes = axes_of(5.4, 3.6)
     for key, colour in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
         axes.plot(one.curves.threshold, getattr(one.curves, key), color=colour, label="F1" if key == "f1" else key)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="threshold of confidence", ylim=(0, 1.02), title="over the threshold (dotted: as evaluated)")
     axes.legend(fontsize=7, loc="lower center")
-    return _svg(figure)
+    return svg(figure)
 
 
 def losses(loss: Mapping[str, float]) -> bytes:
     """What fixing each cause alone would bring."""
-    figure, axes = _axes(5.4, 2.4)
+    figure, axes = axes_of(5.4, 2.4)
     names = list(loss)[::-1]
     axes.barh(names, [100.0 * loss[name] for name in names], color=RED, height=0.6)
     axes.set(xlabel="points of AP50 that fixing it alone would bring", title="why AP50 is lost")
-    return _svg(figure)
+    return svg(figure)
 
 
 def recall_bins(found: BinFigures, overall: float) -> bytes:
     """Recall in the bins of a field, with its interval and how many labels there are."""
     rows = np.flatnonzero(found.labels > 0)[::-1]
-    figure, axes = _axes(3.75, 0.7 + 0.24 * len(rows))
+    figure, axes = axes_of(3.75, 0.7 + 0.24 * len(rows))
     places = np.arange(len(rows))
     recall, ends = found.recall[rows], found.recall_interval[:, rows]
     axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
@@ -68,54 +61,24 @@ def recall_bins(found: BinFigures, overall: float) -> bytes:
         fmt="none", ecolor=INK, elinewidth=1, capsize=2,
     )  # fmt: skip
     axes.axvline(overall, color=RED, linewidth=0.9, linestyle="--")
-    axes.set_yticks(places, [f"{_short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
+    axes.set_yticks(places, [f"{short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
     axes.set(xlim=(0, 1.02), title=f"recall by {found.field.title}")
-    return _svg(figure)
+    return svg(figure)
 
 
 def differences(compared: Sequence[Comparison], titles: Mapping[str, str]) -> bytes:
     """Differences of figures, whose titles are given by key, with their intervals."""
-    figure, axes = _axes(6.4, 0.9 + 0.3 * len(titles) * max(1, len(compared)))
+    figure, axes = axes_of(6.4, 0.9 + 0.3 * len(titles) * max(1, len(compared)))
     names: list[str] = []
-    for one, colour in zip(compared, _colours(len(compared)), strict=True):
+    for one, colour in zip(compared, colours(len(compared)), strict=True):
         for key, title in titles.items():
             ends = one.interval.get(key)
             if ends is not None and not np.isnan(ends).any():
                 axes.plot(ends, [len(names)] * 2, color=colour)
                 axes.plot(one.difference[key], len(names), "o", color=colour)
-            names.append(f"{title}: {_short(one.second)}")
+            names.append(f"{title}: {short(one.second)}")
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set(title=f"difference to {_short(compared[0].first)}, with 95 % intervals")
-    return _svg(figure)
-
-
-def _axes(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots()
-    axes.tick_params(labelsize=8, colors=INK)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(SOFT)
-    return figure, axes
-
-
-def _colours(count: int) -> list[str]:
-    return [COLOURS[k % len(COLOURS)] for k in range(count)]
-
-
-def _short(name: str) -> str:
-    """A name that leaves room for the chart, and is drawn as it is: no mathematics between dollars."""
-    return (name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…").replace("$", r"\$")
-
-
-def _svg(figure: Figure) -> bytes:
-    """The same bytes for the same chart."""
-    file = io.BytesIO()
-    for axes in figure.axes:
-        axes.title.set_fontsize(9)
-        axes.xaxis.label.set_fontsize(8)
-        axes.yaxis.label.set_fontsize(8)
-    with rc_context({"svg.hashsalt": "hulldown", "svg.fonttype": "path"}):
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    return file.getvalue()
+    axes.set(title=f"difference to {short(compared[0].first)}, with 95 % intervals")
+    return svg(figure)

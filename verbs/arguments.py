@@ -29,6 +29,13 @@ def picture_name(text: str) -> Path:
     return Path(text)
 
 
+def page_name(text: str) -> Path:
+    """The name of a .html file."""
+    if Path(text).suffix.lower() != ".html":
+        raise argparse.ArgumentTypeError(f"expected the name of a .html file, got {text!r}")
+    return Path(text)
+
+
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
     """How much memory and time reading an asset may take."""
     memory = arguments.read_memory

@@ -16,6 +16,7 @@ from verbs.arguments import (
     at_least_one,
     at_least_zero,
     one_of_shares,
+    page_name,
     positive,
     read_limits,
     three_shares,
@@ -144,6 +145,28 @@ def _export(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _report(arguments: argparse.Namespace) -> int:
+    from dataset.report import THUMBNAIL_WIDTH, write_report
+    from dataset.table import Dataset
+    from planning.loading import load_planned_assets
+    from planning.plan_file import read_plan
+    from planning.preview import Artist
+
+    source: Path = arguments.source
+    if source.is_dir():
+        dataset = Dataset.read(source)
+    else:
+        plan = read_plan(source)
+        with reading_status() as status:
+            assets = load_planned_assets(plan, cache=arguments.cache, progress=status, limits=read_limits(arguments))
+        artist = Artist(plan, assets)
+        dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
+    with progress_bar("thumbnails") as advance:
+        write_report(dataset, arguments.output, most=arguments.images, progress=advance)
+    say(f"wrote {arguments.output}")
+    return DONE
+
+
 def add(verb: AddVerb) -> None:
     """Add these verbs to the command."""
     sub = verb(
@@ -191,6 +214,19 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
     sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+    add_cache(sub, ".hulldown-cache beside the plan")
+
+    sub = verb(
+        "report", _report, "show a dataset or a plan as a page",
+        "Reads a dataset's folder or a plan; writes one page with tables, charts, maps and thumbnails that filter.",
+    )  # fmt: skip
+    sub.add_argument("source", type=Path, metavar="DATASET|PLAN")
+    sub.add_argument("-o", "--output", type=page_name, metavar="FILE.html", required=True)
+    sub.add_argument(
+        "--images", type=at_least_one, default=1000, metavar="N",
+        help="thumbnails at most, spread evenly over all images (default: 1000)",
+    )  # fmt: skip
+    add_read_limits(sub)
     add_cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(

@@ -1,0 +1,158 @@
+"""What is known about labels, such as size, distance or weather, and the bins that reports put it into.
+
+What records say comes first; distance, elevation, side and slope are else derived from their poses.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+INFINITY = math.inf
+SIDES = ("front", "side", "rear")
+Records = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """A number that may be known of labels: what it is called, its unit, edges of its bins, and the bins' names."""
+
+    name: str
+    title: str
+    unit: str
+    edges: tuple[float, ...]
+    bins: tuple[str, ...]
+
+
+def _ranges(unit: str, *edges: float) -> tuple[str, ...]:
+    """Names of bins between edges, the first and the last of which are open."""
+    inner = [f"{low:g} to {high:g}{unit}" for low, high in itertools.pairwise(edges[1:-1])]
+    return f"under {edges[1]:g}{unit}", *inner, f"{edges[-2]:g}{unit} and more"
+
+
+def _scale(name: str, title: str, unit: str, *edges: float, bins: tuple[str, ...] = ()) -> Scale:
+    return Scale(name, title, unit.strip(), edges, bins or _ranges(unit, *edges))
+
+
+SIZE = _scale("box_size", "box size (root of its area)", " px", 0.0, 16.0, 32.0, 64.0, 96.0, 192.0, 384.0, INFINITY)
+SCALES = (
+    _scale("distance", "distance", " m", 0.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, INFINITY),
+    _scale(
+        "visible_fraction", "visible fraction", "", -INFINITY, 0.25, 0.5, 0.75, 0.9, 1.0, INFINITY,
+        bins=("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
+    ),
+    _scale(
+        "truncated_fraction", "fraction outside the picture", "", -INFINITY, 1e-9, 0.1, 0.25, 0.5, INFINITY,
+        bins=("0 %", "under 10 %", "10 to 25 %", "25 to 50 %", "50 % and more"),
+    ),
+    _scale("elevation", "camera elevation", "°", -INFINITY, 0.0, 5.0, 10.0, 20.0, 30.0, 45.0, INFINITY),
+    _scale("slope", "slope", "°", 0.0, 5.0, 10.0, 15.0, 20.0, 25.0, INFINITY),
+    _scale("contrast", "contrast", "", 0.0, 0.05, 0.1, 0.2, 0.4, INFINITY),
+)  # fmt: skip
+
+
+def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -> dict[str, Float[np.ndarray, " g"]]:
+    """Every number that is known of labels by the names of `SCALES`, and ``azimuth``; nan where it is not known.
+
+    Parameters
+    ----------
+    labels, images
+        COCO annotation and image records.
+    image
+        (g,) which of the images each label belongs to.
+    """
+    vehicles = poses_of(labels, "world_from_vehicle")
+    cameras = poses_of(images, "world_from_camera")[image]
+    distance, elevation, azimuth = seen_from(vehicles, cameras)
+    length = np.linalg.norm(vehicles[:, :3, 2], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.degrees(np.arccos(np.clip(vehicles[:, 2, 2] / length, -1.0, 1.0)))
+    stored = {
+        key: np.array([number(box.get(key)) for box in labels], dtype=np.float64)
+        for key in ("distance", "slope_deg", "visible_fraction", "truncated_fraction", "contrast")
+    }
+    return {
+        **stored,
+        "distance": np.where(np.isnan(stored["distance"]), distance, stored["distance"]),
+        "slope": np.where(np.isnan(stored["slope_deg"]), slope, stored["slope_deg"]),
+        "elevation": elevation,
+        "azimuth": azimuth,
+    }
+
+
+def seen_from(
+    world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Distance in metres, elevation and azimuth in degrees at which cameras stand, seen from targets.
+
+    From the target's origin, the centre of its underside: where its centre is, records do not say. Azimuth is 0 in
+    front of the target and positive to its left; elevation is above the horizon.
+    """
+    towards = world_from_camera[:, :3, 3] - world_from_vehicle[:, :3, 3]
+    distance = np.linalg.norm(towards, axis=1)
+    forward, left = (np.einsum("ni,ni->n", towards, world_from_vehicle[:, :3, axis]) for axis in (0, 1))
+    elevation = np.degrees(np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1])))
+    return distance, elevation, np.degrees(np.arctan2(left, forward))
+
+
+def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Which of `SIDES` is seen from azimuths in degrees; -1 for nan.
+
+    Front is within 45 degrees of straight ahead, rear within 45 of straight behind.
+    """
+    turned = np.abs(azimuth)
+    return np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
+
+
+def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
+    """The bin of each value, lower edges included; -1 for nan and what lies below all."""
+    bins = np.searchsorted(np.array(scale.edges), values, side="right") - 1
+    return np.where(np.isnan(values) | (bins >= len(scale.edges) - 1), -1, bins)
+
+
+def weather_of(value: Any) -> str | None:
+    """Bins of what a row says about weather: null is clear."""
+    if value is None:
+        return "clear"
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, Mapping):
+        return None
+    kind = value.get("kind") or value.get("type")
+    metres = number(value.get("visibility_m"))
+    if math.isnan(metres):
+        return str(kind) if kind else None
+    return f"{kind or 'fog'}, " + ("under 500 m" if metres < 500 else "500 m to 2 km" if metres < 2000 else "over 2 km")
+
+
+def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
+    """(n, 4, 4) poses of records; nan where there is none."""
+    poses = np.full((len(records), 4, 4), np.nan)
+    known = [i for i, record in enumerate(records) if isinstance(record.get(key), list)]
+    try:
+        found = np.array([records[i][key] for i in known], dtype=np.float64).reshape(len(known), 4, 4)
+    except (TypeError, ValueError):  # one at least is of another kind: it is left out
+        for i in known:
+            try:
+                poses[i] = np.array(records[i][key], dtype=np.float64).reshape(4, 4)
+            except (TypeError, ValueError):
+                continue
+    else:
+        poses[known] = found
+    return poses
+
+
+def name_of(value: Any) -> str | None:
+    """A record's name of something; None if it is none."""
+    return value if isinstance(value, str) and value else None
+
+
+def number(value: Any) -> float:
+    """A record's number; nan if it is none."""
+    return float(value) if type(value) in (int, float) and math.isfinite(value) else math.nan

@@ -1,0 +1,251 @@
+"""A dataset for notebooks and reports: typed records, tables of numbers, pictures with their labels on them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from PIL import Image as Pictures
+
+from annotate.drawing import draw
+from dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
+from dataset.planned import image_record, label_records
+from dataset.records import read_usable
+from geometry.errors import DatasetError
+from planning.plan_file import Plan
+
+Columns = dict[str, Shaped[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Label:
+    """A label of an image.
+
+    Parameters
+    ----------
+    id
+        COCO's.
+    category
+        The class's name.
+    bbox
+        (4,) x, y, width and height in pixels.
+    crowd
+        Whether it is a region to be ignored.
+    visible_fraction, truncated_fraction
+        Shares; nan where they are not known.
+    record
+        All that the file says.
+    """
+
+    id: int
+    category: str
+    bbox: Float[np.ndarray, "4"]
+    crowd: bool
+    visible_fraction: float
+    truncated_fraction: float
+    record: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Image:
+    """An image.
+
+    Parameters
+    ----------
+    id, file_name, width, height
+        COCO's; the name is relative to the dataset.
+    labels
+        In the order of the file.
+    record
+        All that the file says.
+    """
+
+    id: int
+    file_name: str
+    width: int
+    height: int
+    labels: tuple[Label, ...]
+    record: Mapping[str, Any]
+
+
+class Dataset:
+    """Images with their labels, of a dataset or of a plan.
+
+    Parameters
+    ----------
+    name
+        What it was read from.
+    categories
+        Names of the classes by COCO's ids.
+    images
+        In the order of the file.
+    opened
+        Gives the picture of an image, without labels.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        categories: Mapping[int, str],
+        images: Sequence[Image],
+        opened: Callable[[int], Pictures.Image],
+    ) -> None:
+        self.name, self.categories, self.images = name, dict(categories), list(images)
+        self._opened = opened
+
+    @classmethod
+    def read(cls, folder: Path | str) -> Dataset:
+        """The dataset in a folder, photographs too.
+
+        Raises
+        ------
+        DatasetError
+            If there is none, or a record cannot be used.
+
+        Examples
+        --------
+        >>> from tempfile import mkdtemp
+        >>> from dataset.coco import CocoDataset
+        >>> folder = mkdtemp()
+        >>> label = {"category": "truck", "bbox": [1, 2, 3, 4]}
+        >>> with CocoDataset.open(folder) as writer:
+        ...     _ = writer.append({"file_name": "images/1.png", "width": 64, "height": 48}, [label])
+        >>> dataset = Dataset.read(folder)
+        >>> dataset.images[0].labels[0].category
+        'truck'
+        >>> dataset.labels["box_size"].round(2)
+        array([3.46])
+        """
+        folder = Path(folder)
+        coco = read_usable(folder)
+        names = {category["id"]: category["name"] for category in coco["categories"]}
+        mine: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in coco["images"]}
+        for annotation in coco["annotations"]:
+            if annotation["image_id"] in mine:
+                mine[annotation["image_id"]].append(annotation)
+        images = [_image(image, mine[image["id"]], names) for image in coco["images"]]
+        return cls(str(folder), names, images, lambda i: _open(folder / images[i].file_name))
+
+    @classmethod
+    def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
+        """What a plan will be when it is rendered; `picture` gives a row's, such as its preview.
+
+        Raises
+        ------
+        ConfigError
+            If a row of the plan is damaged.
+        """
+        classes = dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values())
+        names = {number: name for number, name in enumerate(classes, start=1)}
+        ids = {name: number for number, name in names.items()}
+        images = []
+        for row in plan:
+            record = {"id": row.image_id, "file_name": row.file_name, **image_record(row)}
+            labels = [
+                {**label, "id": k, "category_id": ids[label["category"]]} for k, label in enumerate(label_records(row))
+            ]
+            images.append(_image(record, labels, names))
+        return cls(str(plan.path), names, images, picture)
+
+    def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
+        """The picture of the i-th image, with boxes, class names and masks on it if asked for.
+
+        Raises
+        ------
+        DatasetError
+            If it cannot be read.
+        """
+        image = self._opened(i)
+        if not labels:
+            return image
+        records = [label.record for label in self.images[i].labels]
+        try:
+            return draw(image, records, self.categories, masks=masks)
+        except ValueError as error:
+            raise DatasetError(str(error), remedy="check the dataset with `hulldown verify`") from error
+
+    @cached_property
+    def labels(self) -> Columns:
+        """A table of labels: columns by name, one row a label, as pandas, polars and NumPy take it.
+
+        ``image`` is the row of `of_images`. Numbers that are not known are nan, names are empty; lengths are in metres
+        or pixels, angles in degrees.
+        """
+        rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]
+        index = np.array([i for i, _ in rows], dtype=np.int64)
+        boxes = np.array([label.bbox for _, label in rows], dtype=np.float64).reshape(-1, 4)
+        numbers = numbers_of([label.record for _, label in rows], [image.record for image in self.images], index)
+        sides = np.array([*SIDES, ""])[sides_of(numbers["azimuth"])]
+        return {
+            "image": index,
+            "id": np.array([label.id for _, label in rows], dtype=np.int64),
+            "category": np.array([label.category for _, label in rows], dtype=str),
+            **dict(zip(("x", "y", "width", "height"), boxes.T, strict=True)),
+            SIZE.name: np.sqrt(np.abs(boxes[:, 2] * boxes[:, 3])),
+            "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
+            **{one.name: numbers[one.name] for one in SCALES},
+            "azimuth": numbers["azimuth"],
+            "side": sides,
+            "vehicle": np.array([name_of(label.record.get("vehicle")) or "" for _, label in rows], dtype=str),
+            **{
+                name: column[index] for name, column in self.of_images.items() if name in ("scenery", "hdri", "weather")
+            },
+        }
+
+    @cached_property
+    def of_images(self) -> Columns:
+        """A table of images, as `labels` is one of labels."""
+        records = [image.record for image in self.images]
+        return {
+            "id": np.array([image.id for image in self.images], dtype=np.int64),
+            "file_name": np.array([image.file_name for image in self.images], dtype=str),
+            "width": np.array([image.width for image in self.images], dtype=np.int64),
+            "height": np.array([image.height for image in self.images], dtype=np.int64),
+            "labels": np.array([len(image.labels) for image in self.images], dtype=np.int64),
+            "position": np.array([number(record.get("position")) for record in records], dtype=np.float64),
+            "fov_x_deg": np.array([number(record.get("fov_x_deg")) for record in records], dtype=np.float64),
+            "strength": np.array([number(record.get("strength")) for record in records], dtype=np.float64),
+            **{
+                name: np.array([name_of(record.get(name)) or "" for record in records], dtype=str)
+                for name in ("scenery", "hdri")
+            },
+            "weather": np.array(
+                [(weather_of(record["weather"]) or "") if "weather" in record else "" for record in records], dtype=str
+            ),
+        }
+
+
+def _image(record: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], names: Mapping[int, str]) -> Image:
+    return Image(
+        record["id"],
+        record["file_name"],
+        record["width"],
+        record["height"],
+        tuple(
+            Label(
+                label["id"],
+                names[label["category_id"]],
+                np.array(label["bbox"], dtype=np.float64),
+                bool(label.get("iscrowd", 0)),
+                number(label.get("visible_fraction", math.nan)),
+                number(label.get("truncated_fraction", math.nan)),
+                label,
+            )
+            for label in labels
+        ),
+        record,
+    )
+
+
+def _open(path: Path) -> Pictures.Image:
+    try:
+        with Pictures.open(path) as picture:
+            return picture.convert("RGB")
+    except (OSError, SyntaxError, ValueError, Pictures.DecompressionBombError) as error:
+        raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error
