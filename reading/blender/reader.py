@@ -20,13 +20,14 @@ from jaxtyping import Float
 from assets.bundle import save_scenery, save_vehicle
 from geometry.errors import AssetError, HulldownError
 from geometry.files import replacing
-from reading.blender.evaluate import HIDDEN, Evaluated, evaluate
+from reading.blender.evaluate import HIDDEN, evaluate
 from reading.blender.importers import open_file
 from reading.blender.pictures import read_picture, write_sky_map
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from reading.build import Options, build_scenery, build_vehicle, metres_from_file
 from reading.doubts import scenery_doubts, vehicle_doubts
+from reading.drawn import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.report import FileReport, Missing, Row, gathered
 from reading.roles import Piece
