@@ -19,7 +19,11 @@ import numpy as np
 from benchmarks.reading_cases import LITTER, Case, Truth
 from geometry.errors import AssetError
 from geometry.transforms import apply
-from reading.build import Options
+from reading.build import Options, build_vehicle
+from reading.doubts import vehicle_doubts
+from reading.kinds import refuse_wrong_kind
+from reading.report import Row
+from reading.stance import stood
 
 ROOT = Path(__file__).parents[1]
 EACH, HELD = 36, 12  # files of each of the ten vehicles
@@ -105,21 +109,16 @@ def _angle(a: Any, b: Any) -> float:
 
 
 def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
-    from reading.build import build_vehicle, metres_from_file
-    from reading.doubts import vehicle_doubts
-    from reading.kinds import refuse_wrong_kind
-    from reading.report import Row
-
     options = Options()
-    metres = metres_from_file(opened.unit, opened.up)
-    refuse_wrong_kind("vehicle", drawn.pieces, options)
-    built = build_vehicle("it", drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=options)
+    upright = stood(drawn, unit=opened.unit, said=opened.up, up=None)
+    refuse_wrong_kind("vehicle", upright.pieces, options)
+    built = build_vehicle("it", drawn.meshes, upright, drawn.markers, options=options)
     names = built.shape.part_names
     uses = [names[part] if part >= 0 else "dropped" for part in built.piece_part]
     rows = [Row(p.name, "", u, r.why, 1, p.faces) for p, u, r in zip(drawn.pieces, uses, built.roles, strict=True)]
-    size = built.shape.size_xyz
-    doubts = vehicle_doubts(tuple(size.tolist()), built.parts, rows, (), unit=opened.unit, options=options)
-    return built.shape, uses, [*doubts, *opened.doubts]
+    length, width, height = built.shape.size_xyz.tolist()
+    sizes = vehicle_doubts((length, width, height), rows, (), unit=opened.unit, options=options)
+    return built.shape, uses, [*built.doubts, *sizes, *opened.doubts]
 
 
 def _compared(truth: Truth, drawn: Any, uses: list[str]) -> tuple[dict[str, str], int]:

@@ -28,7 +28,8 @@ from benchmarks.reading_cases import (
 from geometry.transforms import apply
 from reading.blender.evaluate import evaluate
 from reading.blender.importers import open_file
-from reading.build import Options, build_vehicle, metres_from_file
+from reading.build import Options, build_vehicle
+from reading.stance import metres_from_file, stood
 
 
 def main() -> None:
@@ -58,7 +59,8 @@ def _base(path: Path) -> Model:
     opened = open_file(path, "blend")
     metres = metres_from_file(opened.unit, "z")
     drawn = evaluate(bpy.context.scene, metres_from_file=metres)
-    built = build_vehicle(path.stem, drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=Options())
+    upright = stood(drawn, unit=opened.unit, said="z", up="z")
+    built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
     names = built.shape.part_names
     shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(metres))
     pivots = [

@@ -170,6 +170,7 @@ class _Reader:
                 anonymous=scattered and _carries_itself(instance),
                 hair=hair,
                 unseen=self._why_unseen(drawn),
+                hidden=not instance.is_instance and _is_hidden(drawn.original),
             )
         )
 
@@ -266,6 +267,11 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
     if materials and all(m is not None and _is_volume(m) for m in materials):
         return "has volume shaders only"
     return None
+
+
+def _is_hidden(original: Any) -> bool:
+    """Whether the eye or the monitor icon hides it, its own or its collection's."""
+    return bool(original.hide_viewport or not original.visible_get())
 
 
 def _is_volume(material: Any) -> bool:
