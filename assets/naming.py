@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
@@ -13,6 +14,33 @@ NOT_LAUNCHER = ("smoke", "grenade")
 GUN = ("gun", "barrel", "cannon", "howitzer")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
 PIVOT = ("pivot",)
+# Asked where no name has one of those as a word of its own: parts of words, other languages, slips of one letter.
+TURRET_HINTS = (
+    *("turret", "turm", "tourelle", "bashnya", "bashnia", "torreta", "torretta", "torre", "wieza", "vez", "torn"),
+    *("koepel", "torony", "kupol", "taret", "houtou", "paota", "башня", "башн", "炮塔", "砲塔", "포탑"),
+)
+LAUNCHER_HINTS = ("launcher", "werfer", "lanceur", "lanciatore", "lanzador", "puskov", "пусков", "wyrzutnia")
+GUN_HINTS = (
+    *("gun", "barrel", "cannon", "howitzer", "kanone", "kanon", "canon", "cannone", "rohr", "geschuetz", "haubitze"),
+    *("obusier", "pushka", "puska", "stvol", "orudie", "canna", "lufa", "armata", "hlaven", "delo", "agyu", "loveg"),
+    *("eldror", "namlu", "kanonsloop", "shuhou", "paoguan", "пушка", "ствол", "орудие", "炮管", "砲身", "포신"),
+)
+NOT_GUN_HINTS = (
+    *("machine", "mitrailleuse", "maschinen", "pulemet", "smoke", "rauch", "fume", "auspuff", "abgas", "fuel", "kraft"),
+    *("treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder", "begun"),
+)
+
+FRONT = (  # what is at the nose of a vehicle, and
+    *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
+    *("bonnet", "hood", "cab", "cabin", "driver", "glacis", "radiator", "wiper", "steering", "mirror", "fog light"),
+    *("scheinwerfer", "motorhaube", "kuehlergrill", "fahrerhaus", "fuehrerhaus", "frontscheibe", "vorne", "lenkrad"),
+    *("capot", "phare", "pare brise", "avant", "cabine", "volant", "kabina", "kapot", "fara", "cofano", "faro"),
+    *("delantero", "anteriore", "cabina", "parabrezza", "parabrisas"),
+)
+REAR = (  # what is at the other end
+    *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
+    *("heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon", "zad", "posteriore", "trasero"),
+)
 
 VEHICLE = (  # what only a vehicle has
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
@@ -82,6 +110,36 @@ def says(name: str, patterns: Iterable[str]) -> str | None:
         elif _contains(words(name), "".join(words(pattern))):
             return pattern
     return None
+
+
+def hints(name: str, stems: Iterable[str]) -> str | None:
+    """The first of `stems` that a word of `name` begins or ends with, or is but for one letter; None if none.
+
+    Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
+    never taken for another by a slip; scripts that are written without spaces match anywhere.
+    """
+    found = [_folded(word) for word in words(name)]
+    for stem in map(_folded, stems):
+        for word in found:
+            at_end = word.startswith(stem) or word.endswith(stem)
+            foreign = not stem.isascii() and stem in word
+            slip = len(stem) >= 5 and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)
+            if at_end and (len(stem) >= 3 or word == stem) or foreign or slip:
+                return stem
+    return None
+
+
+def _folded(text: str) -> str:
+    text = text.lower().replace("ä", "ae").replace("ö", "oe").replace("ü", "ue")
+    return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+
+
+def _one_apart(a: str, b: str) -> bool:
+    """Whether one letter put in, left out or exchanged makes one word of the other."""
+    if len(a) > len(b):
+        a, b = b, a
+    same = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))
+    return a[same + (len(a) == len(b)) :] == b[same + 1 :]
 
 
 def _contains(name: tuple[str, ...], wanted: str) -> bool:

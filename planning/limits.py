@@ -365,8 +365,8 @@ NOT_RECOMPUTED: Mapping[str, str] = {
     "assets.cache": "where files are kept; a plan does not depend on it",
     "assets.hdris": "patterns of files; the names that they give are those of the header",
     **{f"assets.vehicles.{key}": _READ for key in (
-        "path", "category", "name", "forward", "up", "scale", "keep", "drop", "turret", "gun", "turret_limits_deg",
-        "gun_limits_deg",
+        "path", "category", "name", "forward", "yaw_deg", "up", "scale", "keep", "drop", "turret", "gun", "turret_pivot",
+        "gun_pivot", "turret_limits_deg", "gun_limits_deg",
     )},
     **{f"assets.sceneries.{key}": _READ for key in ("path", "name", "up", "scale")},
     "ground.include": _READ,

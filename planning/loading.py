@@ -24,7 +24,7 @@ from reading.cache import cached
 from reading.export import Exported
 from reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from reading.inspect import Inspected, draw
-from reading.parts import GUN_PART, TURRET_PART
+from reading.part_names import GUN_PART, TURRET_PART
 from reading.report import FileReport, refuse_missing
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
@@ -302,10 +302,13 @@ def vehicle_options(entry: VehicleEntry) -> Options:
         up=entry.up,
         scale=entry.scale,
         forward=entry.forward,
+        yaw_deg=entry.yaw_deg,
         keep=entry.keep,
         drop=entry.drop,
         turret=entry.turret,
         gun=entry.gun,
+        turret_pivot=entry.turret_pivot,
+        gun_pivot=entry.gun_pivot,
     )
 
 

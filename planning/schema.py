@@ -7,8 +7,9 @@ Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
@@ -37,6 +38,30 @@ def _range(lowest: float, highest: float, kind: type = float, *, optional: bool 
     return BeforeValidator(check)
 
 
+def _forward(value: Any) -> str | float | Pair | None:
+    """An axis, an angle in degrees, or a vector that is not upright."""
+    if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
+        return value
+    if _numbers([value]) and -360 <= value <= 360:
+        return float(value)
+    if isinstance(value, (list, tuple)) and len(value) in (2, 3) and _numbers(value) and any(value[:2]):
+        return float(value[0]), float(value[1])
+    raise ValueError("expected '+x', '-x', '+y', '-y', degrees from -360 to 360, or a vector [x, y]")
+
+
+def _pivot(value: Any) -> str | tuple[float, ...] | None:
+    """The name of an object, or a point of the file."""
+    if value is None or (isinstance(value, str) and value):
+        return value
+    if isinstance(value, (list, tuple)) and len(value) == 3 and _numbers(value):
+        return tuple(float(x) for x in value)
+    raise ValueError("expected the name of an object, or [x, y, z] in the file's axes and units")
+
+
+def _numbers(values: Sequence[Any]) -> bool:
+    return all(isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x) for x in values)
+
+
 def _per_class(value: Any) -> Any:
     """A number of images for every class, or a table of them by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
@@ -58,6 +83,8 @@ GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Elevations = Annotated[Pair, _range(-90.0, 90.0)]
 FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
 Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
+Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
+PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
 Patterns = Annotated[tuple[str, ...], Field(strict=False)]
 Positive = Annotated[float, Field(gt=0)]
 AtLeastZero = Annotated[float, Field(ge=0)]
@@ -76,13 +103,16 @@ class VehicleEntry(Section):
     path: str
     category: str = Field(min_length=1)
     name: str = ""
-    forward: Literal["+x", "-x", "+y", "-y"] = "+x"
-    up: Literal["z", "y"] | None = None
+    forward: Forward = None
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = None
     scale: Positive | None = None
     keep: Patterns = ()
     drop: Patterns = ()
     turret: str | None = None
     gun: str | None = None
+    turret_pivot: PivotPoint = None
+    gun_pivot: PivotPoint = None
     turret_limits_deg: TurretLimits = None
     gun_limits_deg: GunLimits = None
 

@@ -71,11 +71,15 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 
 # A vehicle: path (.blend, .glb, .gltf, .fbx, .obj) and category (its class) are needed. Optional:
 #   name = "..."                what the plan calls it; default: the file's name
-#   forward = "+x"              where its nose points in the file: "+x", "-x", "+y", "-y"
-#   up = "z"                    "z" or "y"; default: from the file
+#   forward = "+x"              where its nose points once z is up: "+x", "-x", "+y", "-y", degrees from +x towards
+#                               +y, or a vector [x, y]; default: by its wheels, gun and names
+#   yaw_deg = 0.0               degrees to turn its nose further, counter-clockwise seen from above
+#   up = "z"                    axis that points up: "z", "y", "x" or one with a minus; default: by the file and wheels
 #   scale = 1.0                 metres per unit of the file; default: from the file
 #   keep = [...], drop = [...]  patterns of object names that are, or are not, the vehicle
 #   turret = "...", gun = "..." pattern of the objects that turn and rise; "" for none; default: by name
+#   turret_pivot, gun_pivot     about what they turn: [x, y, z] in the file's axes and units, or an object's name;
+#                               default: origins, or by shape
 #   turret_limits_deg = [-180, 180], gun_limits_deg = [-5, 20]
 #                               how far they turn from how they stand in the file: left and up are positive
 # A scenery: path is needed. Optional: name, up, scale, and

@@ -12,13 +12,15 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
-from geometry.transforms import apply, rotation_z
-from reading.parts import GUN_PART, TURRET_PART, Parts, find_parts
+from geometry.transforms import apply
+from reading.axes import forward_said
+from reading.part_names import GUN_PART, TURRET_PART
+from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow
 from reading.roles import Link, Piece, Role, scenery_roles, vehicle_roles
+from reading.stance import Stood, heading, vehicle_from_upright
+from reading.strays import stray_doubts
 
-YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
-Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 KILOMETRE = 1000.0
 
 
@@ -29,43 +31,47 @@ class Options:
     Parameters
     ----------
     up
-        "z" or "y"; Blender's files are z up.
+        The file's axis that points up: "z", "y", "x", or one of them with a minus.
     scale
         Metres to one unit of the file.
     forward
-        Where a vehicle's nose points in the file once z is up.
+        Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x, or a vector.
+    yaw_deg
+        Degrees counter-clockwise from there to where it really points.
     keep, drop
         Patterns of what belongs to a vehicle and what does not.
     turret, gun
         Pattern of a vehicle's turret and gun; "" for none.
+    turret_pivot, gun_pivot
+        About what they turn: a point in the file's axes and units, or the name of an object.
     include, exclude
         Patterns of what is a scenery's ground and what is not.
     """
 
     up: str | None = None
     scale: float | None = None
-    forward: str = "+x"
+    forward: str | float | tuple[float, ...] | None = None
+    yaw_deg: float = 0.0
     keep: tuple[str, ...] = ()
     drop: tuple[str, ...] = ()
     turret: str | None = None
     gun: str | None = None
+    turret_pivot: str | tuple[float, float, float] | None = None
+    gun_pivot: str | tuple[float, float, float] | None = None
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
 
 
-def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
-    """From a file's coordinates to metres, z up; where the origin is stays."""
-    return np.diag([unit, unit, unit, 1.0]) @ (Z_FROM_Y_UP if up == "y" else np.eye(4))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltVehicle:
-    """A vehicle, for each piece its role and part (-1 for none), and the parts that turn."""
+    """A vehicle, for each piece its role and part (-1 for none), the parts that turn, the axes, and what is doubtful."""
 
     shape: VehicleShape
     roles: list[Role]
     piece_part: list[int]
     parts: tuple[PartRow, ...]
+    axes: str
+    doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,39 +82,36 @@ class BuiltScenery:
     roles: list[Role]
 
 
-def build_vehicle(
-    name: str,
-    meshes: Sequence[Mesh],
-    pieces: Sequence[Piece],
-    markers: Sequence[tuple[Link, ...]],
-    *,
-    metres: Float[np.ndarray, "4 4"],
-    options: Options,
-) -> BuiltVehicle:
+def build_vehicle(name: str, meshes: Sequence[Mesh], upright: Stood, markers: Sequence[tuple[Link, ...]], *, options: Options) -> BuiltVehicle:
     """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
     Raises
     ------
     AssetError
-        If nothing is left of it, or the config names a turret or gun that is not there.
+        If nothing is left of it, or the config names a turret, gun or pivot that is not there.
     """
+    pieces = upright.pieces
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"no vehicle is left after clean-up; in it is {there}", remedy="name what to `keep`")
-    turned = np.eye(4)
-    turned[:3, :3] = np.round(rotation_z(YAW[options.forward]), 12)
-    upright = turned @ metres
-    points = [apply(upright @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
-    parts = find_parts(
-        [pieces[i] for i in kept],
-        points,
-        markers,
-        vehicle_from_file=upright,
-        turret=options.turret,
-        gun=options.gun,
-    )
+    forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
+    ahead = vehicle_from_upright(forward.angle)
+    vehicle_from_file = ahead @ upright.metres
+    points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
+    asked = Asked(options.turret, options.gun, options.turret_pivot, options.gun_pivot)
+    try:
+        parts = find_parts(
+            [pieces[i] for i in kept],
+            points,
+            markers,
+            vehicle_from_file=vehicle_from_file,
+            asked=asked,
+            solids=solids.turned(ahead[:3, :3]),
+        )
+    except ValueError as error:
+        raise AssetError(str(error)) from None
     for key, part in ((options.turret, TURRET_PART), (options.gun, GUN_PART)):
         if key and part not in parts.names:
             there = ", ".join(sorted({repr(pieces[i].name) for i in kept})[:8])
@@ -134,9 +137,12 @@ def build_vehicle(
         part_pivot=np.concatenate([np.zeros((1, 3)), parts.pivot[1:] - underside]),
         part_axis=parts.axis,
         part_limits=parts.limits,
-        vehicle_from_file=to_underside @ upright,
+        vehicle_from_file=to_underside @ vehicle_from_file,
     )
-    return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts))
+    strays = stray_doubts([pieces[i] for i in kept], meshes, wheels)
+    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *strays) if doubt]
+    axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
+    return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))
 
 
 def _compact(points: Float[np.ndarray, "v 3"], faces: np.ndarray, name: str) -> Mesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from reading.build import Options
-from reading.report import Missing, PartRow, Row
+from reading.report import Missing, Row
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -16,14 +16,13 @@ NAMES = 12  # how many names a sentence lists
 
 def vehicle_doubts(
     size: tuple[float, float, float],
-    parts: Sequence[PartRow],
     rows: Sequence[Row],
     missing: Sequence[Missing],
     *,
     unit: float,
     options: Options,
 ) -> tuple[str, ...]:
-    """What is strange about a vehicle."""
+    """What is strange about a vehicle's size, and about what is dropped of it."""
     doubts = []
     length, width, height = size
     longest = max(size)
@@ -36,7 +35,6 @@ def vehicle_doubts(
         doubts.append(
             f'it is {height:.1f} m high and {max(length, width):.1f} m long; set up = "y" if it lies on its side'
         )
-    doubts += [f"the {part.name} turns about {part.why}" for part in parts if "since the origin" in part.why]
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
     kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
     if sum(row.triangles * row.count for row in dropped) > kept:

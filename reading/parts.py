@@ -8,15 +8,30 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from assets.naming import GUN, LAUNCHER, NOT_GUN, NOT_LAUNCHER, PIVOT, TURRET, says, words
 from geometry.transforms import apply
+from reading.axes import gun_barrel
+from reading.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
+from reading.pivots import PIVOT_KEYS, Pivot, find_pivot, gun_guess, nodes_of, turret_guess
 from reading.roles import Link, Piece
+from reading.solids import Solids, no_solids
 
-HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
-BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
-REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
+STUBBY = 2.5  # times its width; what is shorter points nowhere
+SMALL = 0.2  # of the vehicle's length: a drum, not a gun
+NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
+LOW = 0.3  # of the vehicle's height: no turret reaches below
+WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the config says of parts: patterns ("" for none), and pivots as names or points in the file's axes."""
+
+    turret: str | None = None
+    gun: str | None = None
+    turret_pivot: str | tuple[float, float, float] | None = None
+    gun_pivot: str | tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +49,10 @@ class Parts:
     why
         For each part where its pivot comes from.
     piece_why
-        For each piece the name by which it belongs to its part; empty for the hull.
+        For each piece the name by which it belongs to its part, or by which it seems to; empty for other parts of the
+        hull.
+    doubts
+        What a person should look at, a sentence each, with the key to set.
     """
 
     names: tuple[str, ...]
@@ -45,6 +63,7 @@ class Parts:
     limits: Float[np.ndarray, "p 2"]
     why: tuple[str, ...]
     piece_why: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def find_parts(
@@ -53,8 +72,8 @@ def find_parts(
     markers: Sequence[tuple[Link, ...]],
     *,
     vehicle_from_file: Float[np.ndarray, "4 4"],
-    turret: str | None = None,
-    gun: str | None = None,
+    asked: Asked = Asked(),
+    solids: Solids | None = None,
 ) -> Parts:
     """The hull, the turret and the gun among the pieces of a vehicle.
 
@@ -68,31 +87,59 @@ def find_parts(
         The chains of all empties, any of which may be a part's pivot.
     vehicle_from_file
         From the world of the file to metres, x forward, z up.
-    turret, gun
-        The user's pattern in place of the built-in words; "" for none.
+    asked
+        What the config says.
+    solids
+        Of the pieces, in the frame of `points`; without them nothing is judged by shape.
+
+    Raises
+    ------
+    ValueError
+        If `asked` names a pivot that is not there.
     """
     chains = [p.chain for p in pieces]
-    namer = _Namer(chains, turret, gun)
+    solids = no_solids() if solids is None else solids
+    namer, no_guns = _screened(chains, points, asked)
+    doubts: list[str] = []
     part_of = [namer.part_of(chain) for chain in chains]
+    if asked.gun is None and GUN_PART not in part_of:
+        marks, said = _by_shape(pieces, points, solids, part_of, asked)
+        doubts += said
+        if marks:
+            namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns, marked=marks)
+            part_of = [namer.part_of(chain) for chain in chains]
     names, parents, why = [HULL], [-1], [""]
     pivots, axes, limits = [np.zeros(3)], [np.array([0.0, 0.0, 1.0])], [(0.0, 0.0)]
     piece_part = np.zeros(len(pieces), int)
     bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     middle = (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0)) / 2
+    resting = [p.chain[0].pose[:3, 3] for p, part in zip(pieces, part_of, strict=True) if part is None]
+    still = apply(vehicle_from_file, np.array(resting).reshape(-1, 3))
     for name in (TURRET_PART, GUN_PART):
         mine = np.array([p == name for p in part_of], bool)
         if not mine.any() or mine.all():
             continue
         own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
-        nodes = _nodes(pieces, markers, mine, namer, name)
-        pivot, source = _pivot(nodes, own, name, pivots[-1] if len(pivots) > 1 else middle, vehicle_from_file)
+        behind = pivots[-1] if len(pivots) > 1 else middle
+        pivot = _asked_pivot(name, asked, pieces, markers, vehicle_from_file)
+        if pivot is None:
+            guess = _guess(name, own, points, part_of, solids, behind)
+            nodes = nodes_of(pieces, markers, mine, namer, name)
+            pivot = find_pivot(
+                nodes, own, name, guess=guess, behind=behind, resting=still, vehicle_from_file=vehicle_from_file
+            )
+            if pivot.guessed:
+                doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
         parents.append(names.index(TURRET_PART) if TURRET_PART in names else 0)
         piece_part[mine] = len(names)
         names.append(name)
-        pivots.append(pivot)
-        axes.append(_raising_axis(own, pivot) if name == GUN_PART else np.array([0.0, 0.0, 1.0]))
+        pivots.append(pivot.at)
+        axes.append(_raising_axis(own, pivot.at) if name == GUN_PART else np.array([0.0, 0.0, 1.0]))
         limits.append(LIMITS[name])
-        why.append(source)
+        why.append(pivot.why)
+    doubts += _missing_parts(names, asked, no_guns)
+    decided = [namer.decided(chain) for chain in chains]
+    shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
     return Parts(
         tuple(names),
         tuple(int(i) for i in piece_part),
@@ -101,147 +148,157 @@ def find_parts(
         np.array(axes),
         np.array(limits),
         tuple(why),
-        tuple(namer.reason(chain) if part else "" for chain, part in zip(chains, piece_part, strict=True)),
+        tuple(
+            said[1] if part else f"named {other!r}, but short and not ahead: no gun" if other else ""
+            for said, part, other in zip(decided, piece_part, shape, strict=True)
+        ),
+        tuple(doubts),
     )
 
 
-class _Namer:
-    """Says which part a chain of objects belongs to: the nearest name that says anything decides."""
-
-    def __init__(self, chains: Sequence[tuple[Link, ...]], turret: str | None, gun: str | None) -> None:
-        all_names = [{n for link in c for n in (link.name, *link.collections)} for c in chains]
-        # A name that covers the whole vehicle names the vehicle, no part of it.
-        self.whole = set.intersection(*all_names) if all_names else set()
-        some = set().union(*all_names) - self.whole
-        self.turret: tuple[str, ...] = TURRET
-        self.not_turret: tuple[str, ...] = ()
-        if turret is not None:
-            self.turret = (turret,) if turret else ()
-        elif not any(says(n, TURRET) for n in some):
-            self.turret, self.not_turret = LAUNCHER, NOT_LAUNCHER
-        self.gun = GUN if gun is None else (gun,) if gun else ()
-        self.not_gun = NOT_GUN if gun is None else ()
-        # "turret_gun" is a gun beside a turret, and a turret where there is none other.
-        self.both = GUN_PART if any(self._says_turret(n) and not self._says_gun(n) for n in some) else TURRET_PART
-
-    def _says_turret(self, name: str) -> bool:
-        return bool(says(name, self.turret)) and not says(name, self.not_turret)
-
-    def _says_gun(self, name: str) -> bool:
-        return bool(says(name, self.gun)) and not says(name, self.not_gun)
-
-    def part_named(self, name: str) -> str | None:
-        """The part that an object or collection of this name is, if any."""
-        if name in self.whole:
-            return None
-        is_turret, is_gun = self._says_turret(name), self._says_gun(name)
-        return self.both if is_turret and is_gun else TURRET_PART if is_turret else GUN_PART if is_gun else None
-
-    def part_of(self, chain: Sequence[Link]) -> str | None:
-        """The part that the first object of `chain` belongs to, None for the hull."""
-        return self._decided(chain)[0]
-
-    def reason(self, chain: Sequence[Link]) -> str:
-        """By what `part_of` decided."""
-        return self._decided(chain)[1]
-
-    def _decided(self, chain: Sequence[Link]) -> tuple[str | None, str]:
-        for i, link in enumerate(chain):
-            for name in (link.name, *link.collections):
-                if part := self.part_named(name):
-                    what = "collection" if name != link.name else "parent" if i else "name"
-                    return part, f"by its {what} {name!r}"
-        return None, ""
+def _screened(
+    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], asked: Asked
+) -> tuple[Namer, set[str]]:
+    """A namer for which nothing is a gun that is shaped like a drum, and the names of such."""
+    no_guns: set[str] = set()
+    while True:
+        namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns)
+        if asked.gun is not None:
+            return namer, no_guns
+        groups: dict[str, list[int]] = {}
+        for i, chain in enumerate(chains):
+            part, _, name = namer.decided(chain)
+            if part == GUN_PART:
+                groups.setdefault(name, []).append(i)
+        rest = [i for i in range(len(chains)) if not any(i in group for group in groups.values())]
+        if not rest:
+            return namer, no_guns
+        body = np.concatenate([points[i] for i in rest])
+        found = {n: np.concatenate([points[i] for i in group]) for n, group in groups.items()}
+        guns = {n: own for n, own in found.items() if not _is_drum(own, body)}
+        drums = {n for n in found if n not in guns and not any(_touch(found[n], own) for own in guns.values())}
+        if not drums:
+            return namer, no_guns
+        no_guns |= drums
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Node:
-    """An object of a part, as a place to turn about."""
+def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
+    """Small beside the vehicle, and stubby or lying across, and behind its middle or low."""
+    low, high = body.min(axis=0), body.max(axis=0)
+    off = own - own.mean(axis=0)
+    axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
+    size = np.ptp(off @ axes.T, axis=0)
+    if not 0 < size[0] < SMALL * (high[0] - low[0]):
+        return False
+    stubby = size[0] < STUBBY * size[1:].max()
+    across = abs(axes[0, 0]) < 0.5
+    middle = (own.min(axis=0) + own.max(axis=0)) / 2
+    return bool((stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2]))
 
-    link: Link
-    topmost: bool  # what it hangs from is another part
-    named: bool  # its own name says the part, not only its collection
-    faces: int  # triangles of the part that it carries, itself included
+
+def _touch(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
+    """Whether the boxes around both come close."""
+    slack = 0.05 * float(np.ptp(b, axis=0).max())
+    return bool((a.min(axis=0) < b.max(axis=0) + slack).all() and (a.max(axis=0) > b.min(axis=0) - slack).all())
 
 
-def _nodes(
+def _by_shape(
+    pieces: Sequence[Piece],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    solids: Solids,
+    part_of: Sequence[str | None],
+    asked: Asked,
+) -> tuple[dict[Key, tuple[str, str]], list[str]]:
+    """What is gun, and turret if none is named, by a barrel's shape and by what it hangs from; and doubts."""
+    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
+    body = bounds[wide] if wide.any() else bounds
+    middle = (body[:, 0].min(axis=0) + body[:, 1].max(axis=0)) / 2
+    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2, [False] * len(pieces))
+    if barrel is None:
+        return {}, []
+    piece = int(solids.piece[barrel])
+    name = pieces[piece].name
+    one = float(np.ptp(points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
+    if not one:
+        doubt = f"{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = \"\""
+        return {}, [doubt + ('' if TURRET_PART in part_of else ' and turret = ""')]
+    carried: dict[Key, list[int]] = {}
+    for i, p in enumerate(pieces):
+        for link in p.chain:
+            carried.setdefault(key_of(link), []).append(i)
+
+    def extent(link: Link) -> Float[np.ndarray, "2 3"]:
+        some = bounds[carried[key_of(link)]]
+        return np.array([some[:, 0].min(axis=0), some[:, 1].max(axis=0)])
+
+    chain = pieces[piece].chain
+    narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < NARROW * (high - low)[1]]
+    gun = narrow[-1] if narrow else chain[0]
+    marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
+    taken = f"{gun.name!r} is taken for the gun by its shape"
+    if TURRET_PART not in part_of and asked.turret is None:
+        upper = [
+            k
+            for k in chain
+            if extent(k)[0, 2] > low[2] + LOW * (high - low)[2]
+            and len(carried[key_of(k)]) > len(carried[key_of(gun)])
+        ]
+        if not upper:
+            return {}, [f"{name!r} looks like a gun; set gun, and turret, to what turns, or both to \"\" if nothing does"]
+        marks[key_of(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
+        taken += f", and {upper[-1].name!r} for the turret, which it hangs from"
+    return marks, [f"{taken}; set gun and turret if that is wrong"]
+
+
+def _guess(
+    name: str,
+    own: Float[np.ndarray, "n 3"],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    part_of: Sequence[str | None],
+    solids: Solids,
+    behind: Float[np.ndarray, "3"],
+) -> Pivot:
+    mine = solids.where(np.array([part_of[i] == name for i in solids.piece], bool))
+    if name == GUN_PART:
+        return gun_guess(own, behind, mine)
+    hull = [p for p, part in zip(points, part_of, strict=True) if part is None]
+    others = solids.where(np.array([part_of[i] is None for i in solids.piece], bool))
+    return turret_guess(own, np.concatenate(hull) if hull else own[:0], mine, others)
+
+
+def _asked_pivot(
+    name: str,
+    asked: Asked,
     pieces: Sequence[Piece],
     markers: Sequence[tuple[Link, ...]],
-    mine: Bool[np.ndarray, " _"],
-    namer: _Namer,
-    part: str,
-) -> list[_Node]:
-    links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
-    faces: dict[tuple[str, bytes], int] = {}
-    carried = [(p.chain, p.faces) for p, m in zip(pieces, mine, strict=True) if m]
-    for chain, count in [*carried, *((m, 0) for m in markers)]:
-        for i, link in enumerate(chain):
-            if namer.part_of(chain[i:]) != part:
-                break
-            key = (link.name, link.pose.tobytes())
-            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
-            faces[key] = faces.get(key, 0) + count
-    return [
-        _Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
-    ]
-
-
-def _pivot(
-    nodes: list[_Node],
-    own: Float[np.ndarray, "n 3"],
-    part: str,
-    behind: Float[np.ndarray, "3"],
     vehicle_from_file: Float[np.ndarray, "4 4"],
-) -> tuple[Float[np.ndarray, "3"], str]:
-    def origin(node: _Node) -> Float[np.ndarray, "3"]:
-        return apply(vehicle_from_file, node.link.pose[:3, 3][None])[0]
-
-    def rank(node: _Node) -> tuple[bool, bool, int]:
-        bare = tuple(w for w in words(node.link.name) if not w.isdigit())
-        return (not node.topmost, bare != (part,), -node.faces)
-
-    def first(some: list[_Node]) -> _Node | None:
-        return min(some, key=rank, default=None)
-
-    if node := first([n for n in nodes if says(n.link.name, PIVOT)]):
-        return origin(node), f"origin of {node.link.name!r}, named pivot"
-    if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY"]):
-        return origin(node), f"origin of the empty {node.link.name!r}"
-    total = sum(n.faces for n in nodes if n.topmost)
-    node = (
-        first([n for n in nodes if n.named])
-        or first([n for n in nodes if n.link.kind == "EMPTY" and 2 * n.faces > total])
-        or min(nodes, key=lambda n: (n.link.kind == "EMPTY", -n.faces))
-    )
-    at = origin(node)
-    if node.link.kind == "EMPTY":
-        return at, f"origin of the empty {node.link.name!r}"
-    low, high = own.min(axis=0), own.max(axis=0)
-    slack = BELIEVED * float(max(high - low))
-    outside = bool(((at < low - slack) | (at > high + slack)).any())
-    if part == TURRET_PART:
-        middle = (low + high) / 2
-        guess, where, wrong = np.array([middle[0], middle[1], low[2]]), "the middle of its bounding box", outside
-    else:
-        rear, front = _ends(own, behind)
-        guess, where = rear, "the middle of its rear end"
-        along = float((at - rear) @ (front - rear)) / float((front - rear) @ (front - rear))
-        wrong = outside or along > REAR
-    if not wrong:
-        return at, f"origin of {node.link.name!r}"
-    return guess, f"{where}, since the origin of {node.link.name!r} is not where a {part} turns"
+) -> Pivot | None:
+    """The pivot that the config names, as a point of the file or as an object."""
+    wanted = asked.turret_pivot if name == TURRET_PART else asked.gun_pivot
+    if wanted is None:
+        return None
+    key = PIVOT_KEYS[name]
+    if not isinstance(wanted, str):
+        return Pivot(apply(vehicle_from_file, np.array(wanted, float)[None])[0], f"the config's {key}")
+    for chain in (*markers, *(p.chain for p in pieces)):
+        for link in chain:
+            if link.name == wanted:
+                return Pivot(
+                    apply(vehicle_from_file, link.pose[:3, 3][None])[0], f"origin of {wanted!r}, the config's {key}"
+                )
+    raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def _ends(
-    own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
-    low, high = own.min(axis=0), own.max(axis=0)
-    axis = int(np.argmax((high - low)[:2]))
-    rear, front = (low + high) / 2, (low + high) / 2
-    forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
-    rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
-    return rear, front
+def _missing_parts(names: Sequence[str], asked: Asked, no_guns: set[str]) -> list[str]:
+    """A turret without a gun, or a gun without a turret, where the config does not say that this is so."""
+    if TURRET_PART in names and GUN_PART not in names and asked.gun is None:
+        those = f" ({', '.join(map(repr, sorted(no_guns)[:3]))} are shaped like drums)" if no_guns else ""
+        return [f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none']
+    if GUN_PART in names and TURRET_PART not in names and asked.turret is None:
+        return ['it has a gun but no turret was found; set turret to its name, or to "" if it has none']
+    return []
 
 
 def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

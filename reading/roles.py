@@ -65,6 +65,8 @@ class Piece:
         Made of hair curves: grass that hides, and gives way to what drives over it.
     unseen
         Why the camera does not see it, although it is drawn; None if it does.
+    hidden
+        Whether its author does not see it: hidden from the viewport, but rendered.
     """
 
     data: str
@@ -77,6 +79,7 @@ class Piece:
     anonymous: bool = False
     hair: bool = False
     unseen: str | None = None
+    hidden: bool = False
 
     @property
     def name(self) -> str:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -18,6 +16,7 @@ from geometry.transforms import apply
 from reading.blender.capture import OUR_CAMERA, visit_render
 from reading.blender.poses import Poses
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from reading.drawn import Evaluated, Left
 from reading.roles import Link, Piece
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
@@ -32,43 +31,6 @@ FARTHEST = 1e8  # metres, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
-
-
-@dataclass(frozen=True, slots=True)
-class Left:
-    """An object of the file that is no piece, and why."""
-
-    name: str
-    kind: str
-    why: str
-
-
-@dataclass(eq=False, slots=True)
-class Evaluated:
-    """What a scene draws.
-
-    Parameters
-    ----------
-    meshes
-        Unique evaluated meshes, each in its own frame and the file's units.
-    pieces
-        Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
-    markers
-        Chains of all empties.
-    left
-        Objects that are no piece, and how often they are drawn.
-    doubts
-        What is rendered otherwise than it is read.
-    dressed
-        Whether anything of it has a material.
-    """
-
-    meshes: list[Mesh] = field(default_factory=list)
-    pieces: list[Piece] = field(default_factory=list)
-    markers: list[tuple[Link, ...]] = field(default_factory=list)
-    left: Counter[Left] = field(default_factory=Counter)
-    doubts: list[str] = field(default_factory=list)
-    dressed: bool = False
 
 
 def evaluate(
@@ -208,6 +170,7 @@ class _Reader:
                 anonymous=scattered and _carries_itself(instance),
                 hair=hair,
                 unseen=self._why_unseen(drawn),
+                hidden=not instance.is_instance and _is_hidden(drawn.original),
             )
         )
 
@@ -304,6 +267,11 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
     if materials and all(m is not None and _is_volume(m) for m in materials):
         return "has volume shaders only"
     return None
+
+
+def _is_hidden(original: Any) -> bool:
+    """Whether the eye or the monitor icon hides it, its own or its collection's."""
+    return bool(original.hide_viewport or not original.visible_get())
 
 
 def _is_volume(material: Any) -> bool:

@@ -20,16 +20,18 @@ from jaxtyping import Float
 from assets.bundle import save_scenery, save_vehicle
 from geometry.errors import AssetError, HulldownError
 from geometry.files import replacing
-from reading.blender.evaluate import HIDDEN, Evaluated, evaluate
+from reading.blender.evaluate import HIDDEN, evaluate
 from reading.blender.importers import open_file
 from reading.blender.pictures import read_picture, write_sky_map
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
-from reading.build import Options, build_scenery, build_vehicle, metres_from_file
+from reading.build import Options, build_scenery, build_vehicle
 from reading.doubts import scenery_doubts, vehicle_doubts
+from reading.drawn import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.report import FileReport, Missing, Row, gathered
 from reading.roles import Piece
+from reading.stance import metres_from_file, stood
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 
@@ -60,11 +62,14 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     if not drawn.dressed:
         drawn.doubts.append(BARE)
     common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
-    kind = job["kind"] or likely_kind(drawn.pieces, options)
-    odd = refuse_wrong_kind(kind, drawn.pieces, options) if job["kind"] else ""
+    upright = stood(drawn, unit=unit, said=opened.up, up=options.up) if job["kind"] != "scenery" else None
+    pieces = upright.pieces if upright else drawn.pieces
+    kind = job["kind"] or likely_kind(pieces, options)
+    odd = refuse_wrong_kind(kind, pieces, options) if job["kind"] else ""
     tidy = Path(job["tidy"])
     if kind == "vehicle":
-        vehicle = build_vehicle(job["name"], drawn.meshes, drawn.pieces, drawn.markers, metres=metres, options=options)
+        assert upright is not None, "a vehicle is stood upright first"
+        vehicle = build_vehicle(job["name"], drawn.meshes, upright, drawn.markers, options=options)
         save_vehicle(job["bundle"], vehicle.shape)
         names = vehicle.shape.part_names
         uses = [names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
@@ -78,7 +83,8 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             parts=vehicle.parts,
             missing=missing,
             doubts=(
-                *vehicle_doubts(size, vehicle.parts, rows, missing, unit=unit, options=options),
+                *vehicle.doubts,
+                *vehicle_doubts(size, rows, missing, unit=unit, options=options),
                 *opened.doubts,
                 *drawn.doubts,
             ),

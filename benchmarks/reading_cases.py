@@ -1,0 +1,336 @@
+"""Hard vehicle files from the demo's vehicles: what each is called, how it is built, turned and littered, and the truth.
+
+Plain arrays: a `Model` is a list of objects that `benchmarks.reading_blender` writes into a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import cycle
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+PARTS = ("hull", "turret", "gun")
+LITTER = 3  # the part of what is no vehicle
+
+# A word for turret, for gun, and for whatever else there is, by language.
+LANGUAGES = {
+    "german": ("Turm", "Kanone", {"Barrel": "Rohr", "Hull": "Wanne", "Tyre": "Reifen", "Cab": "Fahrerhaus"}, "Teil"),
+    "french": ("Tourelle", "Canon", {"Barrel": "Tube_canon", "Hull": "Caisse", "Tyre": "Pneu", "Cab": "Cabine"}, "Piece"),
+    "russian": ("bashnya", "pushka", {"Barrel": "stvol", "Hull": "korpus", "Tyre": "koleso", "Cab": "kabina"}, "detal"),
+    "dutch": ("koepel", "kanon", {"Barrel": "kanonsloop", "Hull": "romp", "Tyre": "band", "Cab": "cabine"}, "onderdeel"),
+    "italian": ("torretta", "cannone", {"Barrel": "canna", "Hull": "scafo", "Tyre": "gomma", "Cab": "cabina"}, "pezzo"),
+    "hungarian": ("torony", "löveg", {"Barrel": "cső", "Hull": "test", "Tyre": "kerék", "Cab": "fülke"}, "elem"),
+}
+NAMES = ("as built", "as built", "one word", "camel", "exporter", "german", "french", "russian", "numbered", "drums")
+HELD_NAMES = ("dutch", "italian", "hungarian", "letters", "shouted", "misspelt")
+LAYOUTS = ("as built", "as built", "flat", "zero", "zero flat", "middles", "part meshes", "one mesh", "loose")
+HELD_LAYOUTS = ("root turned", "zero", "part meshes at zero", "nested", "flat")
+TURNS = (0.0, 0.0, 0.0, 90.0, 180.0, -90.0, 33.0, 60.0, -128.0)
+HELD_TURNS = (0.0, 17.0, 180.0, -75.0, 141.0)
+UPS = ("z", "z", "z", "z", "y blend", "z glb", "y obj", "z obj", "y glb")
+HELD_UPS = ("z", "z", "y blend", "x blend", "z fbx")
+SCALES = (1.0, 1.0, 1.0, 1.0, 0.01, 39.37)
+HELD_SCALES = (1.0, 1.0, 100.0)
+LITTERS = ("none", "none", "floor", "backdrop", "hidden cube", "hidden planes", "plain floor")
+HELD_LITTERS = ("none", "figure", "turntable", "cube below")
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One file: a demo vehicle and what was done to it."""
+
+    vehicle: str
+    names: str = "as built"
+    layout: str = "as built"
+    turn_deg: float = 0.0
+    up: str = "z"
+    mirrored: bool = False
+    scale: float = 1.0
+    litter: str = "none"
+    held_out: bool = False
+    seed: int = 0
+
+    @property
+    def suffix(self) -> str:
+        """The format of the file."""
+        return "." + self.up.partition(" ")[2] if " " in self.up else ".blend"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Thing:
+    """One object, its vertices where they are drawn, its origin, and the index of what it hangs from (-1: nothing)."""
+
+    name: str
+    part: int
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    origin: Float[np.ndarray, "3"]
+    parent: int = -1
+    hidden: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Model:
+    """A vehicle as objects, x forward, z up, metres; and the pivots of its turret and gun (None for none)."""
+
+    things: tuple[Thing, ...]
+    pivots: tuple[Float[np.ndarray, "3"] | None, Float[np.ndarray, "3"] | None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Truth:
+    """What reading a file should find.
+
+    Parameters
+    ----------
+    part_of
+        Object name -> 0 hull, 1 turret, 2 gun, 3 no vehicle.
+    pivots
+        Of turret and gun in the vehicle's frame (x forward, z up, origin as modelled); None for what cannot turn.
+    file_from_vehicle
+        (4, 4) from that frame to the world of the file as Blender reads it.
+    size
+        Length, width, height in metres.
+    """
+
+    part_of: dict[str, int]
+    pivots: tuple[Float[np.ndarray, "3"] | None, Float[np.ndarray, "3"] | None]
+    file_from_vehicle: Float[np.ndarray, "4 4"]
+    size: Float[np.ndarray, "3"]
+    told: dict[str, object] = field(default_factory=dict)
+
+
+def cases(vehicles: Sequence[str], *, each: int, held: int) -> list[Case]:
+    """`each` files of every vehicle to tune on and `held` that are only measured; levels are dealt evenly."""
+    made: list[Case] = []
+    for held_out, count, factors in (
+        (False, each, (NAMES, LAYOUTS, TURNS, UPS, (False, False, False, True), SCALES, LITTERS)),
+        (True, held, (HELD_NAMES, HELD_LAYOUTS, HELD_TURNS, HELD_UPS, (False, True), HELD_SCALES, HELD_LITTERS)),
+    ):
+        rng = np.random.default_rng(7 + held_out)
+        decks = [cycle(np.concatenate([rng.permutation(len(f)) for _ in range(97)]).tolist()) for f in factors]
+        for vehicle in vehicles:
+            for number in range(count):
+                drawn = [f[next(deck)] for f, deck in zip(factors, decks, strict=True)]
+                case = Case(vehicle, *drawn, held_out=held_out, seed=1000 * held_out + number)
+                # Most files are odd in a few ways, not in all: half of the factors go back to plain.
+                if not held_out:
+                    plain = rng.random(len(factors)) < 0.5
+                    names = ("names", "layout", "turn_deg", "up", "mirrored", "scale", "litter")
+                    default = Case(vehicle)
+                    case = replace(
+                        case, **{n: getattr(default, n) for n, back in zip(names, plain, strict=True) if back}
+                    )
+                made.append(case)
+    return made
+
+
+def file_from_vehicle(case: Case) -> Float[np.ndarray, "4 4"]:
+    """From the vehicle's frame to what is written into the file."""
+    yaw = np.radians(case.turn_deg)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1.0]])
+    stand = {"y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]], "x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
+    pose = np.eye(4)
+    pose[:3, :3] = case.scale * np.array(stand.get(case.up[0], np.eye(3)), float) @ turn
+    if case.up in ("y glb", "y obj"):
+        pose[:3, :3] = case.scale * turn  # the exporter turns it, and the importer back
+    if case.mirrored:
+        pose[:3, :3] = pose[:3, :3] @ np.diag([1, -1, 1])
+    return pose
+
+
+def world_from_written(case: Case) -> Float[np.ndarray, "4 4"]:
+    """From what is written to the world in which Blender shows the file after import."""
+    lying = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    return {"z glb": lying, "y obj": np.linalg.inv(lying)}.get(case.up, np.eye(4))
+
+
+def build(base: Model, case: Case) -> Model:
+    """The objects of a case, in the vehicle's frame: named, laid out and littered."""
+    rng = np.random.default_rng(case.seed)
+    model = replace(base, things=tuple(_renamed(base.things, case, rng)))
+    if case.names == "drums":
+        model = replace(model, things=(*model.things, *_drums(model)))
+    model = _laid_out(model, case.layout)
+    things = (*model.things, *_litter(model, case.litter, scrambled=case.names in ("numbered", "letters")))
+    return replace(model, things=tuple(_unique(things)))
+
+
+def _renamed(things: Sequence[Thing], case: Case, rng: np.random.Generator) -> list[Thing]:
+    flat = "flat" in case.layout or case.layout in ("loose", "middles")
+    numbers = rng.permutation(len(things))
+    return [replace(t, name=_name(t, case.names, flat, int(n), rng)) for t, n in zip(things, numbers, strict=True)]
+
+
+def _name(thing: Thing, style: str, flat: bool, number: int, rng: np.random.Generator) -> str:
+    own, part = thing.name, PARTS[thing.part]
+    bare = own.partition(".")[0]
+    said = own if not flat or thing.part == 0 else f"{part.capitalize()}_{own}"
+    if style in ("as built", "drums"):
+        return said
+    if style == "one word":
+        return {"turret": "turret", "gun": "gun", "hull": ""}[part] + (
+            "pivot" if not len(thing.faces) else bare.replace("_", "").lower()
+        ) + (str(number) if "." in own else "")
+    if style == "camel":
+        words = "".join(w.capitalize() for w in bare.split("_"))
+        return f"sm{part.capitalize()}{words}{number:02d}Geo" if thing.part else f"sm{words}{number:02d}Geo"
+    if style == "shouted":
+        return f"{part.upper()}{bare.replace('_', '').upper()}{number:02d}"
+    if style == "misspelt":
+        wrong = {"turret": "turet", "gun": "guncariage", "hull": "hul"}[part]
+        return f"{wrong}_{bare.lower()}_{number}" if thing.part else f"{bare.lower()}_{number}"
+    if style == "exporter":
+        return f"Export_v2|{said}_LOD0_Mat.{number:03d}-lib"
+    if style == "numbered":
+        return f"Object_{number + 2}"
+    if style == "letters":
+        return "".join(rng.choice(list("bcdfghjklmnpqrstvwxyz"), 7)) + f"_{number}"
+    turret, gun, dictionary, rest = LANGUAGES[style]
+    if thing.part == 0:
+        return f"{next((v for k, v in dictionary.items() if k in bare), rest)}_{number}"
+    if thing.part == 2 and "Barrel" in bare:
+        return f"{dictionary['Barrel']}_{number}"
+    return f"{(turret, gun)[thing.part - 1]}_{number}"
+
+
+def _drums(model: Model) -> list[Thing]:
+    """Two drums lying across at the rear, named as trade names them, on whatever the hull hangs from."""
+    hull = next(t for t in model.things if t.part == 0 and len(t.faces))
+    points = np.concatenate([t.vertices for t in model.things if t.part == 0])
+    low, high = points.min(axis=0), points.max(axis=0)
+    around = np.linspace(0, 2 * np.pi, 17)[:-1]
+    made = []
+    for i, side in enumerate((-1, 1)):
+        ends = [np.stack([0.28 * np.cos(around), np.full(16, y), 0.28 * np.sin(around)], axis=1) for y in (-0.45, 0.45)]
+        at = np.array([low[0] - 0.2, side * 0.5, low[2] + 0.55 * (high[2] - low[2])])
+        ring = np.arange(16)
+        sides = [[(a, (a + 1) % 16, 16 + a), ((a + 1) % 16, 16 + (a + 1) % 16, 16 + a)] for a in ring]
+        caps = [(0, k, k + 1) for k in range(1, 15)] + [(16, 17 + k, 16 + k) for k in range(1, 15)]
+        faces = np.array([f for pair in sides for f in pair] + caps)
+        made.append(Thing(f"barrel{i + 1}", 0, np.concatenate(ends) + at, faces, at, hull.parent))
+    return made
+
+
+def _laid_out(model: Model, layout: str) -> Model:
+    things = list(model.things)
+    if layout == "zero":
+        things = [replace(t, origin=np.zeros(3)) for t in things]
+    elif layout in ("flat", "zero flat", "loose", "part meshes", "part meshes at zero", "one mesh"):
+        things = [replace(t, parent=-1) for t in things if len(t.faces)]
+        if layout != "flat":
+            things = [replace(t, origin=np.zeros(3)) for t in things]
+    elif layout == "middles":
+        things = _hung_on_meshes([t for t in things if len(t.faces)])
+    elif layout == "nested":
+        root = Thing("Scene_Root", 0, np.empty((0, 3)), np.empty((0, 3), int), np.zeros(3))
+        inner = Thing("Armature_Node", 0, np.empty((0, 3)), np.empty((0, 3), int), np.array([1.0, 2, 0]), 0)
+        things = [root, inner, *(replace(t, parent=t.parent + 2 if t.parent >= 0 else 1) for t in things)]
+    elif layout == "root turned":
+        root = Thing("Root", 0, np.empty((0, 3)), np.empty((0, 3), int), np.array([0.5, 0.5, 0.0]))
+        things = [root, *(replace(t, parent=t.parent + 1) for t in things)]
+    if layout == "loose":
+        things = [piece for t in things for piece in _loose(t)]
+    if layout.startswith("part meshes"):
+        things = [_joined([t for t in things if t.part == k]) for k in (0, 1, 2) if any(t.part == k for t in things)]
+        if layout == "part meshes":
+            things = [replace(t, origin=p) if (p := (None, *model.pivots)[t.part]) is not None else t for t in things]
+    if layout == "one mesh":
+        return Model((replace(_joined(things), part=0),), (None, None))
+    return replace(model, things=tuple(things))
+
+
+def _hung_on_meshes(things: list[Thing]) -> list[Thing]:
+    """Origins in the middles, parts under their largest mesh, the gun's under the turret's."""
+    things = [replace(t, origin=(t.vertices.min(axis=0) + t.vertices.max(axis=0)) / 2, parent=-1) for t in things]
+    head: dict[int, int] = {}
+    for part in (1, 2):
+        mine = [i for i, t in enumerate(things) if t.part == part]
+        if mine:
+            head[part] = max(mine, key=lambda i: float(np.prod(np.ptp(things[i].vertices, axis=0))))
+    return [
+        replace(t, parent=(head.get(1, -1) if t.part == 2 else -1) if head.get(t.part) == i else head.get(t.part, -1))
+        for i, t in enumerate(things)
+    ]
+
+
+def _loose(thing: Thing) -> list[Thing]:
+    edges = thing.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    n = len(thing.vertices)
+    count, label = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(n, n)), directed=False)
+    if count > 40:
+        return [thing]
+    pieces = []
+    for k in range(count):
+        used = np.flatnonzero(label == k)
+        if len(own := thing.faces[label[thing.faces[:, 0]] == k]):
+            pieces.append(replace(thing, vertices=thing.vertices[used], faces=np.searchsorted(used, own)))
+    return pieces
+
+
+def _joined(things: Sequence[Thing]) -> Thing:
+    starts = np.cumsum([0, *(len(t.vertices) for t in things)])
+    faces = np.concatenate([t.faces + s for t, s in zip(things, starts, strict=False)])
+    first = max(things, key=lambda t: len(t.faces))
+    name = PARTS[first.part].capitalize() if not any(c.isdigit() for c in first.name) else first.name
+    return replace(first, name=name, vertices=np.concatenate([t.vertices for t in things]), faces=faces)
+
+
+def _litter(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
+    points = np.concatenate([t.vertices for t in model.things if len(t.faces)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = high - low
+    middle = (low + high) / 2
+    name = (lambda n: f"Object_{900 + len(n)}") if scrambled else str
+    if litter in ("floor", "plain floor"):
+        floor = _box([24, 24, 0.1], [middle[0], middle[1], low[2] - 0.05])
+        return [_thing(name("Floor") if litter == "floor" else "Plane", *floor)]
+    if litter == "backdrop":
+        arc = np.linspace(0, np.pi / 2, 9)
+        profile = [(8.0, 0.0), *((-8 - 4 * np.sin(a), 4 - 4 * np.cos(a)) for a in arc), (-12.0, 12.0)]
+        rows = np.array([[x, y, z] for y in (-10.0, 10.0) for x, z in profile]) + [middle[0], middle[1], low[2]]
+        n = len(profile)
+        faces = np.array([f for i in range(n - 1) for f in ((i, i + 1, n + i), (i + 1, n + i + 1, n + i))])
+        return [_thing(name("Cyc"), rows, faces)]
+    if litter in ("hidden cube", "cube below"):
+        at = [middle[0], middle[1], low[2]] if litter == "hidden cube" else [0.8, -0.4, low[2] - 0.7]
+        cube = replace(_thing("Cube", *_box([2, 2, 2], [0, 0, 0])), hidden=litter == "hidden cube")
+        return [replace(cube, vertices=cube.vertices + at, origin=np.array(at))]
+    if litter == "hidden planes":
+        side = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * [0.8 * size[0], 1, 0.8 * size[2]] + middle
+        front = np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]]) * [1, size[1], size[2]] + middle
+        quad = np.array([[0, 1, 2], [0, 2, 3]])
+        return [replace(_thing(n, v, quad), hidden=True) for n, v in (("blueprint side", side), ("bp2", front))]
+    if litter == "figure":
+        man = _box([0.35, 0.5, 1.8], [middle[0], high[1] + 1.0, low[2] + 0.9])
+        return [_thing("Human_Reference", *man)]
+    if litter == "turntable":
+        around = np.linspace(0, 2 * np.pi, 33)[:-1]
+        rim = np.stack([size[0] * np.cos(around), size[0] * np.sin(around), np.full(32, low[2])], axis=1)
+        faces = np.array([(0, k, k + 1) for k in range(1, 31)])
+        return [_thing(name("Disc"), rim + [middle[0], middle[1], 0], faces)]
+    return []
+
+
+def _thing(name: str, vertices: np.ndarray, faces: np.ndarray) -> Thing:
+    return Thing(name, LITTER, np.asarray(vertices, float), faces, np.zeros(3))
+
+
+def _box(size: Sequence[float], at: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners * size + at, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
+def _unique(things: Sequence[Thing]) -> list[Thing]:
+    seen: dict[str, int] = {}
+    result = []
+    for thing in things:
+        count = seen[thing.name] = seen.get(thing.name, 0) + 1
+        result.append(replace(thing, name=f"{thing.name}.{count - 1:03d}") if count > 1 else thing)
+    return result

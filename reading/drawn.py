@@ -1,0 +1,46 @@
+"""What Blender draws of a file, as plain arrays, from which parts, pivots and axes are judged without Blender."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from geometry.meshes import Mesh
+from reading.roles import Link, Piece
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """An object of the file that is no piece, and why."""
+
+    name: str
+    kind: str
+    why: str
+
+
+@dataclass(eq=False, slots=True)
+class Evaluated:
+    """What a scene draws.
+
+    Parameters
+    ----------
+    meshes
+        Unique evaluated meshes, each in its own frame and the file's units.
+    pieces
+        Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
+    markers
+        Chains of all empties.
+    left
+        Objects that are no piece, and how often they are drawn.
+    doubts
+        What is rendered otherwise than it is read.
+    dressed
+        Whether anything of it has a material.
+    """
+
+    meshes: list[Mesh] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    markers: list[tuple[Link, ...]] = field(default_factory=list)
+    left: Counter[Left] = field(default_factory=Counter)
+    doubts: list[str] = field(default_factory=list)
+    dressed: bool = False

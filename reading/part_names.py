@@ -1,0 +1,107 @@
+"""Which part of a vehicle an object's name, its parents' and its collections' say it is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from assets.naming import (
+    GUN,
+    GUN_HINTS,
+    LAUNCHER,
+    LAUNCHER_HINTS,
+    NOT_GUN,
+    NOT_GUN_HINTS,
+    NOT_LAUNCHER,
+    TURRET,
+    TURRET_HINTS,
+    hints,
+    says,
+)
+from reading.roles import Link
+
+HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
+Key = tuple[str, bytes]
+
+
+def key_of(link: Link) -> Key:
+    """What tells one object, where it is drawn, from all others."""
+    return link.name, link.pose.tobytes()
+
+
+class Namer:
+    """Says which part a chain of objects belongs to: the nearest name that says anything decides.
+
+    Parameters
+    ----------
+    chains
+        Of all pieces of the vehicle.
+    turret, gun
+        The user's pattern in place of the built-in words; "" for none.
+    no_gun
+        Names that say gun and are none by their shape.
+    marked
+        Objects that are a part whatever they are called.
+    """
+
+    def __init__(
+        self,
+        chains: Sequence[tuple[Link, ...]],
+        turret: str | None,
+        gun: str | None,
+        *,
+        no_gun: Collection[str] = (),
+        marked: Mapping[Key, tuple[str, str]] | None = None,
+    ) -> None:
+        all_names = [{n for link in c for n in (link.name, *link.collections)} for c in chains]
+        # A name that covers the whole vehicle names the vehicle, no part of it.
+        self.whole = set.intersection(*all_names) if all_names else set()
+        self.no_gun, self.marked = frozenset(no_gun), dict(marked or {})
+        some = set().union(*all_names) - self.whole
+        self.given = {TURRET_PART: turret, GUN_PART: gun}
+        self.tier = {TURRET_PART: 0, GUN_PART: 0}
+        for part, tiers in ((TURRET_PART, 4), (GUN_PART, 2)):
+            while self.tier[part] < tiers and not any(self._says(part, n) for n in some):
+                self.tier[part] += 1
+        # "turret_gun" is a gun beside a turret, and a turret where there is none other.
+        alone = any(self._says(TURRET_PART, n) and not self._says(GUN_PART, n) for n in some)
+        self.both = GUN_PART if alone else TURRET_PART
+
+    def _says(self, part: str, name: str) -> bool:
+        pattern, tier = self.given[part], self.tier[part]
+        if pattern is not None:
+            return bool(pattern and says(name, (pattern,)))
+        if part == TURRET_PART:
+            if tier == 0:
+                return bool(says(name, TURRET))
+            if tier == 1:
+                return bool(hints(name, TURRET_HINTS)) and not says(name, NOT_LAUNCHER)
+            if tier == 2:
+                return bool(says(name, LAUNCHER)) and not says(name, NOT_LAUNCHER)
+            return tier == 3 and bool(hints(name, LAUNCHER_HINTS)) and not hints(name, NOT_GUN_HINTS)
+        if name in self.no_gun:
+            return False
+        if tier == 0:
+            return bool(says(name, GUN)) and not says(name, NOT_GUN)
+        return tier == 1 and bool(hints(name, GUN_HINTS)) and not hints(name, NOT_GUN_HINTS)
+
+    def part_named(self, name: str) -> str | None:
+        """The part that an object or collection of this name is, if any."""
+        if name in self.whole:
+            return None
+        is_turret, is_gun = self._says(TURRET_PART, name), self._says(GUN_PART, name)
+        return self.both if is_turret and is_gun else TURRET_PART if is_turret else GUN_PART if is_gun else None
+
+    def part_of(self, chain: Sequence[Link]) -> str | None:
+        """The part that the first object of `chain` belongs to, None for the hull."""
+        return self.decided(chain)[0]
+
+    def decided(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
+        """The part, by what that was decided, and the name that decided."""
+        for i, link in enumerate(chain):
+            if mark := self.marked.get(key_of(link)):
+                return (*mark, link.name)
+            for name in (link.name, *link.collections):
+                if part := self.part_named(name):
+                    what = "collection" if name != link.name else "parent" if i else "name"
+                    return part, f"by its {what} {name!r}", name
+        return None, "", ""

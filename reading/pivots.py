@@ -1,0 +1,240 @@
+"""About what a turret and a gun turn: the origin of an object where that can be, else what their shape says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from assets.naming import PIVOT, says, words
+from geometry.transforms import apply
+from reading.part_names import GUN_PART, TURRET_PART, Namer, key_of
+from reading.roles import Link, Piece
+from reading.solids import Solids
+
+BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
+REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
+RING = 0.24  # a turret's ring is wider than this share of the hull's width
+BASE = 0.3  # and lies in this lowest share of the turret's height
+THICK = 1.5  # a mantlet is wider than the barrel by this factor
+INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
+MIDDLE = 0.01  # an origin this close to the middle of its mesh, in shares of its longest side, was put there by a click
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Node:
+    """An object of a part, as a place to turn about."""
+
+    link: Link
+    topmost: bool  # what it hangs from is another part
+    named: bool  # its own name says the part, not only its collection
+    faces: int  # triangles of the part that it carries, itself included
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pivot:
+    """A point on the axis, where it comes from, and whether that is no more than a guess."""
+
+    at: Float[np.ndarray, "3"]
+    why: str
+    guessed: bool = False
+
+
+def nodes_of(
+    pieces: Sequence[Piece],
+    markers: Sequence[tuple[Link, ...]],
+    mine: Bool[np.ndarray, " _"],
+    namer: Namer,
+    part: str,
+) -> list[Node]:
+    """The objects that a part consists of and hangs from."""
+    links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
+    faces: dict[tuple[str, bytes], int] = {}
+    carried = [(p.chain, p.faces) for p, m in zip(pieces, mine, strict=True) if m]
+    for chain, count in [*carried, *((m, 0) for m in markers)]:
+        for i, link in enumerate(chain):
+            if namer.part_of(chain[i:]) != part:
+                break
+            key = key_of(link)
+            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
+            faces[key] = faces.get(key, 0) + count
+    return [
+        Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
+    ]
+
+
+def find_pivot(
+    nodes: list[Node],
+    own: Float[np.ndarray, "n 3"],
+    part: str,
+    *,
+    guess: Pivot,
+    behind: Float[np.ndarray, "3"],
+    resting: Float[np.ndarray, "k 3"],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
+) -> Pivot:
+    """The pivot of a part: of an object named so, of an empty, of the part's mesh, or the guess.
+
+    Parameters
+    ----------
+    nodes
+        The part's objects.
+    own
+        Its points.
+    part
+        "turret" or "gun".
+    guess
+        What the shape says.
+    behind
+        A point behind a gun: the turret's pivot, or the vehicle's middle.
+    resting
+        Origins of the hull's objects: what most of them share is where the file was begun, and no pivot.
+    vehicle_from_file
+        From the file to the frame of all other arguments.
+    """
+    size = float(np.ptp(own, axis=0).max())
+    low, high = own.min(axis=0), own.max(axis=0)
+
+    def origin(node: Node) -> Float[np.ndarray, "3"]:
+        return apply(vehicle_from_file, node.link.pose[:3, 3][None])[0]
+
+    def believed(node: Node) -> bool:
+        # Origins at the file's zero, or where those of the hull lie, were left there.
+        at_zero = not np.abs(node.link.pose[:3, 3]).max() > 1e-6 * size / max(_scale(vehicle_from_file), 1e-30)
+        near = np.linalg.norm(resting - origin(node), axis=1) < 1e-4 * size if len(resting) else np.zeros(0, bool)
+        return not ((at_zero and near.any()) or (len(near) > 2 and near.mean() > 0.5))
+
+    def rank(node: Node) -> tuple[bool, bool, int]:
+        bare = tuple(w for w in words(node.link.name) if not w.isdigit())
+        return (not node.topmost, bare != (part,), -node.faces)
+
+    def first(some: list[Node]) -> Node | None:
+        return min(some, key=rank, default=None)
+
+    if node := first([n for n in nodes if says(n.link.name, PIVOT) and believed(n)]):
+        return Pivot(origin(node), f"origin of {node.link.name!r}, named pivot")
+    if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
+        return Pivot(origin(node), f"origin of the empty {node.link.name!r}")
+    total = sum(n.faces for n in nodes if n.topmost)
+    node = (
+        first([n for n in nodes if n.named])
+        or first([n for n in nodes if n.link.kind == "EMPTY" and 2 * n.faces > total])
+        or min(nodes, key=lambda n: (n.link.kind == "EMPTY", -n.faces))
+    )
+    at = origin(node)
+    if node.link.kind == "EMPTY" and believed(node):
+        return Pivot(at, f"origin of the empty {node.link.name!r}")
+    slack = BELIEVED * size
+    wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
+    if part == GUN_PART:
+        rear, front = gun_ends(own, behind)
+        wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
+    else:
+        # Put into the middle of the mesh by a click, unless the shape agrees.
+        centred = np.linalg.norm(at - (low + high) / 2) < MIDDLE * size
+        wrong |= bool(centred) and not guess.guessed
+    if not wrong:
+        return Pivot(at, f"origin of {node.link.name!r}")
+    return Pivot(
+        guess.at, f"{guess.why}, since the origin of {node.link.name!r} is not where a {part} turns", guess.guessed
+    )
+
+
+def _scale(matrix: Float[np.ndarray, "4 4"]) -> float:
+    return float(abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+
+
+def turret_guess(
+    own: Float[np.ndarray, "n 3"], hull: Float[np.ndarray, "m 3"], mine: Solids, others: Solids
+) -> Pivot:
+    """Where a turret turns by its shape: the middle of its ring, of the turret or of the hull under it.
+
+    Parameters
+    ----------
+    own, hull
+        Points of the turret and of the hull.
+    mine, others
+        Solids of the turret and of the hull.
+    """
+    low, high = own.min(axis=0), own.max(axis=0)
+    width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
+    height = float(high[2] - low[2])
+    for solids, base, what in (
+        (mine, low[2] + BASE * height, "its ring"),
+        (others, low[2] + 0.1 * height, "the ring that it stands on"),
+    ):
+        if not len(solids):
+            continue
+        upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
+        level = solids.bounds[:, 0, 2] if solids is mine else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
+        inside = ((solids.centre > low) & (solids.centre < high))[:, :2].all(axis=1)
+        rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
+        if len(rings):
+            ring = rings[np.argmax(solids.radius[rings])]
+            return Pivot(
+                np.array([*solids.centre[ring, :2], low[2]]),
+                f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
+            )
+    # Nothing round: between the middle of its largest solid and the middle of the hull.
+    body = mine.bounds[np.argmax(mine.size.prod(axis=1))] if len(mine) else np.stack([low, high])
+    at = body.mean(axis=0)
+    return Pivot(np.array([at[0], at[1], low[2]]), "the middle of its body", guessed=True)
+
+
+def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], mine: Solids) -> Pivot:
+    """Where a gun turns by its shape: at its trunnions, in its mantlet, or at its rear end.
+
+    Parameters
+    ----------
+    own
+        Its points.
+    behind
+        A point behind it: the turret's pivot, or the vehicle's middle.
+    mine
+        Its solids.
+    """
+    rear, front = gun_ends(own, behind)
+    length = float(np.linalg.norm(front - rear))
+    if not len(mine) or length <= 0:
+        return Pivot(rear, "the middle of its rear end", guessed=True)
+    ahead = (front - rear) / length
+    along = (mine.centre - rear) @ ahead
+    cross = (mine.round_about == 0) & (np.abs(mine.axle[:, 1]) > 0.97) & (along < 0.5 * length)
+    trunnions = np.flatnonzero(cross & (mine.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
+    if len(trunnions):
+        at = mine.centre[trunnions[np.argmax(mine.size[trunnions, 0])]]
+        return Pivot(at, "the middle of its trunnions")
+    barrel = int(np.argmax(mine.size[:, 0]))
+    line = mine.axes[barrel, 0] * np.sign(mine.axes[barrel, 0] @ ahead or 1.0)
+    start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
+    slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
+    if not slender:
+        return Pivot(rear, "the middle of its rear end", guessed=True)
+    reach = (mine.bounds[:, 0] - start) @ line, (mine.bounds[:, 1] - start) @ line
+    nearest, farthest = np.minimum(*reach), np.maximum(*reach)
+    thick = (mine.size[:, 1] > THICK * mine.size[barrel, 1]) & (nearest < 0.1 * mine.size[barrel, 0])
+    thick &= (farthest < 0.5 * mine.size[barrel, 0]) & (
+        np.linalg.norm(np.cross(mine.centre - start, line), axis=1) < mine.size[:, 1]
+    )
+    if thick.any():
+        mantlet = np.flatnonzero(thick)[np.argmax(mine.size[thick].prod(axis=1))]
+        into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
+        return Pivot(start + into * line, "the rear of its mantlet", guessed=True)
+    return Pivot(start, "the rear end of its barrel", guessed=True)
+
+
+def gun_ends(
+    own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    axis = int(np.argmax((high - low)[:2]))
+    rear, front = (low + high) / 2, (low + high) / 2
+    forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
+    rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
+    return rear, front
+
+
+PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}

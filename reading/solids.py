@@ -1,0 +1,150 @@
+"""The loose solids that a vehicle is made of, and which of them are round or slender: what shape says where names do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+MOST = 4000  # solids that are looked at, the largest first
+ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
+SECTORS = 12  # a round solid has rim in nearly all of so many sectors
+RIM = 0.85  # of the largest radius: what lies beyond is the rim
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Solids:
+    """Connected pieces of surface, in the frame of the points they were found from.
+
+    Parameters
+    ----------
+    piece
+        (n,) index of the piece each belongs to.
+    bounds
+        (n, 2, 3)
+    centre
+        (n, 3) middle of its box along its own axes.
+    axes
+        (n, 3, 3) rows are its own axes, by length: the longest first.
+    size
+        (n, 3) extents along them.
+    round_about
+        (n,) index of the row of `axes` that it is round about; -1 if it is not.
+    """
+
+    piece: Int[np.ndarray, " n"]
+    bounds: Float[np.ndarray, "n 2 3"]
+    centre: Float[np.ndarray, "n 3"]
+    axes: Float[np.ndarray, "n 3 3"]
+    size: Float[np.ndarray, "n 3"]
+    round_about: Int[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        return len(self.piece)
+
+    @property
+    def axle(self) -> Float[np.ndarray, "n 3"]:
+        """The axis that each is round about; its longest where it is not round."""
+        return self.axes[np.arange(len(self)), np.maximum(self.round_about, 0)]
+
+    @property
+    def radius(self) -> Float[np.ndarray, " n"]:
+        """Of those that are round, across that axis."""
+        across = np.where(self.round_about == 0, 1, 0)
+        return self.size[np.arange(len(self)), across] / 2
+
+    def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
+        """The same after a rotation; boxes are around the turned solids' own boxes."""
+        centre, axes = self.centre @ rotation.T, self.axes @ rotation.T
+        reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
+        bounds = np.stack([centre - reach, centre + reach], axis=1)
+        return Solids(self.piece, bounds, centre, axes, self.size, self.round_about)
+
+    def where(self, mask: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> Solids:
+        """Some of them."""
+        return Solids(
+            self.piece[mask],
+            self.bounds[mask],
+            self.centre[mask],
+            self.axes[mask],
+            self.size[mask],
+            self.round_about[mask],
+        )
+
+
+def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:
+    """The solids of all pieces.
+
+    Parameters
+    ----------
+    points, faces
+        For each piece its vertices and triangles.
+    """
+    owner: list[int] = []
+    clouds: list[np.ndarray] = []
+    for number, (vertices, triangles) in enumerate(zip(points, faces, strict=True)):
+        for cloud in _loose(vertices, triangles):
+            owner.append(number)
+            clouds.append(cloud)
+    if len(clouds) > MOST:
+        largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MOST]
+        owner, clouds = [owner[i] for i in largest], [clouds[i] for i in largest]
+    n = len(clouds)
+    axes, size, centre, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
+    bounds = np.zeros((n, 2, 3))
+    for i, cloud in enumerate(clouds):
+        axes[i], size[i], centre[i], round_about[i] = _shape(cloud)
+        bounds[i] = cloud.min(axis=0), cloud.max(axis=0)
+    return Solids(np.array(owner, int), bounds, centre, axes, size, round_about)
+
+
+def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
+    """Points of each connected piece; vertices at one place are one."""
+    used = vertices[faces.ravel()]
+    step = max(float(np.ptp(used, axis=0).max()), 1e-30) * 1e-6
+    _, first, corner = np.unique(np.round(used / step).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    points, corner = used[first], corner.reshape(-1, 3)
+    edges = corner[:, [0, 1, 1, 2]].reshape(-1, 2)
+    n = len(points)
+    count, label = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(n, n)), directed=False)
+    return np.split(points[np.argsort(label, kind="stable")], np.cumsum(np.bincount(label, minlength=count))[:-1])
+
+
+def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Own axes, extents, middle, and the axis that it is round about or -1."""
+    off = cloud - cloud.mean(axis=0)
+    moments, vectors = np.linalg.eigh(off.T @ off)
+    found = -1
+    for distinct, pair in ((0, (1, 2)), (2, (0, 1))):
+        if len(cloud) < 8 or moments[pair[1]] - moments[pair[0]] > ALIKE * moments[pair[1]]:
+            continue
+        across = off @ vectors[:, list(pair)]
+        across = across - (across.min(axis=0) + across.max(axis=0)) / 2
+        reach = np.linalg.norm(across, axis=1)
+        rim = across[reach >= RIM * reach.max()]
+        sectors = np.unique(((np.arctan2(rim[:, 1], rim[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
+        if len(sectors) >= min(SECTORS - 2, 10) or (len(rim) in range(8, 13) and len(sectors) >= 6):
+            found = distinct
+            break
+    along = off @ vectors
+    low, high = along.min(axis=0), along.max(axis=0)
+    order = np.argsort(low - high, kind="stable")
+    middle = cloud.mean(axis=0) + vectors @ ((low + high) / 2)
+    about = -1 if found < 0 else int(np.flatnonzero(order == found)[0])
+    return vectors.T[order], (high - low)[order], middle, about
+
+
+def no_solids() -> Solids:
+    """None at all, for where no shapes are known."""
+    return Solids(
+        np.empty(0, int),
+        np.empty((0, 2, 3)),
+        np.empty((0, 3)),
+        np.empty((0, 3, 3)),
+        np.empty((0, 3)),
+        np.empty(0, int),
+    )
