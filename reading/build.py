@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 from jaxtyping import Float
@@ -15,11 +16,15 @@ from geometry.meshes import Mesh, merge
 from geometry.transforms import apply, rotation_z
 from reading.parts import GUN_PART, TURRET_PART, Parts, find_parts
 from reading.report import PartRow
-from reading.roles import Link, Piece, Role, scenery_roles, vehicle_roles
+from reading.roles import Link, Piece, Role, vehicle_roles
+from reading.scenery_roles import removed_names, scenery_roles, unmatched
 
 YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 KILOMETRE = 1000.0
+NAMES = (
+    "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +40,13 @@ class Options:
     forward
         Where a vehicle's nose points in the file once z is up.
     keep, drop
-        Patterns of what belongs to a vehicle and what does not.
+        Patterns of what belongs to a vehicle and what does not; of a scenery, `drop` is in neither plan nor picture.
     turret, gun
         Pattern of a vehicle's turret and gun; "" for none.
     include, exclude
-        Patterns of what is a scenery's ground and what is not.
+        Patterns of what is ground and what is not in all sceneries.
+    ground, not_ground, water
+        The same of this scenery; and all of its water, or None to find it by name, material and shape.
     """
 
     up: str | None = None
@@ -51,6 +58,9 @@ class Options:
     gun: str | None = None
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
+    ground: tuple[str, ...] = ()
+    not_ground: tuple[str, ...] = ()
+    water: tuple[str, ...] | None = None
 
 
 def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
@@ -174,11 +184,15 @@ def build_scenery(
     Raises
     ------
     AssetError
-        If the file draws nothing.
+        If the file draws nothing, or the scenery's own patterns name what is not there.
     """
-    roles = scenery_roles(pieces, include=options.include, exclude=options.exclude)
+    if wrong := unmatched(pieces, options):
+        raise AssetError(
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; in it is {_there(wrong[1], pieces)}", remedy=NAMES
+        )
+    roles = scenery_roles(pieces, options)
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
-    obstacles = [i for i, role in enumerate(roles) if role.use == "obstacle"]
+    obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]
     if not ground and not obstacles:
         raise AssetError("nothing in it is rendered as ground or obstacle", remedy="check what is hidden from render")
     extent = np.array([pieces[i].bounds for i in ground or obstacles])
@@ -211,6 +225,15 @@ def build_scenery(
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in obstacles]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in obstacles),
         instance_gives_way=np.array([pieces[i].hair for i in obstacles], bool),
+        instance_is_water=np.array([roles[i].use == "water" for i in obstacles], bool),
+        removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
     return BuiltScenery(scenery, roles)
+
+
+def _there(wanted: str, pieces: Sequence[Piece]) -> str:
+    """Names in the file, those that are most like the wanted one first."""
+    names = sorted({piece.name for piece in pieces})
+    alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
+    return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

@@ -70,6 +70,8 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
         world_from_instance=poses,
         instance_names=tuple(f"tree {k}" for k in range(trees)),
         instance_gives_way=np.zeros(trees, dtype=bool),
+        instance_is_water=np.zeros(trees, dtype=bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 
@@ -87,6 +89,8 @@ def bare(name, origin_z=0.0):
         world_from_instance=np.zeros((0, 4, 4)),
         instance_names=(),
         instance_gives_way=np.zeros(0, dtype=bool),
+        instance_is_water=np.zeros(0, dtype=bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 

@@ -41,6 +41,8 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),
         instance_names=("tree", "tree", "rock") if obstacles else (),
         instance_gives_way=np.array([False, True, False] if obstacles else [], bool),
+        instance_is_water=np.array([False, True, False] if obstacles else [], bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 

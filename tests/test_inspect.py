@@ -83,6 +83,8 @@ def scenery(*, ground: bool) -> Scenery:
         world_from_instance=np.eye(4)[None],
         instance_names=("Rock",),
         instance_gives_way=np.array([False]),
+        instance_is_water=np.array([False]),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 
