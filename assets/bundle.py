@@ -16,7 +16,7 @@ from geometry.errors import AssetError
 from geometry.files import replacing
 from geometry.meshes import Mesh
 
-FORMAT = 1
+FORMAT = 2
 REMEDY = "delete the file, it is made again when it is needed"
 
 
@@ -62,6 +62,7 @@ def save_scenery(path: Path | str, scenery: Scenery) -> None:
         name=np.str_(scenery.name),
         ground_names=_names(scenery.ground_names),
         instance_names=_names(scenery.instance_names),
+        removed_names=_names(scenery.removed_names),
         has_ground=np.bool_(scenery.ground is not None),
         mesh_names=_names([m.name for m in meshes]),
         vertex_counts=np.array([len(m.vertices) for m in meshes], np.int64),
@@ -80,7 +81,16 @@ def load_scenery(path: Path | str) -> Scenery:
     AssetError
         If `path` is no such file, or one of another format version.
     """
-    wanted = {"name", "ground_names", "instance_names", "has_ground", "mesh_names", "vertex_counts", "face_counts"}
+    wanted = {
+        "name",
+        "ground_names",
+        "instance_names",
+        "removed_names",
+        "has_ground",
+        "mesh_names",
+        "vertex_counts",
+        "face_counts",
+    }
     data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", *_arrays(Scenery)})
     vertices = np.split(data["vertices"], np.cumsum(data["vertex_counts"])[:-1])
     faces = np.split(data["faces"], np.cumsum(data["face_counts"])[:-1])
@@ -92,6 +102,7 @@ def load_scenery(path: Path | str) -> Scenery:
         ground_names=tuple(data["ground_names"].tolist()),
         obstacle_meshes=tuple(meshes),
         instance_names=tuple(data["instance_names"].tolist()),
+        removed_names=tuple(data["removed_names"].tolist()),
         **{f: data[f] for f in _arrays(Scenery)},
     )
 

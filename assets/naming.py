@@ -63,6 +63,64 @@ NOT_GROUND = (
     *("house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome", "cloud"),
     *("fog", "asset", "prop", "vegetation", "foliage", "forest", "obstacle", "prototype"),
 )
+WATER = (  # what it is made of
+    *(
+        "water",
+        "wasser",
+        "eau",
+        "agua",
+        "água",
+        "acqua",
+        "woda",
+        "voda",
+        "vatten",
+        "vann",
+        "vand",
+        "вода",
+        "水",
+        "水面",
+    ),
+    *(
+        "waterplane",
+        "watersurface",
+        "watermesh",
+        "waterbody",
+        "watersheet",
+        "watervolume",
+        "waterlevel",
+        "wasserfläche",
+    ),
+    *("wasserflaeche", "wasseroberfläche", "wasserspiegel", "seawater", "lakewater", "riverwater", "seewasser"),
+)
+WATERS = (  # where it is found
+    *(
+        "lake",
+        "river",
+        "sea",
+        "ocean",
+        "pond",
+        "pool",
+        "stream",
+        "creek",
+        "brook",
+        "lagoon",
+        "canal",
+        "swamp",
+        "puddle",
+    ),
+    *("flood", "lakesurface", "riversurface", "oceansurface", "oceanplane", "seasurface"),
+    *("see", "fluss", "teich", "meer", "ozean", "bach", "tümpel", "weiher", "kanal", "pfütze"),
+    *("lac", "rivière", "riviere", "fleuve", "mer", "océan", "étang", "etang", "ruisseau"),
+    *("lago", "río", "rio", "mar", "océano", "oceano", "estanque", "laguna", "fiume", "mare", "stagno", "lagoa"),
+    *("jezioro", "rzeka", "morze", "staw", "jezero", "řeka", "reka", "rybník", "ozero", "more", "prud"),
+    *("озеро", "река", "море", "пруд", "rivier", "vijver", "sjö", "sjø", "hav", "flod", "elv", "göl", "deniz", "nehir"),
+    *("湖", "河", "海", "川", "池", "湖面", "海面"),
+)
+NOT_WATER = (  # about water, and not it
+    *("bed", "bottom", "shore", "bank", "beach", "coast", "side", "edge", "tower", "tank", "pump", "bottle", "barrel"),
+    *("drum", "trough", "mill", "wheel", "lily", "lilies", "weed", "melon", "pipe", "hose", "hydrant", "fall", "well"),
+    *("boat", "ship", "bird", "dam", "pier", "gate", "lock", "window", "glass", "roof", "greenhouse", "under"),
+)
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.meshes import Mesh
+from geometry.meshes import Mesh, merge
+from geometry.transforms import apply
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,6 +37,10 @@ class Scenery:
         Object name of each instance.
     instance_gives_way
         (k,) whether it only hides, as grass does: vehicles drive over it and cameras look out of it.
+    instance_is_water
+        (k,) whether it is water: a surface that hides, and that nothing is placed below.
+    removed_names
+        Objects of the file that the config drops; they are not rendered.
     scenery_from_file
         (4, 4) affine: from the file's world coordinates to metres, z up, relative to `origin`.
     """
@@ -50,4 +55,20 @@ class Scenery:
     world_from_instance: Float[np.ndarray, "k 4 4"]
     instance_names: tuple[str, ...]
     instance_gives_way: Bool[np.ndarray, " k"]
+    instance_is_water: Bool[np.ndarray, " k"]
+    removed_names: tuple[str, ...]
     scenery_from_file: Float[np.ndarray, "4 4"]
+
+    @property
+    def solid(self) -> Bool[np.ndarray, " k"]:
+        """(k,) which instances nothing may touch: all but grass and water."""
+        return ~(self.instance_gives_way | self.instance_is_water)
+
+    def water(self) -> Mesh | None:
+        """All water surfaces merged, or None if there is none."""
+        wet = np.flatnonzero(self.instance_is_water)
+        placed = [
+            Mesh(apply(self.world_from_instance[i], mesh.vertices), mesh.faces, self.instance_names[i])
+            for i, mesh in ((i, self.obstacle_meshes[self.instance_mesh[i]]) for i in wet)
+        ]
+        return merge(placed, name=f"water of {self.name}")[0] if placed else None

@@ -1,4 +1,4 @@
-"""Where a camera may be: above the ground, and in or near no obstacle and no vehicle."""
+"""Where a camera may be: above ground and water, and in or near no obstacle and no vehicle."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy.typing import ArrayLike
 
+from camera.projection import NEAR
 from camera.target import PosedVehicle
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
@@ -28,12 +29,20 @@ class CameraRoom:
         All that is no ground and no vehicle.
     solid
         (k,) which instances count; by default all. A camera may look out of grass.
+    water
+        Surfaces that a camera may not be below.
     """
 
     def __init__(
-        self, terrain: Terrain, obstacles: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None
+        self,
+        terrain: Terrain,
+        obstacles: InstancedScene,
+        *,
+        solid: Bool[np.ndarray, " k"] | None = None,
+        water: Terrain | None = None,
     ) -> None:
         self._terrain = terrain
+        self._water = water
         self._touch = SceneTouch(obstacles, solid)
 
     def rejections(
@@ -45,14 +54,15 @@ class CameraRoom:
         vehicles: Sequence[PosedVehicle] = (),
         vehicle_clearance: float = 0.0,
     ) -> UInt8[np.ndarray, " n"]:
-        """A code of `Rejection` for each place: the first that applies of ground, height, obstacles and vehicles.
+        """A code of `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
 
         Parameters
         ----------
         position
             (n, 3) world.
         ground_clearance
-            Least height in metres above the topmost ground at that (x, y): under a bridge of ground is below it.
+            Least height in metres above the topmost ground at that (x, y): under a bridge of ground is below it. The
+            same above the topmost water, and there at least twice the distance of the near plane, which then stays dry.
         obstacle_clearance
             Half the side in metres of the upright cube about the camera that no obstacle's surface may touch: no
             surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
@@ -72,6 +82,11 @@ class CameraRoom:
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
         rejection[self._touch.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE
+        if self._water is not None:
+            water = self._water.top_hits(place[:, :2])
+            with np.errstate(invalid="ignore"):
+                wet = place[:, 2] - water.z < max(ground_clearance, 2.0 * NEAR)
+            rejection[wet] = Rejection.CAMERA_WATER
         ground = self._terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):
             rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW

@@ -13,6 +13,7 @@ from geometry.boxtree import BoxTree
 from geometry.instances import InstancedScene
 from geometry.transforms import apply, compose, invert_rigid, rotate
 
+ROOM = 100.0  # metres; what is farther away shuts nothing in, as a sky dome does not
 PAIRS = 1 << 16  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -106,7 +107,8 @@ class SceneTouch:
         """Whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
 
         A box wholly inside a house or a boulder touches none of its triangles. It is shut in if rays from its centre
-        along its four horizontal directions and upwards all meet the same instance; winding is not asked for.
+        along its four horizontal directions and upwards all meet the same instance within `ROOM` metres; winding is not
+        asked for.
         """
         centre = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
@@ -149,5 +151,5 @@ class SceneTouch:
         axes = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])
         directions = rotate(world_from_box[:, :3, :3], axes)
         origins = np.repeat(world_from_box[:, :3, 3], len(axes), axis=0)
-        met = self._scene.cast(origins, directions.reshape(-1, 3)).instance.reshape(-1, len(axes))
+        met = self._scene.cast(origins, directions.reshape(-1, 3), max_distance=ROOM).instance.reshape(-1, len(axes))
         return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._solid)

@@ -6,8 +6,10 @@ ground is tested by settling). Obstacles are tested by their triangles. All pred
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,8 +18,26 @@ from numpy.typing import ArrayLike
 from assets.vehicle import VehicleShape
 from geometry.arrays import checked
 from geometry.instances import InstancedScene
-from geometry.overlap import PAIRS, SceneTouch, boxes_touch
+from geometry.overlap import PAIRS, ROOM, SceneTouch, boxes_touch
+from geometry.portable import sin_cos
 from geometry.transforms import compose, invert_rigid, rigid
+
+
+def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
+    """Straight up first, then directions spread evenly over the upper half of the sphere, from the top down.
+
+    References
+    ----------
+    Vogel, A better way to construct the sunflower head, Mathematical Biosciences 44, 1979: the golden angle.
+    """
+    i = np.arange(n)
+    z = 1.0 - i / (n - 0.5)
+    sin, cos = sin_cos(i * (math.pi * (3.0 - math.sqrt(5.0))))
+    flat = np.sqrt(1.0 - z**2)
+    return np.stack([flat * cos, flat * sin, z], axis=1)
+
+
+SKYWARD = _skyward(48)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,7 +88,7 @@ class Obstacles:
     """
 
     def __init__(self, scene: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None) -> None:
-        self._touch = SceneTouch(scene, solid)
+        self._scene, self._touch = scene, SceneTouch(scene, solid)
 
     def clear(
         self, extent: Extent | VehicleShape | ArrayLike, world_from_vehicle: ArrayLike, clearance: float = 0.0
@@ -80,6 +100,23 @@ class Obstacles:
         clear = np.zeros(len(poses), dtype=bool)
         clear[known] = ~self._touch.touched(half, world_from_box).reshape(-1, len(boxes.half)).any(axis=1)
         return clear
+
+    def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Whether a ray from each point, upwards or level, meets no obstacle within `ROOM` metres.
+
+        Parameters
+        ----------
+        point
+            (n, 3) world. Inside a closed house, a boulder or a hall no ray finds a way out, and no light a way in.
+        """
+        found = np.zeros(len(point), dtype=bool)
+        for begin, end in pairwise((0, 1, 5, len(SKYWARD))):
+            left = np.flatnonzero(~found)
+            origins = np.repeat(point[left], end - begin, axis=0)
+            directions = np.tile(SKYWARD[begin:end], (len(left), 1))
+            blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
+            found[left] = ~blocked.reshape(len(left), end - begin).all(axis=1)
+        return found
 
 
 def clear_of_obstacles(

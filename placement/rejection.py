@@ -8,8 +8,8 @@ from enum import IntEnum
 class Rejection(IntEnum):
     """Reasons, with a phrase that completes "of 100 tries 3 % ..."; 0 stands for a try that was taken.
 
-    Those of a place come first, in the order in which they are looked for, then those of a camera. Codes and names are
-    those of plan files, and never change.
+    Those of a place come first, in the order in which they are looked for, then those of a camera, then what was added
+    later. Codes and names are those of plan files, and never change.
     """
 
     phrase: str
@@ -42,6 +42,9 @@ class Rejection(IntEnum):
     HIDDEN = 18, "were hidden more than camera.visible_fraction"
     EXPOSED = 19, "were hidden less than camera.visible_fraction"
     SIZE = 20, "could have the wanted size at no distance"
+    WATER = 21, "stood deeper in water than placement.fording_depth"
+    DARK = 22, "were shut in, with no sky above"
+    CAMERA_WATER = 23, "had the camera in, below or too near water"
 
     @property
     def key(self) -> str:

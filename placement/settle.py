@@ -299,12 +299,8 @@ def gap_and_penetration(
     method
         How top hits are found; see `Terrain.top_hits`.
     """
-    x, y = contact.xy.T
-    height, foot = contact.height, contact.foot
-    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
-    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
-    if raised := height.any():
-        points += np.stack([up[:, i] * height for i in range(3)], axis=2)
+    height, foot, up = contact.height, contact.foot, world_from_vehicle[:, :3, 2, None]
+    points, raised = underside_points(world_from_vehicle, contact), height.any()
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
     above = below = points[..., 2] - hits.z.reshape(points.shape[:2])
     if raised:
@@ -312,6 +308,33 @@ def gap_and_penetration(
         below = np.compress(foot, above, axis=1) - height[foot] / up[:, 2]
     # fmax passes over the nan of a miss.
     return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+
+
+def depth_below(
+    surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
+) -> Float[np.ndarray, " k"]:
+    """How far in metres the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
+
+    Parameters
+    ----------
+    surface
+        Its topmost height counts.
+    world_from_vehicle, contact
+        As of `gap_and_penetration`.
+    """
+    points = underside_points(world_from_vehicle, contact)
+    hits = surface.top_hits(points[..., :2].reshape(-1, 2))
+    return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)
+
+
+def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
+    """The points of the underside of posed vehicles, in the world."""
+    x, y = contact.xy.T
+    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
+    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
+    if contact.height.any():
+        points += np.stack([up[:, i] * contact.height for i in range(3)], axis=2)
+    return points
 
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:

@@ -94,6 +94,24 @@ PENETRATION = Limit(
     slack=METRES,
     above=Rejection.PENETRATION,
 )
+FORDING = Limit(
+    "depth in water",
+    ("placement.fording_depth",),
+    "the underside in its pose, below the water above it",
+    lambda r: r.depth_in_water,
+    lambda config: (0.0, config.placement.fording_depth),
+    of="vehicle",
+    slack=METRES,
+    above=Rejection.WATER,
+)
+SKY = Limit(
+    "sky above the vehicle",
+    (),
+    "rays upwards from its top against obstacles",
+    lambda r: r.sees_sky,
+    of="vehicle",
+    below=Rejection.DARK,
+)
 OBSTACLES = Limit(
     "placement.obstacle_clearance",
     ("placement.obstacle_clearance",),
@@ -157,6 +175,12 @@ CAMERA_ROOM = Limit(
     ("camera.obstacle_clearance",),
     "obstacles and boxes of vehicles about the camera",
     lambda r: ~np.isin(r.camera_rejection, (Rejection.CAMERA_OBSTACLE, Rejection.CAMERA_VEHICLE)),
+)
+CAMERA_WATER = Limit(
+    "the camera's place (water)",
+    ("camera.ground_clearance",),
+    "the water above or below the camera",
+    lambda r: r.camera_rejection != Rejection.CAMERA_WATER,
 )
 TRUNCATED = Limit(
     "truncated_fraction",
@@ -229,7 +253,9 @@ LIMITS = (
         lambda r: r.articulation_is_possible,
         of="vehicle",
     ),
+    FORDING,
     OBSTACLES,
+    SKY,
     VEHICLES,
     Limit(
         "vehicles in the image",
@@ -269,6 +295,7 @@ LIMITS = (
     DISTANCE,
     EQUATION_6,
     CAMERA_GROUND,
+    CAMERA_WATER,
     CAMERA_ROOM,
     *(
         Limit(f"{key}, which is not the poses'", (), f"`{key}` against the poses", measure, of="vehicle")
@@ -368,7 +395,9 @@ NOT_RECOMPUTED: Mapping[str, str] = {
         "path", "category", "name", "forward", "yaw_deg", "up", "scale", "keep", "drop", "turret", "gun", "turret_pivot",
         "gun_pivot", "turret_limits_deg", "gun_limits_deg",
     )},
-    **{f"assets.sceneries.{key}": _READ for key in ("path", "name", "up", "scale")},
+    **{f"assets.sceneries.{key}": _READ for key in (
+        "path", "name", "up", "scale", "ground", "not_ground", "water", "drop",
+    )},
     "ground.include": _READ,
     "ground.exclude": _READ,
     "camera.elevation_sampling": "a distribution: any one elevation within its bounds may come of it",

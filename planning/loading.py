@@ -314,7 +314,16 @@ def vehicle_options(entry: VehicleEntry) -> Options:
 
 def scenery_options(entry: SceneryEntry, config: Config) -> Options:
     """How a config says that a scenery's file is to be read."""
-    return Options(up=entry.up, scale=entry.scale, include=config.ground.include, exclude=config.ground.exclude)
+    return Options(
+        up=entry.up,
+        scale=entry.scale,
+        drop=entry.drop,
+        include=config.ground.include,
+        exclude=config.ground.exclude,
+        ground=entry.ground,
+        not_ground=entry.not_ground,
+        water=entry.water,
+    )
 
 
 def _as_given(path: Path, config: Config) -> str:

@@ -9,15 +9,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from geometry.portable import arctan2
+from geometry.transforms import apply
 from placement.candidates import candidates
 from placement.clearance import clear_of_vehicles
+from placement.footprint import contact_samples
 from placement.rejection import Rejection
-from placement.settle import Settled, settle
+from placement.settle import Settled, depth_below, settle
 from planning.draws import Draws, Purpose, RowStreams
-from planning.limits import GAP, PENETRATION, SLOPE, VALID_SHARE
+from planning.limits import FORDING, GAP, PENETRATION, SLOPE, VALID_SHARE
 from planning.row import rounded
 from planning.schema import Config
 from planning.stage import Model, Placed, Site
+
+CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at
+ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
 
 
 def unsettled(n: int) -> Settled:
@@ -71,7 +76,13 @@ def settle_clear(
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     rows = np.flatnonzero(rejection == Rejection.NONE)
     placed = Placed(model, poses[rows], [articulation[i] for i in rows.tolist()])
-    rejection[rows[~clear_of_obstacles(site, placed, limits.obstacle_clearance)]] = Rejection.OBSTACLE
+    rejection[rows] = FORDING.rejections(depth_in_water(site, placed, limits.contact), config)
+    dry = rejection[rows] == Rejection.NONE
+    rows, placed = rows[dry], placed.rows(np.flatnonzero(dry))
+    clear = clear_of_obstacles(site, placed, limits.obstacle_clearance)
+    rejection[rows[~clear]] = Rejection.OBSTACLE
+    rows, placed = rows[clear], placed.rows(np.flatnonzero(clear))
+    rejection[rows[~sees_sky(site, placed)]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
 
 
@@ -89,6 +100,20 @@ def settle_at(site: Site, model: Model, config: Config, world_from_vehicle: Floa
         min_share=0.0,
         footprint=model.undersides[limits.contact],
     )
+
+
+def depth_in_water(site: Site, placed: Placed, contact: str) -> Float[np.ndarray, " n"]:
+    """How far in metres the underside of each vehicle lies below water, at most; 0 on dry ground."""
+    if site.water is None:
+        return np.zeros(len(placed.world_from_vehicle))
+    samples = contact_samples(placed.model.undersides[contact], CONTACT)
+    return depth_below(site.water, placed.world_from_vehicle, samples)
+
+
+def sees_sky(site: Site, placed: Placed) -> Bool[np.ndarray, " n"]:
+    """Whether any light of the sky comes down to the top of each vehicle."""
+    top = placed.model.centre + np.array([0.0, 0.0, placed.model.shape.size_xyz[2] / 2 + ABOVE])
+    return site.vehicle_room.open_above(apply(placed.world_from_vehicle, top[None])[:, 0])
 
 
 def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.ndarray, " n"]:

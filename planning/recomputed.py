@@ -15,7 +15,7 @@ from placement.settle import Settled, gap_and_penetration
 from planning.aiming import camera_rejections, lenses_of, visible_shares
 from planning.light import Lights, draw_lights
 from planning.limits import METRES, SHARE
-from planning.placing import clear_of_obstacles, clear_of_vehicle, settle_at
+from planning.placing import CONTACT, clear_of_obstacles, clear_of_vehicle, depth_in_water, sees_sky, settle_at
 from planning.rejections import AIMING, PLACING
 from planning.row import PlannedVehicle, Row
 from planning.schema import Config
@@ -24,7 +24,6 @@ from planning.source import Source
 from planning.stage import Placed, Site
 
 PIXELS = 1e-6
-CONTACT = 9  # points a side of the underside at which gap and penetration are looked at
 
 
 class Recomputed:
@@ -140,6 +139,16 @@ class Recomputed:
         underside = self.placed.model.undersides[self.config.placement.contact]
         looked_at = contact_samples(underside, CONTACT)
         return gap_and_penetration(self.site.terrain, self.placed.world_from_vehicle, looked_at)
+
+    @property
+    def depth_in_water(self) -> Float[np.ndarray, " n"]:
+        """How far its underside is below water."""
+        return depth_in_water(self.site, self.placed, self.config.placement.contact)
+
+    @property
+    def sees_sky(self) -> Bool[np.ndarray, " n"]:
+        """Whether it is not shut in."""
+        return sees_sky(self.site, self.placed)
 
     @property
     def articulation_is_possible(self) -> Bool[np.ndarray, " n"]:

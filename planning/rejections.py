@@ -9,8 +9,9 @@ from jaxtyping import Int
 
 from placement.rejection import Rejection
 
-PLACING = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW)
-AIMING = tuple(r for r in Rejection if r > Rejection.NO_VIEW)
+_PLACING_TOO = (Rejection.WATER, Rejection.DARK)
+PLACING = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW or r in _PLACING_TOO)
+AIMING = tuple(r for r in Rejection if r not in (Rejection.NONE, *PLACING))
 KINDS = max(Rejection) + 1
 BY_KEY = {r.key: r for r in Rejection}
 

@@ -118,12 +118,16 @@ class VehicleEntry(Section):
 
 
 class SceneryEntry(Section):
-    """One `[[assets.sceneries]]`: a .blend file, and how often it is drawn beside the others."""
+    """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
 
     path: str
     name: str = ""
     up: Literal["z", "y"] | None = None
     scale: Positive | None = None
+    ground: Patterns = ()
+    not_ground: Patterns = ()
+    water: Patterns | None = None
+    drop: Patterns = ()
     weight: AtLeastZero = 1.0
 
 
@@ -169,7 +173,7 @@ def _stem(path: str) -> str:
 
 
 class GroundSection(Section):
-    """Which meshes of a scenery are ground, by object name (paper, section 2.1.5)."""
+    """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
 
     include: Patterns = ()
     exclude: Patterns = ()
@@ -187,6 +191,7 @@ class PlacementSection(Section):
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.8
     max_gap: AtLeastZero = 1.0
     max_penetration: AtLeastZero = 0.3
+    fording_depth: AtLeastZero = 0.0
     obstacle_clearance: AtLeastZero = 0.5
     vehicle_clearance: AtLeastZero = 2.0
     vehicles_per_image: Counts = (1, 1)

@@ -38,10 +38,12 @@ class Site:
         Its ground, or the fallback plane: where tops are.
     world
         Ground and obstacles for rays of any direction; vertical walls, which are no top, are ground here.
+    water
+        Its water surfaces, or None if it has none.
     vehicle_room
         Answers whether vehicles are clear of the obstacles.
     camera_room
-        Answers whether cameras are clear of ground and obstacles.
+        Answers whether cameras are clear of ground, water and obstacles.
     bounds
         (2, 2) lowest and highest (x, y) that vehicles are placed in, before the margin.
     """
@@ -49,6 +51,7 @@ class Site:
     name: str
     terrain: Terrain
     world: World
+    water: Terrain | None
     vehicle_room: Obstacles
     camera_room: CameraRoom
     bounds: Float[np.ndarray, "2 2"]
@@ -183,7 +186,8 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     ground, obstacles = world.ground, world.obstacles
     assert ground is not None
     terrain = Terrain.flat(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh)
-    solid = ~scenery.instance_gives_way
+    surface, solid = scenery.water(), scenery.solid
+    water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
@@ -193,8 +197,9 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
         name=scenery.name,
         terrain=terrain,
         world=world,
+        water=water,
         vehicle_room=Obstacles(obstacles, solid=solid),
-        camera_room=CameraRoom(terrain, obstacles, solid=solid),
+        camera_room=CameraRoom(terrain, obstacles, solid=solid, water=water),
         bounds=bounds,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 from jaxtyping import Float
@@ -17,11 +18,15 @@ from reading.axes import forward_said
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow
-from reading.roles import Link, Piece, Role, scenery_roles, vehicle_roles
+from reading.roles import Link, Piece, Role, vehicle_roles
+from reading.scenery_roles import removed_names, scenery_roles, unmatched
 from reading.stance import Stood, heading, vehicle_from_upright
 from reading.strays import stray_doubts
 
 KILOMETRE = 1000.0
+NAMES = (
+    "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +44,15 @@ class Options:
     yaw_deg
         Degrees counter-clockwise from there to where it really points.
     keep, drop
-        Patterns of what belongs to a vehicle and what does not.
+        Patterns of what belongs to a vehicle and what does not; of a scenery, `drop` is in neither plan nor picture.
     turret, gun
         Pattern of a vehicle's turret and gun; "" for none.
     turret_pivot, gun_pivot
         About what they turn: a point in the file's axes and units, or the name of an object.
     include, exclude
-        Patterns of what is a scenery's ground and what is not.
+        Patterns of what is ground and what is not in all sceneries.
+    ground, not_ground, water
+        The same of this scenery; and all of its water, or None to find it by name, material and shape.
     """
 
     up: str | None = None
@@ -60,6 +67,9 @@ class Options:
     gun_pivot: str | tuple[float, float, float] | None = None
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
+    ground: tuple[str, ...] = ()
+    not_ground: tuple[str, ...] = ()
+    water: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,7 +92,9 @@ class BuiltScenery:
     roles: list[Role]
 
 
-def build_vehicle(name: str, meshes: Sequence[Mesh], upright: Stood, markers: Sequence[tuple[Link, ...]], *, options: Options) -> BuiltVehicle:
+def build_vehicle(
+    name: str, meshes: Sequence[Mesh], upright: Stood, markers: Sequence[tuple[Link, ...]], *, options: Options
+) -> BuiltVehicle:
     """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
     Raises
@@ -180,11 +192,15 @@ def build_scenery(
     Raises
     ------
     AssetError
-        If the file draws nothing.
+        If the file draws nothing, or the scenery's own patterns name what is not there.
     """
-    roles = scenery_roles(pieces, include=options.include, exclude=options.exclude)
+    if wrong := unmatched(pieces, options):
+        raise AssetError(
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; in it is {_there(wrong[1], pieces)}", remedy=NAMES
+        )
+    roles = scenery_roles(pieces, options)
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
-    obstacles = [i for i, role in enumerate(roles) if role.use == "obstacle"]
+    obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]
     if not ground and not obstacles:
         raise AssetError("nothing in it is rendered as ground or obstacle", remedy="check what is hidden from render")
     extent = np.array([pieces[i].bounds for i in ground or obstacles])
@@ -217,6 +233,15 @@ def build_scenery(
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in obstacles]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in obstacles),
         instance_gives_way=np.array([pieces[i].hair for i in obstacles], bool),
+        instance_is_water=np.array([roles[i].use == "water" for i in obstacles], bool),
+        removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
     return BuiltScenery(scenery, roles)
+
+
+def _there(wanted: str, pieces: Sequence[Piece]) -> str:
+    """Names in the file, those that are most like the wanted one first."""
+    names = sorted({piece.name for piece in pieces})
+    alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
+    return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+
+import numpy as np
 
 from reading.build import Options
 from reading.report import Missing, Row
+from reading.roles import Piece, Role
+from reading.shape import LEVEL, enclosing
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -44,15 +49,30 @@ def vehicle_doubts(
 
 
 def scenery_doubts(
-    size: tuple[float, float, float], rows: Sequence[Row], missing: Sequence[Missing], *, unit: float, options: Options
+    size: tuple[float, float, float],
+    pieces: Sequence[Piece],
+    roles: Sequence[Role],
+    missing: Sequence[Missing],
+    *,
+    unit: float,
+    options: Options,
 ) -> tuple[str, ...]:
     """What is strange about a scenery; that it has no ground first."""
     doubts = []
-    if not any(row.use == "ground" for row in rows):
-        there = _names([row.name for row in rows if row.triangles])
+    used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
+    if not any(role.use == "ground" for _, role in used):
         doubts.append(
-            f"NO GROUND: no object, mesh or collection has a name for ground, so vehicles stand on the plane "
-            f"z = ground.fallback_z; name the ground in ground.include; in the file is {there}"
+            "NO GROUND: nothing in it is ground by name or by shape, so vehicles stand on the plane z = "
+            f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
+            + _names([piece.name for piece, _ in used])
+        )
+    for use, keys in (("ground", "if it is none, name it in not_ground"), ("water", "if it is none, set water = []")):
+        if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
+            doubts.append(f"taken as {use}: {_names(found)}, by shape; {keys}")
+    if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
+        doubts.append(
+            f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
+            f"drop = [{json.dumps(around.name, ensure_ascii=False)}]"
         )
     across, height = max(size[:2]), size[2]
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
@@ -60,6 +80,17 @@ def scenery_doubts(
     if height > across and options.up is None:
         doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "y" if it lies on its side')
     return (*doubts, *_missing(missing))
+
+
+def _proposed_ground(among: Sequence[Piece]) -> str:
+    """What to write for the widest of these pieces to be ground."""
+    able = [piece for piece in among if not (piece.hair or piece.scattered)]
+    if not able:
+        return "name what is to be ground in this scenery's `ground`"
+    widest = max(
+        able, key=lambda piece: (piece.level >= LEVEL, float(np.prod((piece.bounds[1] - piece.bounds[0])[:2])))
+    )
+    return f"if it is {widest.name!r}, give this scenery ground = [{json.dumps(widest.name, ensure_ascii=False)}]"
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:

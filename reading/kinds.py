@@ -9,7 +9,8 @@ import numpy as np
 from assets.naming import VEHICLE, says
 from geometry.errors import AssetError
 from reading.build import Options
-from reading.roles import FLAT, Piece, scenery_roles, vehicle_roles
+from reading.roles import FLAT, Piece, vehicle_roles
+from reading.scenery_roles import scenery_roles
 
 BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
 
@@ -17,7 +18,8 @@ BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken f
 def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
 
-    A scenery has ground by its names, and what is no ground fills more than a vehicle would; or it is flat and wide.
+    A scenery has ground, by name or by shape, and what is no ground fills more than a vehicle would; or it is flat and
+    wide.
     """
     if not pieces:
         return "vehicle"
@@ -54,7 +56,8 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
             f"{max(_extent(kept or pieces)):,.0f} m long",
             remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
         )
-    if options.scale or options.include or options.exclude or likely_kind(pieces, options) == "scenery":
+    said = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
+    if any(said) or likely_kind(pieces, options) == "scenery":
         return ""
     telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
@@ -63,7 +66,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
     if telling:
         raise AssetError(
             f"looks like a vehicle and is listed as a scenery: in it is {telling!r}, and it is {longest:.1f} m long",
-            remedy="list it under [[assets.vehicles]], or name its ground in ground.include",
+            remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
     if not ground:
         return f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
@@ -71,7 +74,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
 
 
 def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
-    roles = scenery_roles(pieces, include=options.include, exclude=options.exclude)
+    roles = scenery_roles(pieces, options)
     return [p for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
 
 

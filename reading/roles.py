@@ -1,4 +1,7 @@
-"""What in a file is vehicle, ground, obstacle or clutter, and why. Knows names, bounds and counts, not Blender."""
+"""What a file draws, piece by piece, and what of a vehicle's file is the vehicle. Knows names, bounds and counts.
+
+What a scenery's pieces are is in `reading.scenery_roles`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import BACKDROPS, GROUND, HELPERS, NOT_GROUND, PRIMITIVES, STAGES, says, words
+from assets.naming import HELPERS, PRIMITIVES, STAGES, says, words
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -67,6 +70,14 @@ class Piece:
         Why the camera does not see it, although it is drawn; None if it does.
     hidden
         Whether its author does not see it: hidden from the viewport, but rendered.
+    carrier
+        Name of the object that draws it as an instance; "" if nothing does.
+    materials
+        Names of its materials.
+    clear
+        Whether one sees through all of its materials, as through water or glass.
+    level
+        Share of its area that is nearly horizontal; 0 for what is too narrow, or too high, to be ground or water.
     """
 
     data: str
@@ -80,6 +91,10 @@ class Piece:
     hair: bool = False
     unseen: str | None = None
     hidden: bool = False
+    carrier: str = ""
+    materials: tuple[str, ...] = ()
+    clear: bool = False
+    level: float = 0.0
 
     @property
     def name(self) -> str:
@@ -89,7 +104,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a piece is used as ("vehicle", "ground", "obstacle", "backdrop", "dropped") and the reason."""
+    """What a piece is used as, such as "vehicle", "ground" or "dropped", and the reason."""
 
     use: str
     why: str
@@ -186,54 +201,3 @@ def _vehicle_by_place(piece: Piece, rest: list[Float[np.ndarray, "2 3"]]) -> Rol
 
 def _footprint(bounds: Float[np.ndarray, "2 3"]) -> float:
     return float(np.prod((bounds[1] - bounds[0])[:2]))
-
-
-def scenery_roles(pieces: Sequence[Piece], *, include: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Role]:
-    """For each piece of a scenery file, whether it is "ground", "obstacle", "backdrop" or "dropped", and why.
-
-    A backdrop is no obstacle and is not rendered: the HDRI is seen in its place. The ground-plane inventory is paper,
-    section 2.1.5.
-
-    Parameters
-    ----------
-    pieces
-        Everything that is drawn.
-    include, exclude
-        The user's patterns over object, mesh and collection names, asked before the built-in ones.
-    """
-    decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
-    roles = []
-    for piece in pieces:
-        asked = (
-            *(piece.name, piece.data, piece.chain[0].collections),
-            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen),
-        )
-        if asked not in decided:
-            decided[asked] = _scenery_role(piece, include, exclude)
-        roles.append(decided[asked])
-    return roles
-
-
-def _scenery_role(piece: Piece, include: Sequence[str], exclude: Sequence[str]) -> Role:
-    if piece.unseen:
-        return Role("dropped", piece.unseen)
-    if piece.hair:
-        return Role("obstacle", "hair: it hides, and gives way to vehicles and cameras")
-    named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
-    for level, name in named:
-        if pattern := says(name, exclude):
-            return Role("obstacle", f"{level} {name!r} matches {pattern!r} of the config's exclude")
-        if pattern := says(name, include):
-            return Role("ground", f"{level} {name!r} matches {pattern!r} of the config's include")
-    for level, name in named:
-        if level != "collection" and (pattern := says(name, BACKDROPS)):
-            return Role("backdrop", f"{level} {name!r} says {pattern!r}")
-    for level, name in named:
-        # A scattered tree is no ground because the ground carries it, or because it is filed under "terrain".
-        if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
-            continue
-        if pattern := says(name, NOT_GROUND):
-            return Role("obstacle", f"{level} {name!r} says {pattern!r}")
-        if pattern := says(name, GROUND):
-            return Role("ground", f"{level} {name!r} says {pattern!r}")
-    return Role("obstacle", "by default")

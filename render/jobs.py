@@ -147,7 +147,8 @@ def mask_job(row: Row, assets: RenderAssets, output: Path) -> MaskJob:
 
 def _scenery(row: Row, assets: RenderAssets) -> SceneryInput:
     file = _named(assets.sceneries, row.scenery, "scenery", row)
-    return SceneryInput(str(file.path.resolve()), file.scenery_from_file.tolist(), file.standing)
+    removed = list(file.scenery.removed_names)
+    return SceneryInput(str(file.path.resolve()), file.scenery_from_file.tolist(), file.standing, removed)
 
 
 def _camera(row: Row) -> CameraInput:

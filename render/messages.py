@@ -24,11 +24,14 @@ class SceneryInput:
         (4, 4) where its coordinates go, in metres.
     standing
         Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called.
+    removed
+        Objects that the config drops, which are not rendered.
     """
 
     path: str
     scenery_from_file: Matrix
     standing: list[str]
+    removed: list[str]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from assets.library import Assets
@@ -70,8 +72,32 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
         world_from_instance=poses,
         instance_names=tuple(f"tree {k}" for k in range(trees)),
         instance_gives_way=np.zeros(trees, dtype=bool),
+        instance_is_water=np.zeros(trees, dtype=bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
+
+
+def with_water(scenery, mesh, *poses):
+    """The scenery with a water surface, in one place or in several."""
+    poses = np.array(poses or [np.eye(4)])
+    dry, wet = len(scenery.instance_names), len(poses)
+    return replace(
+        scenery,
+        obstacle_meshes=(*scenery.obstacle_meshes, mesh),
+        instance_mesh=np.append(scenery.instance_mesh, [len(scenery.obstacle_meshes)] * wet),
+        world_from_instance=np.concatenate([scenery.world_from_instance, poses]),
+        instance_names=(*scenery.instance_names, *("water",) * wet),
+        instance_gives_way=np.append(scenery.instance_gives_way, np.zeros(wet, bool)),
+        instance_is_water=np.append(np.zeros(dry, bool), np.ones(wet, bool)),
+    )
+
+
+def sheet(low, high, z=0.0):
+    """A level rectangle."""
+    (a, b), (c, d) = low, high
+    corners = np.array([[a, b, z], [c, b, z], [c, d, z], [a, d, z]], float)
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
 
 
 def bare(name, origin_z=0.0):
@@ -87,6 +113,8 @@ def bare(name, origin_z=0.0):
         world_from_instance=np.zeros((0, 4, 4)),
         instance_names=(),
         instance_gives_way=np.zeros(0, dtype=bool),
+        instance_is_water=np.zeros(0, dtype=bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 

@@ -53,6 +53,8 @@ def _cube_assets() -> RenderAssets:
         world_from_instance=np.empty((0, 4, 4)),
         instance_names=(),
         instance_gives_way=np.empty(0, dtype=bool),
+        instance_is_water=np.empty(0, dtype=bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
     return RenderAssets(

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery, load_vehicle, save_scenery, save_vehicle
+from assets.bundle import FORMAT, load_scenery, load_vehicle, save_scenery, save_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
@@ -41,6 +41,8 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),
         instance_names=("tree", "tree", "rock") if obstacles else (),
         instance_gives_way=np.array([False, True, False] if obstacles else [], bool),
+        instance_is_water=np.array([False, False, True] if obstacles else [], bool),
+        removed_names=("Shed", "Wäsche") if obstacles else (),
         scenery_from_file=np.eye(4),
     )
 
@@ -101,7 +103,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
     whole = path.read_bytes()
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
-    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(1), kind=np.str_("vehicle"))
+    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(FORMAT), kind=np.str_("vehicle"))
     np.save(tmp_path / "single.npy", np.zeros(3))
     np.savez(tmp_path / "pickled.npz", hulldown_bundle=np.array([{}], dtype=object), kind=np.str_("vehicle"))
     for name, content, problem in (
@@ -109,7 +111,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
         ("empty.npz", b"", "cannot be read as a bundle"),
         ("missing.npz", None, "does not exist"),
         ("other.npz", None, "is no bundle of hulldown"),
-        ("future.npz", None, "is a bundle of format 99, this is 1"),
+        ("future.npz", None, f"is a bundle of format 99, this is {FORMAT}"),
         ("partial.npz", None, "lacks ['faces'"),
         ("single.npy", None, "cannot be read as a bundle"),
         ("pickled.npz", None, "cannot be read as a bundle"),

@@ -57,7 +57,7 @@ class Exporter:
             none = np.zeros(0, int)
             scenery = Scenery(
                 *(path.stem, np.zeros(3), MESH, ("g",), np.zeros(1, int), (), none),
-                *(np.zeros((0, 4, 4)), (), np.zeros(0, bool), np.eye(4)),
+                *(np.zeros((0, 4, 4)), (), np.zeros(0, bool), np.zeros(0, bool), (), np.eye(4)),
             )
             save_scenery(folder / "bundle.npz", scenery)
         (folder / "tidy.blend").write_bytes(BLEND)

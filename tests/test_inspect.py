@@ -18,6 +18,7 @@ from reading.doubts import scenery_doubts, vehicle_doubts
 from reading.formats import format_of
 from reading.inspect import COLOURS, draw, inspect, write_pictures
 from reading.report import FileReport, Missing, PartRow, Row, gathered
+from reading.roles import Link, Piece, Role
 
 FILE = """
 import bpy, sys
@@ -83,6 +84,8 @@ def scenery(*, ground: bool) -> Scenery:
         world_from_instance=np.eye(4)[None],
         instance_names=("Rock",),
         instance_gives_way=np.array([False]),
+        instance_is_water=np.array([False]),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
 
@@ -155,8 +158,14 @@ def test_doubts_about_a_vehicle(size: tuple, unit: float, expected: list[str]) -
 
 
 def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
-    rows = [Row(f"Thing {i}", "MESH", "obstacle", "by default", 1, 12) for i in range(20)]
-    first, second = scenery_doubts((5.0, 5.0, 1.0), rows, (Missing("/a.png", ()),), unit=1.0, options=Options())[:2]
+    pose, bounds = np.eye(4), np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    pieces = [
+        Piece("Mesh", (Link(f"Thing {i}", (), "MESH", pose),), 0, pose, bounds * (1 + (i == 7)), 12) for i in range(20)
+    ]
+    roles = [Role("obstacle", "by default")] * 20
+    missing = (Missing("/a.png", ()),)
+    first, second = scenery_doubts((5.0, 5.0, 1.0), pieces, roles, missing, unit=1.0, options=Options())[:2]
+    assert "if it is 'Thing 7', give this scenery ground = [\"Thing 7\"]" in first
     assert first.startswith("NO GROUND")
     assert first.endswith("'Thing 10', 'Thing 11' and 8 more")
     assert second == "the scenery is 5 m across; set scale if that is wrong (1 unit is 1 m)"

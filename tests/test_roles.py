@@ -9,7 +9,8 @@ from reading.build import Options, build_scenery
 from reading.doubts import vehicle_doubts
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.parts import find_parts
-from reading.roles import Link, Piece, scenery_roles, vehicle_roles
+from reading.roles import Link, Piece, vehicle_roles
+from reading.scenery_roles import scenery_roles
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
@@ -32,7 +33,7 @@ def vehicle_uses(*pieces: Piece, **options: object) -> list[str]:
 
 
 def scenery_uses(*pieces: Piece, **options: object) -> list[str]:
-    return [role.use for role in scenery_roles(pieces, **options)]
+    return [role.use for role in scenery_roles(pieces, Options(**options))]
 
 
 HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
@@ -166,7 +167,7 @@ def test_ground_by_object_then_mesh_then_collection(thing: Piece, use: str) -> N
 
 def test_the_users_ground_comes_first_and_exclude_beats_include() -> None:
     pieces = [piece("Plate_1"), piece("Plate_far"), piece("Terrain"), piece("Skydome")]
-    got = scenery_uses(*pieces, include=["plate*", "skydome"], exclude=["*far", "terrain"])
+    got = scenery_uses(*pieces, include=("plate*", "skydome"), exclude=("*far", "terrain"))
     assert got == ["ground", "obstacle", "obstacle", "ground"]
 
 

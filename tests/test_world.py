@@ -152,6 +152,8 @@ def test_missing_ground_is_a_plane_at_a_height_of_the_file():
         world_from_instance=np.zeros((0, 4, 4)),
         instance_names=(),
         instance_gives_way=np.zeros(0, bool),
+        instance_is_water=np.zeros(0, bool),
+        removed_names=(),
         scenery_from_file=np.eye(4),
     )
     ground = World.of(scenery, fallback_z=503.0).ground

@@ -15,9 +15,12 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply
 from reading.blender.capture import OUR_CAMERA, visit_render
 from reading.blender.poses import Poses
+from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
 from reading.drawn import Evaluated, Left
 from reading.roles import Link, Piece
+from reading.scenery_roles import VOLUME
+from reading.shape import level_share
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
@@ -30,6 +33,7 @@ DRAWN = (*SURFACES, *UNREAD, "CURVES")
 FARTHEST = 1e8  # metres, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
+NARROWEST = 1.0  # metres; what is narrower is neither ground nor water by its shape
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
@@ -80,6 +84,8 @@ class _Reader:
         self.box: list[np.ndarray] = []  # corners around each mesh
         self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
         self.unseen: dict[tuple[int, int], str | None] = {}
+        self.clear: dict[int, bool] = {}  # by mesh, whether one sees through all of its materials
+        self.level: dict[tuple[int, bytes], float] = {}  # by mesh and turn
         self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
     def read(self) -> None:
@@ -120,6 +126,7 @@ class _Reader:
                 self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
             self._doubt(drawn)
+            self.clear[len(self.result.meshes)] = _is_clear(drawn)
             self._add_mesh(key, mesh, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
@@ -158,21 +165,36 @@ class _Reader:
         if not np.abs(seen).max() <= FARTHEST:
             problem = f"object {drawn.name!r} reaches {np.abs(seen).max():.3g} m from the origin"
             raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
+        bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
         self.result.pieces.append(
             Piece(
                 data=data,
                 chain=self._chain(instance, pose, scattered=scattered),
                 mesh=number,
                 pose=pose,
-                bounds=np.stack([seen.min(axis=0), seen.max(axis=0)]),
+                bounds=bounds,
                 faces=len(mesh.faces),
                 scattered=scattered,
                 anonymous=scattered and _carries_itself(instance),
                 hair=hair,
                 unseen=self._why_unseen(drawn),
                 hidden=not instance.is_instance and _is_hidden(drawn.original),
+                carrier=instance.parent.name if instance.is_instance else "",
+                materials=key[1] if not hair else (),
+                clear=self.clear.get(number, False),
+                level=0.0 if hair else self._level(number, pose, bounds),
             )
         )
+
+    def _level(self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]) -> float:
+        """How level a piece is, if it is as wide as ground or water might be."""
+        length, width, height = bounds[1] - bounds[0]
+        if min(length, width) < NARROWEST or height > max(length, width):
+            return 0.0
+        key = number, pose[:3, :3].tobytes()
+        if key not in self.level:
+            self.level[key] = level_share(self.result.meshes[number], self.metres @ pose)
+        return self.level[key]
 
     def _doubt(self, drawn: Any) -> None:
         """Speak of what Cycles makes of a mesh only later, where it cannot be read."""
@@ -185,7 +207,7 @@ class _Reader:
             ):
                 self.result.doubts.append(f"{name!r} is subdivided adaptively, which is left out")
         for slot in drawn.material_slots:
-            if slot.material and slot.material.displacement_method != "BUMP" and _is_displaced(slot.material):
+            if slot.material and slot.material.displacement_method != "BUMP" and is_displaced(slot.material):
                 self.result.doubts.append(
                     f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh"
                 )
@@ -240,6 +262,16 @@ def _mesh(drawn: Any) -> Mesh | None:
         raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
 
 
+def _is_clear(drawn: Any) -> bool:
+    """Whether one sees through all materials that its faces wear."""
+    dressed = [slot.material for slot in drawn.material_slots]
+    if drawn.type == "MESH" and len(dressed) > 1:
+        worn = np.empty(len(drawn.data.polygons), np.int32)
+        drawn.data.polygons.foreach_get("material_index", worn)
+        dressed = [dressed[i] for i in np.unique(np.minimum(worn, len(dressed) - 1)).tolist()]
+    return any(dressed) and all(material is not None and is_clear(material) for material in dressed)
+
+
 def _faces(drawn: Any) -> Mesh | None:
     data = drawn.data
     data.calc_loop_triangles()
@@ -264,24 +296,14 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
     if original.indirect_only_get(view_layer=depsgraph.view_layer):
         return "invisible to the camera (its collection is indirect only)"
     materials = [s.material for s in drawn.material_slots]
-    if materials and all(m is not None and _is_volume(m) for m in materials):
-        return "has volume shaders only"
+    if materials and all(m is not None and is_volume(m) for m in materials):
+        return VOLUME
     return None
 
 
 def _is_hidden(original: Any) -> bool:
     """Whether the eye or the monitor icon hides it, its own or its collection's."""
     return bool(original.hide_viewport or not original.visible_get())
-
-
-def _is_volume(material: Any) -> bool:
-    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
-    return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
-
-
-def _is_displaced(material: Any) -> bool:
-    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
-    return bool(output and output.inputs["Displacement"].is_linked)
 
 
 def _list_hidden(scene: Any, result: Evaluated) -> None:

@@ -95,7 +95,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         scenery = build_scenery(job["name"], drawn.meshes, drawn.pieces, metres=metres, options=options)
         save_scenery(job["bundle"], scenery.scenery)
         uses = [r.use for r in scenery.roles]
-        solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "obstacle")]
+        solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
         extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
         size = _three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
         rows, missing = _rows(drawn, uses, [r.why for r in scenery.roles]), _missing(drawn, uses)
@@ -108,7 +108,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             missing=missing,
             doubts=(
                 *([odd] if odd else []),
-                *scenery_doubts(size, rows, missing, unit=unit, options=options),
+                *scenery_doubts(size, drawn.pieces, scenery.roles, missing, unit=unit, options=options),
                 *opened.doubts,
                 *drawn.doubts,
             ),
@@ -136,7 +136,9 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
 def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
     """What is missing of that which is used."""
     used = zip(drawn.pieces, uses, strict=True)
-    return missing_files({link.name for piece, use in used if use != "dropped" for link in piece.chain})
+    return missing_files(
+        {link.name for piece, use in used if use not in ("dropped", "removed") for link in piece.chain}
+    )
 
 
 def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Row, ...]:

@@ -87,14 +87,14 @@ def write_scenery(
     uses: Sequence[str],
     scenery_from_file: Float[np.ndarray, "4 4"],
 ) -> None:
-    """Write everything that is drawn but backdrops, in whose place the HDRI is seen, as a file with one scene."""
+    """Write what is drawn, but for backdrops and what the config drops, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
     scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
     alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)
     for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
-        if use != "backdrop":
+        if use not in ("backdrop", "removed"):
             alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
     for same in alike.values():
         poses = scenery_from_file @ np.array([pieces[i].pose for i in same])

@@ -52,7 +52,7 @@ class Renderer:
         scenery, wanted = job.scenery, (type(job), job.scenery)
         if self._stage is None or self._loaded != wanted:
             self.reset()
-            self._stage = Stage(scenery.path, np.array(scenery.scenery_from_file), scenery.standing)
+            self._stage = Stage(scenery.path, np.array(scenery.scenery_from_file), scenery.standing, scenery.removed)
             if isinstance(job, MaskJob):
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted

@@ -34,7 +34,9 @@ FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth reso
 class Stage:
     """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
 
-    def __init__(self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = ()) -> None:
+    def __init__(
+        self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = (), removed: Sequence[str] = ()
+    ) -> None:
         # Never run what a file brings along: see docs/safety.md.
         open_blend(path)
         self.path = path
@@ -43,6 +45,7 @@ class Stage:
         self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
         _hide_backdrops(self.scene, frozenset(standing))
+        _remove(frozenset(removed))
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -155,6 +158,20 @@ def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
         cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
         if cut or (_is_backdrop(obj) and obj.name not in standing and TIDY not in scene):
             obj.hide_render = True
+
+
+def _remove(names: Set[str]) -> None:
+    """Draw nothing of these objects, nor what they draw as instances, nor instances of them.
+
+    A prototype that is hidden from render is still drawn where it is scattered, so that it needs an empty mesh.
+    """
+    for obj in [obj for obj in bpy.data.objects if obj.name in names]:
+        obj.hide_render = True
+        if obj.library is None:
+            obj.instance_type = "NONE"
+            obj.modifiers.clear()
+            if obj.type == "MESH":
+                obj.data = bpy.data.meshes.new(obj.name)
 
 
 def _is_backdrop(obj: Any) -> bool:

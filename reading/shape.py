@@ -1,0 +1,133 @@
+"""What pieces are by their shape: ground that has no name for it, sheets that may be water, domes around everything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from geometry.meshes import Mesh
+from geometry.transforms import apply
+from reading.roles import FLAT, Piece
+
+STEEP = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
+LEVEL = 0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
+GROUND_LEVEL, ALONE_LEVEL = 0.6, 0.9  # the same for ground with things on it, and without
+FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer side
+LARGE = 0.05  # ground is in pieces of at least this share of the scenery's extent
+COVERED = 0.4  # and covers at least this share
+CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
+SMALLEST = 20.0  # metres; less is no scenery
+SHEET = 20.0  # metres; a narrower sheet without a name is not taken for water
+DROWNED = 0.5  # metres of ground below such a sheet
+
+
+def level_share(mesh: Mesh, metres_from_mesh: Float[np.ndarray, "4 4"]) -> float:
+    """Share of a mesh's area that is inclined by 30 degrees at most, whichever side of it is up.
+
+    Parameters
+    ----------
+    mesh
+        The mesh.
+    metres_from_mesh
+        (4, 4) affine, to where z is up.
+    """
+    corners = apply(metres_from_mesh, mesh.vertices)[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    whole = float(area.sum())
+    return float(area[np.abs(normal[:, 2]) >= STEEP * area].sum()) / whole if whole > 0.0 else 0.0
+
+
+def is_wide_and_level(piece: Piece, *, least: float) -> bool:
+    """Whether a piece is at least so many metres wide, no higher than wide, and mostly level."""
+    length, width, height = piece.bounds[1] - piece.bounds[0]
+    return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
+
+
+def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
+    """Those pieces that are large, level, lowest, and together carry the rest; none if there is nothing like that.
+
+    Parameters
+    ----------
+    pieces
+        All.
+    among
+        Which of them may be ground.
+    solid
+        Ground and obstacles.
+    """
+    around = enclosing(solid)
+    rest = np.array([piece.bounds for piece in solid if piece is not around]).reshape(-1, 2, 3)
+    if not len(rest):
+        return []
+    extent = rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)
+    if max(extent[:2]) < SMALLEST:
+        return []
+    least = LARGE * extent[0] * extent[1]
+    able = [i for i in among if _may_be_ground(pieces[i], least)]
+    able.sort(key=lambda i: pieces[i].bounds[:, 2].sum())
+    taken: list[int] = []
+    for i in able:
+        over = max((_overlap(pieces[i].bounds, pieces[j].bounds) for j in taken), default=0.0)
+        if over < 0.5 * _area(pieces[i].bounds) and _carries(pieces[i], rest):
+            taken.append(i)
+    covered = sum(_area(pieces[i].bounds) for i in taken)
+    return taken if covered >= COVERED * extent[0] * extent[1] else []
+
+
+def _may_be_ground(piece: Piece, least: float) -> bool:
+    size = piece.bounds[1] - piece.bounds[0]
+    low = size[2] <= FLATTEST_GROUND * max(size[:2])
+    return bool(low and piece.level >= GROUND_LEVEL and not piece.scattered and size[0] * size[1] >= least)
+
+
+def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
+    """Whether most of what has its middle above or below a piece does not reach below it; or it is all there is."""
+    low, high = piece.bounds
+    middle = rest.mean(axis=1)[:, :2]
+    there = ((middle >= low[:2]) & (middle <= high[:2])).all(axis=1) & (rest != piece.bounds).any(axis=(1, 2))
+    if not there.any():
+        return bool(piece.level >= ALONE_LEVEL)
+    sunk = np.maximum(1.0, 0.2 * (rest[:, 1, 2] - rest[:, 0, 2]))
+    return bool((rest[there, 0, 2] >= low[2] - sunk[there]).mean() >= CARRIED)
+
+
+def sheets_between(
+    pieces: Sequence[Piece], among: Sequence[int], ground: Sequence[Float[np.ndarray, "2 3"]]
+) -> list[int]:
+    """Those pieces that are wide flat sheets at a height between the lowest and the highest ground, as a lake is."""
+    if not ground:
+        return []
+    lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
+    found = []
+    for i in among:
+        size = pieces[i].bounds[1] - pieces[i].bounds[0]
+        height = pieces[i].bounds[:, 2].mean()
+        flat = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=SHEET)
+        if flat and not pieces[i].scattered and lowest + DROWNED < height < highest:
+            found.append(i)
+    return found
+
+
+def enclosing(pieces: Sequence[Piece]) -> Piece | None:
+    """The largest piece, if it is no sheet and all others are inside its bounds, as in a sky dome; else None."""
+    if len(pieces) < 2:
+        return None
+    bounds = np.array([piece.bounds for piece in pieces])
+    size = bounds[:, 1] - bounds[:, 0]
+    largest = int(np.argmax(size.prod(axis=1)))
+    others = np.delete(bounds, largest, axis=0)
+    inside = (others[:, 0, :2] >= bounds[largest, 0, :2]).all() and (others[:, 1] <= bounds[largest, 1]).all()
+    high = size[largest, 2] > FLATTEST_GROUND * max(size[largest, :2])
+    return pieces[largest] if inside and high and pieces[largest].level < GROUND_LEVEL else None
+
+
+def _area(bounds: Float[np.ndarray, "2 3"]) -> float:
+    return float(np.prod((bounds[1] - bounds[0])[:2]))
+
+
+def _overlap(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> float:
+    """Area that two bounds share, seen from above."""
+    return float(np.prod(np.clip(np.minimum(a[1], b[1]) - np.maximum(a[0], b[0]), 0.0, None)[:2]))

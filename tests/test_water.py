@@ -1,0 +1,206 @@
+"""Nothing is placed below water, whatever its shape; and nothing where no light comes."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from assets.library import Assets
+from camera.clearance import CameraRoom
+from camera.intrinsics import Intrinsics
+from camera.visibility import visible_fraction
+from camera.world import World
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh
+from geometry.transforms import rigid, rotation_about, rotation_z
+from placement.clearance import Obstacles
+from placement.rejection import Rejection
+from placement.terrain import Terrain
+from planning.check import check_plan
+from planning.planner import plan
+from planning.stage import make_stage
+from planning.write import write_plan
+from tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
+
+TANK = vehicle("t72")
+NOTHING = InstancedScene([], [], [])
+VALLEYS = hills("valleys", size=160.0, trees=20)
+
+
+def river():
+    """Along x through the scenery, one metre lower at its end."""
+    corners = np.array([[-80.0, -14, 0.5], [80, -14, -0.5], [80, 14, -0.5], [-80, 14, 0.5]])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "river")
+
+
+def steep_pose(x, y, z):
+    """A plane modelled upright, in the file's xz, and turned into the horizon by its object."""
+    return rigid(rotation_about([1.0, 0, 0], np.pi / 2), [x, y, z])
+
+
+UPRIGHT = Mesh(sheet((-80, -80), (80, 80)).vertices[:, [0, 2, 1]], np.array([[0, 2, 1], [0, 3, 2]]), "upright")
+WATERS = {
+    "one lake": with_water(VALLEYS, sheet((-80, -80), (80, 80), 0.3)),
+    "lakes at different heights": with_water(
+        with_water(VALLEYS, sheet((-80, -80), (0, 80), 1.0)), sheet((0, -80), (80, 80), -0.5)
+    ),
+    "a sloped river": with_water(VALLEYS, river()),
+    "a box of water": with_water(VALLEYS, box((-80, -80, -9), (80, 80, 0.3))),
+    "a plane turned by its object": with_water(VALLEYS, UPRIGHT, steep_pose(0, 0, 0.3)),
+    "ponds as instances": with_water(
+        VALLEYS,
+        sheet((-1, -1), (1, 1)),
+        *(rigid(rotation_z(k), [40 * np.cos(k), 40 * np.sin(k), 0.5]) @ np.diag([15, 12, 1, 1]) for k in range(8)),
+    ),
+}  # fmt: skip
+
+
+def config_for(scenery, *, images, **sections):
+    return small_config(
+        assets={
+            "vehicles": [{"path": "t72.blend", "category": "tank"}],
+            "sceneries": [{"path": f"{scenery.name}.blend"}],
+        },
+        budget={"images_per_class": images, "images_per_position": 1},
+        **sections,
+    )
+
+
+def assets_of(scenery):
+    return Assets({"t72": TANK}, {"t72": "tank"}, {scenery.name: scenery}, ("noon",))
+
+
+def heights_of_water(scenery, xy):
+    """The topmost water by plain arithmetic: nan beside it."""
+    height = np.full(len(xy), np.nan)
+    for i in np.flatnonzero(scenery.instance_is_water):
+        mesh, pose = scenery.obstacle_meshes[scenery.instance_mesh[i]], scenery.world_from_instance[i]
+        for a, b, c in (mesh.triangles @ pose[:3, :3].T + pose[:3, 3]).tolist():
+            matrix = np.array([np.subtract(b, a)[:2], np.subtract(c, a)[:2]]).T
+            if abs(np.linalg.det(matrix)) < 1e-9:
+                continue
+            s, t = np.linalg.solve(matrix, (xy - np.array(a)[:2]).T)
+            inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+            z = a[2] + s * (b[2] - a[2]) + t * (c[2] - a[2])
+            height[inside] = np.fmax(height[inside], z[inside])
+    return height
+
+
+@pytest.mark.parametrize("name", WATERS)
+def test_no_vehicle_and_no_camera_is_below_water(name):
+    scenery = WATERS[name]
+    rows = list(plan(config_for(scenery, images=50), assets_of(scenery)))
+    rejected = sum((Counter(row.rejected) for row in rows), Counter())
+    assert rejected["water"] > 5
+    # All corners of the footprint are sampled: no vertex of the underside is below.
+    feet = TANK.mesh.vertices[TANK.mesh.vertices[:, 2] < 1e-9]
+    for row in rows:
+        points = feet @ row.world_from_vehicle[:3, :3].T + row.world_from_vehicle[:3, 3]
+        assert not (heights_of_water(scenery, points[:, :2]) - points[:, 2] > 1e-6).any()
+        eye = row.world_from_camera[None, :3, 3]
+        assert not (eye[:, 2] - heights_of_water(scenery, eye[:, :2]) < 0.5).any()
+
+
+def test_a_lake_drowned_one_position_in_ten_and_drowns_none():
+    """300 positions on a scenery with a lake: 26 once stood below it, where it was an obstacle that nobody touched."""
+    deep = hills("deep", height=9.0, size=240.0, trees=20)
+    level = np.quantile(deep.ground.vertices[:, 2], 0.3)
+    lake = with_water(deep, sheet((-120, -120), (120, 120), level))
+    unknown = replace(lake, instance_is_water=np.zeros(len(lake.instance_names), bool))
+    below = []
+    for scenery in (lake, unknown):
+        rows = list(plan(config_for(scenery, images=300), assets_of(scenery)))
+        below.append(sum(bool(row.world_from_vehicle[2, 3] < level) for row in rows))
+        below.append(sum(bool(row.world_from_camera[2, 3] < level) for row in rows))
+    assert below[:2] == [0, 0]
+    assert min(below[2:]) >= 10
+
+
+def test_what_fords_stands_in_water_as_deep_as_it_may():
+    lake = WATERS["one lake"]
+    config = config_for(lake, images=60, placement={"fording_depth": 1.0})
+    rows = list(plan(config, assets_of(lake)))
+    depth = np.array([0.3 - row.world_from_vehicle[2, 3] for row in rows])
+    assert depth.max() <= 1.1  # of the origin; a foot may be higher
+    assert (depth > 0.3).sum() > 5
+
+
+def test_check_knows_water(tmp_path):
+    made = write_plan(config_for(VALLEYS, images=40), assets_of(VALLEYS), tmp_path / "plan.jsonl")
+    assert check_plan(made, assets_of(VALLEYS)) == []
+    found = check_plan(made, assets_of(with_water(VALLEYS, sheet((-80, -80), (80, 80), 4.5))))
+    assert any("depth in water is" in line and "allowed are 0 to 0" in line for line in found)
+    assert any("breaks the camera's place (water)" in line for line in found)
+
+
+def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():
+    room = CameraRoom(Terrain.flat(-3.0), NOTHING, water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
+    places = np.array([[0, 0, 0.6], [0, 0, 0.4], [0, 0, -1.0], [20.0, 0, -1.0], [0, 0, 0.1]])
+    wet, dry = Rejection.CAMERA_WATER, Rejection.NONE
+    assert room.rejections(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
+    assert room.rejections(places).tolist() == [dry, dry, wet, dry, wet]
+
+
+def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
+    """One metre of a tank 2.3 m high is below the water of a ford: seen from the side, about half is hidden."""
+    ford = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0))
+    (site,) = make_stage(config_for(ford, images=1), assets_of(ford)).sites
+    model = make_stage(config_for(ford, images=1), assets_of(ford)).models["t72"]
+    camera = np.array([[[0, -0.1, -1, 30], [1, 0, 0, 0], [0, -1, 0.1, 3.5], [0, 0, 0, 1]]], float)
+    camera[0, :3, :3], _ = np.linalg.qr(camera[0, :3, :3])
+    camera[0, :3, :3] *= np.sign((camera[0, :3, :3] * [[0, 0, -1], [1, 0, 0], [0, -1, 0]]).sum(axis=0))
+    seen = visible_fraction(
+        model.target, np.eye(4)[None], camera, intrinsics=Intrinsics(640, 480, 0.7), world=site.world, rays=900
+    )
+    assert 0.4 < seen.by_obstacles[0] < 0.8
+    assert seen.fraction[0] == pytest.approx(1.0 - seen.by_obstacles[0])
+    dry = visible_fraction(
+        model.target, np.eye(4)[None], camera, intrinsics=Intrinsics(640, 480, 0.7), world=World(), rays=900
+    )
+    assert dry.fraction[0] == 1.0
+
+
+def test_water_is_no_obstacle_beside_which_room_is_kept():
+    shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
+    (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
+    assert site.vehicle_room.clear(TANK, np.eye(4)[None], 5.0).tolist() == [True]
+
+
+def house(*, open_front=False, size=12.0):
+    """A box without thickness about the origin; without its wall towards +x if it is open."""
+    walls = box((-size / 2, -size / 2, -0.1), (size / 2, size / 2, size / 2))
+    across = walls.triangles[..., 0].min(axis=1) == size / 2
+    return Mesh(walls.vertices, walls.faces[~across] if open_front else walls.faces, "house")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "lit"),
+    [
+        pytest.param(house(), False, id="a closed house"),
+        pytest.param(house(open_front=True), True, id="a garage without its door"),
+        pytest.param(sheet((-30, -30), (30, 30), 5.0), True, id="a roof on posts"),
+        pytest.param(box((-99, -99, -300), (999, 999, 300)), True, id="a sky dome nearby on one side"),
+        pytest.param(house(size=400.0), True, id="a sky dome"),
+    ],
+)
+def test_a_vehicle_under_a_roof_is_lit_unless_it_is_shut_in(mesh, lit):
+    room = Obstacles(InstancedScene([mesh], [0], [np.eye(4)]))
+    assert room.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+
+
+def test_a_house_of_many_objects_shuts_in():
+    walls = house()
+    parts = [Mesh(walls.vertices, walls.faces[2 * k : 2 * k + 2], "wall") for k in range(6)]
+    room = Obstacles(InstancedScene(parts, list(range(6)), [np.eye(4)] * 6))
+    assert room.open_above(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
+
+
+def test_a_dome_around_everything_refuses_nothing():
+    """An unnamed sky dome once shut every vehicle and every camera in."""
+    dome = replace(with_water(VALLEYS, house(size=900.0)))
+    dome = replace(dome, instance_is_water=np.zeros(len(dome.instance_names), bool))
+    rows = list(plan(config_for(dome, images=10), assets_of(dome)))
+    assert len(rows) == 10
+    room = CameraRoom(Terrain(VALLEYS.ground), InstancedScene([house(size=900.0)], [0], [np.eye(4)]))
+    assert room.rejections(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]
