@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +20,7 @@ from reading.roles import Link, Piece, Role, scenery_roles, vehicle_roles
 YAW = {"+x": 0.0, "+y": -np.pi / 2, "-x": np.pi, "-y": np.pi / 2}
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 KILOMETRE = 1000.0
+TEXTURE_SIZE = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ class Options:
         Pattern of a vehicle's turret and gun; "" for none.
     include, exclude
         Patterns of what is a scenery's ground and what is not.
+    texture_size
+        Texels of the longer side that a texture which cuts out is kept at.
     """
 
     up: str | None = None
@@ -51,6 +54,7 @@ class Options:
     gun: str | None = None
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
+    texture_size: int = TEXTURE_SIZE
 
 
 def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
@@ -114,7 +118,7 @@ def build_vehicle(
             there = ", ".join(sorted({repr(pieces[i].name) for i in kept})[:8])
             raise AssetError(f"{part} = {key!r} matches nothing, or everything; in it is {there}")
     order = np.argsort(parts.piece_part, kind="stable")
-    placed = [_compact(points[j], meshes[pieces[kept[j]].mesh].faces, pieces[kept[j]].name) for j in order]
+    placed = [_compact(meshes[pieces[kept[j]].mesh], points[j], pieces[kept[j]].name) for j in order]
     mesh, _ = merge(placed, name=name)
     low, high = mesh.bounds
     underside = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -127,7 +131,7 @@ def build_vehicle(
     piece_part[kept] = parts.piece_part
     shape = VehicleShape(
         name=name,
-        mesh=Mesh(mesh.vertices - underside, mesh.faces, name),
+        mesh=mesh.at(mesh.vertices - underside),
         vertex_part=np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed]),
         part_names=parts.names,
         part_parent=np.array(parts.parent),
@@ -139,10 +143,9 @@ def build_vehicle(
     return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts))
 
 
-def _compact(points: Float[np.ndarray, "v 3"], faces: np.ndarray, name: str) -> Mesh:
+def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
     """Without vertices that no face uses: they are not rendered and must not count for boxes."""
-    used, inverse = np.unique(faces, return_inverse=True)
-    return Mesh(points[used], inverse.reshape(-1, 3).astype(np.int32), name)
+    return replace(mesh.at(points).of_faces(np.arange(len(mesh.faces))), name=name)
 
 
 def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
@@ -191,8 +194,8 @@ def build_scenery(
     if ground:
         placed = [
             _compact(
+                meshes[pieces[i].mesh],
                 apply(scenery_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices),
-                meshes[pieces[i].mesh].faces,
                 pieces[i].name,
             )
             for i in ground

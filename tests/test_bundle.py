@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery, load_vehicle, save_scenery, save_vehicle
+from assets.bundle import FORMAT, load_scenery, load_vehicle, save_scenery, save_vehicle
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
@@ -101,7 +101,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
     whole = path.read_bytes()
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
-    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(1), kind=np.str_("vehicle"))
+    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(FORMAT), kind=np.str_("vehicle"))
     np.save(tmp_path / "single.npy", np.zeros(3))
     np.savez(tmp_path / "pickled.npz", hulldown_bundle=np.array([{}], dtype=object), kind=np.str_("vehicle"))
     for name, content, problem in (
@@ -109,8 +109,8 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
         ("empty.npz", b"", "cannot be read as a bundle"),
         ("missing.npz", None, "does not exist"),
         ("other.npz", None, "is no bundle of hulldown"),
-        ("future.npz", None, "is a bundle of format 99, this is 1"),
-        ("partial.npz", None, "lacks ['faces'"),
+        ("future.npz", None, "is a bundle of format 99, this is 2"),
+        ("partial.npz", None, "lacks ['cut_counts'"),
         ("single.npy", None, "cannot be read as a bundle"),
         ("pickled.npz", None, "cannot be read as a bundle"),
     ):
