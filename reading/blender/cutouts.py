@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from geometry.alpha import AlphaMap, Cutouts, Extension
+from reading.blender.bake import baked
+from reading.blender.coordinates import coordinates
 from reading.blender.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
 from reading.blender.texels import shrunk, texels
 
@@ -39,6 +42,25 @@ class CutoutReader:
         self._texels: dict[Any, tuple[np.ndarray, Any]] = {}
         self.doubts: list[str] = []
 
+    def bake(self, materials: Iterable[Any]) -> None:
+        """Have Cycles work out the opacity of those materials that are no single lookup; while nothing is evaluated."""
+        for material in materials:
+            try:
+                opacity_of(material)
+            except NotUnderstoodError:
+                key = material.as_pointer()
+                try:
+                    alpha, layer, (low, high) = baked(material, self._longest)
+                except NotUnderstoodError as reason:
+                    self._cutters[key] = None
+                    self.doubts.append(
+                        f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
+                    )
+                    continue
+                scale, shift = 1.0 / (high - low), -low / (high - low)
+                onto = ((float(scale[0]), 0.0, float(shift[0])), (0.0, float(scale[1]), float(shift[1])))
+                self._cutters[key] = Cutter(alpha, layer, onto)
+
     def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
         """Of an evaluated mesh whose loop triangles are calculated."""
         cutters = [self._cutter(material) if material else None for material in materials]
@@ -67,13 +89,7 @@ class CutoutReader:
     def _cutter(self, material: Any) -> Cutter | None:
         key = material.original.as_pointer()
         if key not in self._cutters:
-            try:
-                self._cutters[key] = self._cut(opacity_of(material))
-            except NotUnderstoodError as reason:
-                self._cutters[key] = None
-                self.doubts.append(
-                    f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
-                )
+            self._cutters[key] = self._cut(opacity_of(material))
         return self._cutters[key]
 
     def _cut(self, value: Value) -> Cutter | None:
@@ -111,12 +127,7 @@ def _load(image: Any) -> bool:
 
 def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
     """Of the corners of faces; zeros where the mesh has no such layer, as in Cycles."""
-    layers = data.uv_layers
-    layer = layers.get(cutter.layer) if cutter.layer else next((each for each in layers if each.active_render), None)
-    if layer is None:
-        return np.zeros((len(corners), 3, 2), dtype=np.float32)
-    flat = np.empty(2 * len(layer.uv), dtype=np.float32)
-    layer.uv.foreach_get("vector", flat)
-    uv = np.nan_to_num(flat.reshape(-1, 2)[corners].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    moved = uv @ np.array(cutter.image_from_uv)[:, :2].T + np.array(cutter.image_from_uv)[:, 2]
-    return moved.astype(np.float32)
+    found = coordinates(data, cutter.layer)
+    uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]
+    onto = np.array(cutter.image_from_uv)
+    return np.asarray(uv @ onto[:, :2].T + onto[:, 2], dtype=np.float32)

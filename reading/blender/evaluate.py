@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
+import bpy
 import numpy as np
 from jaxtyping import Float
 
@@ -103,6 +104,7 @@ def evaluate(
     """
     result = Evaluated()
     cutouts = CutoutReader(texture_size)
+    cutouts.bake([material for material in bpy.data.materials if material.users])
     visit_render(
         scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, cutouts, keep_mesh, keep_look).read()
     )
