@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from assets.scenery import Scenery
+from assets.textures import ARRAYS, packed, unpacked
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.files import replacing
@@ -29,6 +30,7 @@ def save_vehicle(path: Path | str, shape: VehicleShape) -> None:
         mesh_name=np.str_(shape.mesh.name),
         vertices=shape.mesh.vertices,
         faces=shape.mesh.faces,
+        **packed([shape.mesh.cutouts]),
         part_names=_names(shape.part_names),
         **{f: getattr(shape, f) for f in _arrays(VehicleShape)},
     )
@@ -43,11 +45,11 @@ def load_vehicle(path: Path | str) -> VehicleShape:
         If `path` is no such file, or one of another format version.
     """
     data = _load(
-        Path(path), "vehicle", {"name", "mesh_name", "vertices", "faces", "part_names", *_arrays(VehicleShape)}
+        Path(path), "vehicle", {"name", "mesh_name", "vertices", "faces", "part_names", *ARRAYS, *_arrays(VehicleShape)}
     )
     return VehicleShape(
         name=str(data["name"]),
-        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"])),
+        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"]), *unpacked(data)),
         part_names=tuple(data["part_names"].tolist()),
         **{f: data[f] for f in _arrays(VehicleShape)},
     )
@@ -69,6 +71,7 @@ def save_scenery(path: Path | str, scenery: Scenery) -> None:
         face_counts=np.array([len(m.faces) for m in meshes], np.int64),
         vertices=np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)]),
         faces=np.concatenate([np.empty((0, 3), np.int32), *(m.faces for m in meshes)]),
+        **packed([m.cutouts for m in meshes]),
         **{f: getattr(scenery, f) for f in _arrays(Scenery)},
     )
 
@@ -91,10 +94,11 @@ def load_scenery(path: Path | str) -> Scenery:
         "vertex_counts",
         "face_counts",
     }
-    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", *_arrays(Scenery)})
+    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", *ARRAYS, *_arrays(Scenery)})
     vertices = np.split(data["vertices"], np.cumsum(data["vertex_counts"])[:-1])
     faces = np.split(data["faces"], np.cumsum(data["face_counts"])[:-1])
-    meshes = [Mesh(v, f, n) for v, f, n in zip(vertices, faces, data["mesh_names"].tolist(), strict=False)]
+    described = zip(vertices, faces, data["mesh_names"].tolist(), unpacked(data), strict=False)
+    meshes = [Mesh(*of_one) for of_one in described]
     ground = meshes.pop() if data["has_ground"] else None
     return Scenery(
         name=str(data["name"]),

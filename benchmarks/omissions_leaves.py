@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from camera.shell import camera_pose
 from camera.target import VehicleTarget
 from camera.visibility import visible_fraction
 from camera.world import World
+from geometry.alpha import AlphaMap, Cutouts
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_z
@@ -56,13 +58,15 @@ def measure(quick: bool) -> dict[str, Any]:
         given |= {f"poses_{number}": poses, f"texture_{number}": texture, f"uv_{number}": _uv(trees["cards"])}
         for made_of, mesh in trees.items():
             given |= {f"{made_of}_vertices_{number}": mesh.vertices, f"{made_of}_faces_{number}": mesh.faces}
+        trees["quads"] = replace(trees["cards"], cutouts=None)
         planned.append({made_of: _planned(shape, cameras, lens, mesh, poses) for made_of, mesh in trees.items()})
     shown = _rendered(given | {"sceneries": len(woods)})
     alone = shown["alone"].sum(axis=(1, 2))
     for number, wood in enumerate(woods):
         for made_of, fraction in planned[number].items():
             wood[f"planned_{made_of}"] = fraction.tolist()
-            wood[f"shown_{made_of}"] = (shown[f"{made_of}_{number}"].sum(axis=(1, 2)) / alone).tolist()
+            if f"{made_of}_{number}" in shown:
+                wood[f"shown_{made_of}"] = (shown[f"{made_of}_{number}"].sum(axis=(1, 2)) / alone).tolist()
     return {"views": views, "pixels": float(alone.mean()), "rays": RAYS, "woods": woods}
 
 
@@ -94,7 +98,10 @@ def tree(kind: str, texture: np.ndarray, *, rng: np.random.Generator) -> tuple[M
     row, start = np.nonzero(edges == 1)
     _, end = np.nonzero(edges == -1)
     runs = np.stack([start, row, end, row + 1], axis=1) / TEXELS
-    return _quads(corner, right, up, np.array([[0.0, 0.0, 1.0, 1.0]])), _quads(corner, right, up, runs)
+    cards = _quads(corner, right, up, np.array([[0.0, 0.0, 1.0, 1.0]]))
+    alpha = AlphaMap(texture.astype(np.uint8) * 255, smooth=False)
+    holes = Cutouts(np.arange(len(cards.faces)), _uv(cards)[cards.faces], np.zeros(len(cards.faces), int), (alpha,))
+    return replace(cards, cutouts=holes), _quads(corner, right, up, runs)
 
 
 def _quads(corner: np.ndarray, right: np.ndarray, up: np.ndarray, inside: np.ndarray) -> Mesh:
@@ -107,7 +114,8 @@ def _quads(corner: np.ndarray, right: np.ndarray, up: np.ndarray, inside: np.nda
 
 
 def _uv(cards: Mesh) -> np.ndarray:
-    return np.tile([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], (len(cards.vertices) // 4, 1))
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], dtype=np.float32)
+    return np.tile(corners, (len(cards.vertices) // 4, 1))
 
 
 def _places(density: float) -> np.ndarray:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from camera.pencils import Pencils, box_at_unit_depth
 from camera.projection import NEAR
+from geometry.cutouts import PASSED
 from geometry.instances import InstancedScene
 from geometry.transforms import apply, invert_rigid
 
@@ -16,15 +17,15 @@ RAYS = 1 << 18  # pairs of ray and instance held at a time
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
-def hidden_in_beams(
+def passed_in_beams(
     scene: InstancedScene,
     pencils: Pencils,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
     which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
-) -> Bool[np.ndarray, " k"]:
-    """Whether each ray is blocked; the same answer as `scene.occluded`, which asks the tree ray by ray.
+) -> Float[np.ndarray, " k"]:
+    """How much of each ray gets through: 0 or 1, as `scene.occluded` says, but for what is cut out by textures.
 
     Parameters
     ----------
@@ -40,9 +41,9 @@ def hidden_in_beams(
         (k,) how far each looks, in metres from the near plane.
     """
     n, r = len(world_from_camera), len(pencils.pattern)
-    hidden = np.zeros(len(which), dtype=bool)
+    passed = np.ones(len(which))
     if not len(which) or not len(scene.bounds):
-        return hidden
+        return passed
     origins, along = pencils.rays(world_from_camera, which)
     # Where in `which` a ray is, and how far it looks; -inf is not asked for, or hidden already.
     place = np.zeros(n * r, dtype=np.int64)
@@ -62,14 +63,13 @@ def hidden_in_beams(
         pair, ray = np.nonzero(pencils.inside(box[some], view[some]) & ahead)
         flat = view[some][pair] * r + ray
         rays, index = np.unique(place[flat], return_inverse=True)
-        blocked = rays[
-            scene.occluded_by(
-                origins[rays], along[rays], index, instance=instance[some][pair], max_distance=reach[rays]
-            )
-        ]
-        hidden[blocked] = True
+        passed[rays] *= scene.transmittance_by(
+            origins[rays], along[rays], index, instance=instance[some][pair], max_distance=reach[rays]
+        )
+        blocked = rays[passed[rays] < PASSED]
+        passed[blocked] = 0.0
         far.flat[which[blocked]] = -np.inf
-    return hidden
+    return passed
 
 
 def _touched(

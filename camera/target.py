@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from assets.vehicle import Articulation, VehicleShape
+from geometry.cutouts import CutoutCaster, caster_of
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster, RayHits
@@ -38,7 +39,7 @@ class TargetPart:
     """
 
     index: int
-    caster: RayCaster
+    caster: RayCaster | CutoutCaster
     face: Int[np.ndarray, " f"]
     hull: Float[np.ndarray, "k 3"]
     around: Float[np.ndarray, "c 3"]
@@ -206,7 +207,6 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
 
 def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> TargetPart:
     # Only the vertices that the faces use: others would move the centre that rays are traced about.
-    used, faces = np.unique(mesh.faces[face], return_inverse=True)
-    vertices = mesh.vertices[used]
-    hull = vertices[extreme_points(vertices)]
-    return TargetPart(index, RayCaster(Mesh(vertices, faces.reshape(-1, 3), name)), face, hull, points_around(hull))
+    part = replace(mesh.of_faces(face), name=name)
+    hull = part.vertices[extreme_points(part.vertices)]
+    return TargetPart(index, caster_of(part), face, hull, points_around(hull))

@@ -15,7 +15,7 @@ from assets.vehicle import Articulation
 from camera.intrinsics import Optics, lenses
 from camera.pencils import Pencils, box_at_unit_depth
 from camera.target import PosedVehicle, VehicleTarget
-from camera.world import BATCH, Kind, World
+from camera.world import BATCH, World
 from geometry.arrays import checked
 from geometry.transforms import apply, invert_rigid
 
@@ -140,7 +140,7 @@ def visible_fraction(
     pattern = jittered(rays, rng=np.random.default_rng(seed))
     lens = lenses(intrinsics)
     f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
-    counts, area = np.zeros((n, 5), dtype=np.int64), np.zeros(n)
+    counts, area = np.zeros((n, 5)), np.zeros(n)
 
     def work(index: Int[np.ndarray, " k"]) -> None:
         views = _Views(poses[index], f[index], size[index], pattern)
@@ -154,7 +154,7 @@ def visible_fraction(
     else:
         for block in blocks:
             work(block)
-    hits = counts[:, 0]
+    hits = counts[:, 0].astype(np.int64)
     share = counts[:, 1:] / np.where(hits > 0, hits, np.nan)[:, None]
     return Visibility(share[:, 0], share[:, 1], share[:, 2], share[:, 3], hits, area * hits / rays)
 
@@ -190,8 +190,8 @@ class _Views:
         self.world_from_camera, self.f, self.pattern = world_from_camera, f, pattern
         self.edge = size / 2.0 / f[:, None]
 
-    def count(self, vehicle: PosedVehicle, world: World) -> tuple[Int[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
-        """For each camera: rays on the target, visible, hidden by each of three kinds; and the area they aim at."""
+    def count(self, vehicle: PosedVehicle, world: World) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
+        """For each camera: rays on the target, visible, hidden by ground, obstacles, vehicles; the area they aim at."""
         n, r = len(self.f), len(self.pattern)
         placed = vehicle.seen_from(self.world_from_camera)
         boxes = [box_at_unit_depth(apply(pose, part.around)) for part, pose in placed]
@@ -210,9 +210,7 @@ class _Views:
                 hits = part.caster.cast(*pencils.rays(part_from_camera, asked))
                 distance[asked] = np.minimum(distance[asked], hits.distance)
         met = np.flatnonzero(np.isfinite(distance))
-        kind = world.hiding(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
-        counts = np.zeros((n, 5), dtype=np.int64)
-        counts[:, 0] = np.bincount(met // r, minlength=n)
-        for k in Kind:
-            counts[:, 1 + k] = np.bincount(met[kind == k] // r, minlength=n)
-        return counts, extent.prod(axis=1) * self.f**2
+        passed = world.passed(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
+        shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
+        counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
+        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.f**2

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
 from geometry.boxtree import BoxTree
+from geometry.cutouts import CutoutCaster, caster_of
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh, unit_normals
 from geometry.rays import RayCaster, checked_rays
@@ -93,11 +94,11 @@ class InstancedScene:
         for i in np.flatnonzero(stretch[:, 2] <= FLATTEST * stretch[:, 0]):
             mesh = self.meshes[which[i]]
             self.traced[i] = len(self.traced_meshes)
-            self.traced_meshes.append(Mesh(apply(poses[i], mesh.vertices), mesh.faces, mesh.name))
+            self.traced_meshes.append(mesh.at(apply(poses[i], mesh.vertices)))
             self.world_from_traced[i] = np.eye(4)
         self.traced_from_world = invert_affine(self.world_from_traced)
         used = set(self.traced.tolist())
-        self._casters = [RayCaster(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
+        self._casters = [caster_of(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
         self._tree = BoxTree(_padded(self.bounds))
         roomy = _roomy(self.bounds)
         self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= MANY else None
@@ -145,7 +146,7 @@ class InstancedScene:
         """All pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
         return self._tree.overlapping(low, high)
 
-    def occluded_by(
+    def transmittance_by(
         self,
         origins: ArrayLike,
         directions: ArrayLike,
@@ -153,8 +154,8 @@ class InstancedScene:
         *,
         instance: Int[np.ndarray, " p"],
         max_distance: ArrayLike = np.inf,
-    ) -> Bool[np.ndarray, " n"]:
-        """Whether each ray is blocked by an instance it is paired with; for callers that know which ones it may meet.
+    ) -> Float[np.ndarray, " n"]:
+        """How much of each ray the instances it is paired with let through; for callers that know which it may meet.
 
         Parameters
         ----------
@@ -164,11 +165,14 @@ class InstancedScene:
             (p,) indices: the pairs to try.
         """
         start, along, reach = checked_rays(origins, directions, max_distance)
-        blocked = np.zeros(len(start), dtype=bool)
+        passed = np.ones(len(start))
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
-            met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale)
-            blocked[ray[rows[met]]] = True
-        return blocked
+            limit = reach[ray[rows]] * scale
+            if isinstance(caster, RayCaster):
+                passed[ray[rows[caster.occluded(inside, inward, max_distance=limit)]]] = 0.0
+            else:
+                np.multiply.at(passed, ray[rows], caster.transmittance(inside, inward, max_distance=limit))
+        return passed
 
     def _cast_block(
         self,
@@ -220,7 +224,7 @@ class InstancedScene:
 
     def _moved(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
-    ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[RayCaster | CutoutCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
         traced = self.traced[instance]
         order = np.argsort(traced, kind="stable")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from geometry.alpha import Cutouts, merged_cutouts
 from geometry.arrays import checked
 from geometry.errors import AssetError
 from geometry.files import replacing
@@ -29,6 +30,8 @@ class Mesh:
         (f, 3) integer vertex indices. Winding carries no meaning in hulldown.
     name
         What errors call this mesh.
+    cutouts
+        Which faces textures cut out; None: none. Only `geometry.cutouts` looks at them.
 
     Raises
     ------
@@ -47,6 +50,7 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
     name: str = "mesh"
+    cutouts: Cutouts | None = None
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices)
@@ -90,6 +94,16 @@ class Mesh:
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Unit normals of these faces, by their winding; nan for faces without area."""
         return unit_normals(self.vertices[self.faces[face]])
+
+    def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
+        """These ascending faces and the vertices that they use, without others."""
+        used, faces = np.unique(self.faces[face], return_inverse=True)
+        cutouts = self.cutouts and self.cutouts.of(face)
+        return Mesh(self.vertices[used], faces.reshape(-1, 3), self.name, cutouts)
+
+    def at(self, points: Float[np.ndarray, "v 3"]) -> Mesh:
+        """The same faces with their vertices elsewhere."""
+        return Mesh(points, self.faces, self.name, self.cutouts)
 
     @classmethod
     def load(cls, path: str | Path) -> Mesh:
@@ -174,7 +188,7 @@ class Mesh:
 
     def relative_to(self, origin: ArrayLike) -> Mesh:
         """The same mesh in a frame with its zero at `origin`, (3,) metres."""
-        return Mesh(self.vertices - checked(origin, "origin", (3,)), self.faces, self.name)
+        return self.at(self.vertices - checked(origin, "origin", (3,)))
 
 
 def _refuse_format(path: Path) -> None:
@@ -206,5 +220,7 @@ def merge(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np
         raise ValueError("meshes: expected at least one mesh, got none")
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     faces = np.concatenate([m.faces + int(o) for m, o in zip(meshes, offsets, strict=True)])
-    source = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
-    return Mesh(np.concatenate([m.vertices for m in meshes]), faces, name), source
+    counts = [len(m.faces) for m in meshes]
+    cutouts = merged_cutouts([m.cutouts for m in meshes], counts)
+    merged = Mesh(np.concatenate([m.vertices for m in meshes]), faces, name, cutouts)
+    return merged, np.repeat(np.arange(len(meshes)), counts)

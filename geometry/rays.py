@@ -132,6 +132,12 @@ class RayCaster:
         in_coherent_blocks(trace, rays.passing, threads=threads)
         return blocked
 
+    def transmittance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Float[np.ndarray, " n"]:
+        """0 where anything lies along a ray, else 1; arguments as for `cast`."""
+        return 1.0 - self.occluded(origins, directions, max_distance=max_distance, threads=threads)
+
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Unit normals of these faces, by their winding; nan for faces without area."""
         return self.mesh.normals(face)

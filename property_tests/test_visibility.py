@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from assets.vehicle import VehicleShape
-from camera.beams import hidden_in_beams
+from camera.beams import passed_in_beams
 from camera.intrinsics import Intrinsics
 from camera.pencils import Pencils
 from camera.shell import camera_pose
@@ -125,8 +125,8 @@ def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov
     asked[2] = False
     which = np.flatnonzero(asked)
     reach = rng.uniform(-1, 60, len(which))
-    found = hidden_in_beams(scene, pencils, poses, which=which, reach=reach)
-    np.testing.assert_array_equal(found, scene.occluded(*pencils.rays(poses, which), max_distance=reach))
+    passed = passed_in_beams(scene, pencils, poses, which=which, reach=reach)
+    np.testing.assert_array_equal(passed == 0.0, scene.occluded(*pencils.rays(poses, which), max_distance=reach))
 
 
 @given(lenses, seeds, st.floats(0.01, 1.2), turns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -27,6 +27,7 @@ KILOMETRE = 1000.0
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
+TEXTURE_SIZE = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,8 @@ class Options:
         Patterns of what is ground and what is not in all sceneries.
     ground, not_ground, water
         The same of this scenery; and all of its water, or None to find it by name, material and shape.
+    texture_size
+        Texels of the longer side that a texture which cuts out is kept at.
     """
 
     up: str | None = None
@@ -70,6 +73,7 @@ class Options:
     ground: tuple[str, ...] = ()
     not_ground: tuple[str, ...] = ()
     water: tuple[str, ...] | None = None
+    texture_size: int = TEXTURE_SIZE
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,7 +133,7 @@ def build_vehicle(
             there = ", ".join(sorted({repr(pieces[i].name) for i in kept})[:8])
             raise AssetError(f"{part} = {key!r} matches nothing, or everything; in it is {there}")
     order = np.argsort(parts.piece_part, kind="stable")
-    placed = [_compact(points[j], meshes[pieces[kept[j]].mesh].faces, pieces[kept[j]].name) for j in order]
+    placed = [_compact(meshes[pieces[kept[j]].mesh], points[j], pieces[kept[j]].name) for j in order]
     mesh, _ = merge(placed, name=name)
     low, high = mesh.bounds
     underside = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -142,7 +146,7 @@ def build_vehicle(
     piece_part[kept] = parts.piece_part
     shape = VehicleShape(
         name=name,
-        mesh=Mesh(mesh.vertices - underside, mesh.faces, name),
+        mesh=mesh.at(mesh.vertices - underside),
         vertex_part=np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed]),
         part_names=parts.names,
         part_parent=np.array(parts.parent),
@@ -157,10 +161,9 @@ def build_vehicle(
     return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))
 
 
-def _compact(points: Float[np.ndarray, "v 3"], faces: np.ndarray, name: str) -> Mesh:
+def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
     """Without vertices that no face uses: they are not rendered and must not count for boxes."""
-    used, inverse = np.unique(faces, return_inverse=True)
-    return Mesh(points[used], inverse.reshape(-1, 3).astype(np.int32), name)
+    return replace(mesh.at(points).of_faces(np.arange(len(mesh.faces))), name=name)
 
 
 def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
@@ -213,8 +216,8 @@ def build_scenery(
     if ground:
         placed = [
             _compact(
+                meshes[pieces[i].mesh],
                 apply(scenery_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices),
-                meshes[pieces[i].mesh].faces,
                 pieces[i].name,
             )
             for i in ground

@@ -112,7 +112,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
         ("missing.npz", None, "does not exist"),
         ("other.npz", None, "is no bundle of hulldown"),
         ("future.npz", None, f"is a bundle of format 99, this is {FORMAT}"),
-        ("partial.npz", None, "lacks ['faces'"),
+        ("partial.npz", None, "lacks ['cut_counts'"),
         ("single.npy", None, "cannot be read as a bundle"),
         ("pickled.npz", None, "cannot be read as a bundle"),
     ):

@@ -121,10 +121,10 @@ def test_pencils_are_hidden_as_their_rays_are_one_by_one():
     pencils = Pencils(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
     which = np.flatnonzero(np.random.default_rng(1).random(800) < 0.9)
     reach = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
-    kind = WORLD.hiding(pencils, cameras, which=which, reach=reach)
-    assert set(kind) == set(Kind)
+    passed = WORLD.passed(pencils, cameras, which=which, reach=reach)
+    assert np.unique(passed, axis=0).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
     np.testing.assert_array_equal(
-        kind != Kind.NOTHING, WORLD.occluded(*pencils.rays(cameras, which), max_distance=reach)
+        passed[:, 2] == 0.0, WORLD.occluded(*pencils.rays(cameras, which), max_distance=reach)
     )
 
 

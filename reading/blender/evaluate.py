@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import product
 from typing import Any
 
+import bpy
 import numpy as np
 from jaxtyping import Float
 
@@ -14,10 +15,12 @@ from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply
 from reading.blender.capture import OUR_CAMERA, visit_render
+from reading.blender.cutouts import CutoutReader
 from reading.blender.poses import Poses
 from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
 from reading.drawn import Evaluated, Left
+from reading.build import TEXTURE_SIZE
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
 from reading.shape import level_share
@@ -41,6 +44,7 @@ def evaluate(
     scene: Any,
     *,
     metres_from_file: Float[np.ndarray, "4 4"],
+    texture_size: int = TEXTURE_SIZE,
     keep_mesh: Callable[[Any, list[Any]], None] | None = None,
     keep_look: Callable[[Any], None] | None = None,
 ) -> Evaluated:
@@ -52,6 +56,8 @@ def evaluate(
         A Blender scene.
     metres_from_file
         The file's scale and up axis, for the bounds of the pieces.
+    texture_size
+        Texels of the longer side that textures which cut out are kept at.
     keep_mesh
         Called with data and materials (evaluated, None for none) of each of the unique meshes, in their order.
     keep_look
@@ -63,7 +69,12 @@ def evaluate(
         If a mesh or an object has coordinates that are no numbers, or reaches farther than anything does.
     """
     result = Evaluated()
-    visit_render(scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, keep_mesh, keep_look).read())
+    cutouts = CutoutReader(texture_size)
+    cutouts.bake([material for material in bpy.data.materials if material.users])
+    visit_render(
+        scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, cutouts, keep_mesh, keep_look).read()
+    )
+    result.doubts += cutouts.doubts
     _list_hidden(scene, result)
     return result
 
@@ -74,11 +85,12 @@ class _Reader:
         depsgraph: Any,
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
+        cutouts: CutoutReader,
         keep_mesh: Callable[[Any, list[Any]], None] | None,
         keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
-        self.keep_mesh, self.keep_look = keep_mesh, keep_look
+        self.cutouts, self.keep_mesh, self.keep_look = cutouts, keep_mesh, keep_look
         self.poses = Poses(depsgraph)
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
@@ -121,7 +133,7 @@ class _Reader:
         materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
         key = (drawn.data.as_pointer(), materials)
         if key not in self.index:
-            mesh = _mesh(drawn)
+            mesh = _mesh(drawn, self.cutouts)
             if mesh is None:
                 self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
@@ -255,9 +267,9 @@ def _is_own_surface(instance: Any) -> bool:
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
 
 
-def _mesh(drawn: Any) -> Mesh | None:
+def _mesh(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
     try:
-        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn)
+        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn, cutouts)
     except ValueError as error:
         raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
 
@@ -272,7 +284,7 @@ def _is_clear(drawn: Any) -> bool:
     return any(dressed) and all(material is not None and is_clear(material) for material in dressed)
 
 
-def _faces(drawn: Any) -> Mesh | None:
+def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
     data = drawn.data
     data.calc_loop_triangles()
     if not len(data.loop_triangles):
@@ -281,7 +293,8 @@ def _faces(drawn: Any) -> Mesh | None:
     data.vertices.foreach_get("co", vertices)
     faces = np.empty(3 * len(data.loop_triangles), np.int32)
     data.loop_triangles.foreach_get("vertices", faces)
-    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name)
+    holes = cutouts.cutouts(data, [slot.material for slot in drawn.material_slots])
+    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name, holes)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:

@@ -57,7 +57,13 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     metres = metres_from_file(unit, up)
     files = used_files()
     keeper = Keeper()
-    drawn = evaluate(bpy.context.scene, metres_from_file=metres, keep_mesh=keeper.keep_mesh, keep_look=keeper.keep_look)
+    drawn = evaluate(
+        bpy.context.scene,
+        metres_from_file=metres,
+        texture_size=options.texture_size,
+        keep_mesh=keeper.keep_mesh,
+        keep_look=keeper.keep_look,
+    )
     _refuse_nothing(drawn, job["kind"])
     if not drawn.dressed:
         drawn.doubts.append(BARE)

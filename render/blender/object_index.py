@@ -1,8 +1,8 @@
 """Which vehicle is at each pixel's centre, by Cycles itself: the oracle that annotations are checked against.
 
 Everything glows with its object's number, one ray goes through the centre of each pixel, and the picture is read back.
-Materials do not matter: a leaf hides as much as the triangle it is drawn on, which is what the planner assumes too.
-Runs inside Blender; needs numpy and bpy only.
+Where a material is less than half opaque it is not there; elsewhere it hides, however it looks, as the planner takes
+it. Runs inside Blender; needs numpy and bpy only.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from typing import Any
 import bpy
 import numpy as np
 
+from reading.blender.opacity_nodes import show_opacity
 from render.blender import cycles
 from render.blender.scene import Stage
 from render.messages import Settings
 
 FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
 PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes
+DRESSED = "hulldown index"
 ONE_RAY = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
 
@@ -40,19 +42,19 @@ class IndexPictures:
         self._bare.collection.objects.link(stage.root)
         self._bare.collection.objects.link(stage.camera)
         self._bare.camera = stage.camera
-        material, dark = _glowing_index(), bpy.data.worlds.new("hulldown dark")
+        dark = bpy.data.worlds.new("hulldown dark")
         dark.node_tree.nodes.clear()
         for scene in (stage.scene, self._bare):
             cycles.configure(scene, ONE_RAY, device=device, threads=threads)
             scene.cycles.pixel_filter_type = "BOX"
             scene.cycles.filter_width = PIXEL_CENTRE
             scene.world = dark
-            scene.view_layers[0].material_override = material
             settings = scene.render.image_settings
             settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
         for obj in stage.scene.objects:
             if _is_only_volume(obj):
                 obj.hide_render = True
+        self._plain = bpy.data.materials.new("hulldown index")
 
     def maps(self, vehicles: Sequence[Sequence[Any]], folder: Path) -> np.ndarray:
         """Which vehicle each pixel's centre shows.
@@ -72,6 +74,7 @@ class IndexPictures:
         for number, objects in enumerate(vehicles):
             for obj in objects:
                 obj.pass_index = FIRST + number
+        self._dress()
         found = [self._render(self.stage.scene, folder)]
         render, bare = self.stage.scene.render, self._bare
         bare.render.resolution_x, bare.render.resolution_y = render.resolution_x, render.resolution_y
@@ -83,6 +86,25 @@ class IndexPictures:
                 bare.collection.objects.unlink(obj)
         numbers = np.stack(found)
         return np.where(numbers >= FIRST, numbers - FIRST + 1, 0).astype(np.uint8)
+
+    def _dress(self) -> None:
+        """Have all materials glow with their objects' numbers, those of vehicles placed since the last time too."""
+        for material in bpy.data.materials:
+            if DRESSED not in material and not material.is_grease_pencil:
+                if material.node_tree is None:  # before Blender 5.0 it may have none
+                    material.use_nodes = True
+                show_opacity(material, hard=True, strength=_index)
+                material[DRESSED] = True
+        for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.metaballs):
+            for data in blocks:
+                if not data.materials:
+                    data.materials.append(self._plain)
+                for slot, material in enumerate(data.materials):
+                    data.materials[slot] = material or self._plain
+        for obj in bpy.data.objects:
+            for slot in obj.material_slots:
+                if slot.link == "OBJECT" and slot.material is None:
+                    slot.material = self._plain
 
     def _render(self, scene: Any, folder: Path) -> np.ndarray:
         path = folder / "object-index.exr"
@@ -99,17 +121,8 @@ class IndexPictures:
         return np.rint(pixels.reshape(height, width, -1)[::-1, :, 0]).astype(np.int64)
 
 
-def _glowing_index() -> Any:
-    material = bpy.data.materials.new("hulldown index")
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    info = nodes.new("ShaderNodeObjectInfo")
-    glow = nodes.new("ShaderNodeEmission")
-    output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(info.outputs["Object Index"], glow.inputs["Strength"])
-    glow.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    links.new(glow.outputs["Emission"], output.inputs["Surface"])
-    return material
+def _index(tree: Any) -> Any:
+    return tree.nodes.new("ShaderNodeObjectInfo").outputs["Object Index"]
 
 
 def _is_only_volume(obj: Any) -> bool:

@@ -1,0 +1,87 @@
+"""Cut-outs of meshes as the plain arrays of a bundle: every texture, and every array of texels, once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from geometry.alpha import AlphaMap, Cutouts, Extension, Step
+
+ARRAYS = (
+    "cut_faces", "cut_uv", "cut_maps", "cut_counts",
+    "map_texels", "map_extension", "map_smooth", "map_step_counts", "step_kinds", "step_numbers",
+    "texel_shapes", "texel_is_byte", "texel_bytes", "texel_floats",
+)  # fmt: skip
+
+
+def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
+    """Arrays by the names in `ARRAYS`."""
+    there = [cut for cut in cutouts if cut is not None]
+    maps = list({id(alpha): alpha for cut in there for alpha in cut.maps}.values())
+    texels = list({id(alpha.texels): alpha.texels for alpha in maps}.values())
+    number = {id(alpha): i for i, alpha in enumerate(maps)}
+    place = {id(array): i for i, array in enumerate(texels)}
+    used = [np.array([number[id(alpha)] for alpha in cut.maps])[cut.face_map] for cut in there]
+    steps = [step for alpha in maps for step in alpha.steps]
+    is_byte = [array.dtype == np.uint8 for array in texels]
+    values = (
+        np.concatenate([np.empty(0, np.int64), *(cut.face for cut in there)]),
+        np.concatenate([np.empty((0, 3, 2), np.float32), *(cut.uv for cut in there)]),
+        np.concatenate([np.empty(0, np.int64), *used]),
+        np.array([-1 if cut is None else len(cut.face) for cut in cutouts], np.int64),
+        np.array([place[id(alpha.texels)] for alpha in maps], np.int64),
+        np.array([alpha.extension for alpha in maps], np.int64),
+        np.array([alpha.smooth for alpha in maps], bool),
+        np.array([len(alpha.steps) for alpha in maps], np.int64),
+        np.array([kind for kind, _ in steps], np.int64),
+        np.array([value for _, value in steps], np.float64),
+        np.array([array.shape for array in texels], np.int64).reshape(-1, 2),
+        np.array(is_byte, bool),
+        _joined([array for array, byte in zip(texels, is_byte, strict=True) if byte], np.uint8),
+        _joined([array for array, byte in zip(texels, is_byte, strict=True) if not byte], np.float32),
+    )
+    return dict(zip(ARRAYS, values, strict=True))
+
+
+def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
+    """The cut-outs that `packed` was given, of as many meshes.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are not of one another.
+    """
+    shapes, is_byte = data["texel_shapes"], data["texel_is_byte"]
+    sizes = shapes.prod(axis=1)
+    texels = np.empty(len(shapes), dtype=object)
+    for kind, flat in ((is_byte, data["texel_bytes"]), (~is_byte, data["texel_floats"])):
+        for i, array in zip(np.flatnonzero(kind), _cut(flat, sizes[kind]), strict=True):
+            texels[i] = array.reshape(shapes[i])
+    steps = list(zip(map(Step, data["step_kinds"].tolist()), data["step_numbers"].tolist(), strict=True))
+    ends = np.cumsum(data["map_step_counts"]).tolist()
+    maps = tuple(
+        AlphaMap(texels[which], Extension(extension), bool(smooth), tuple(steps[end - count : end]))
+        for which, extension, smooth, count, end in zip(
+            data["map_texels"].tolist(), data["map_extension"].tolist(), data["map_smooth"],
+            data["map_step_counts"].tolist(), ends, strict=True,
+        )
+    )  # fmt: skip
+    counts = data["cut_counts"].clip(0)
+    found: list[Cutouts | None] = []
+    for given, *arrays in zip(
+        data["cut_counts"], *(_cut(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps")), strict=True
+    ):
+        face, uv, face_map = arrays
+        mine, face_map = np.unique(face_map, return_inverse=True)
+        kept = tuple(maps[i] for i in mine)
+        found.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
+    return found
+
+
+def _joined(arrays: Sequence[np.ndarray], dtype: type) -> np.ndarray:
+    return np.concatenate([np.empty(0, dtype), *(array.ravel() for array in arrays)])
+
+
+def _cut(flat: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+    return np.split(flat, np.cumsum(counts)[:-1]) if len(counts) else []

@@ -1,0 +1,275 @@
+"""How opaque a surface is that a texture cuts out: lookups as Cycles makes them, and what a whole face can show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+
+HIDES = 0.5  # opacity from which on a point hides what is behind it, for masks and the nearest hit
+NEGLIGIBLE = 1e-3  # of a face as opaque or as clear as this nothing is looked up
+ROUNDING = 1e-3  # texels by which a lookup at the edge of a face may be off it
+ONE_TEXEL = np.array([[255]], dtype=np.uint8)
+
+
+class Extension(IntEnum):
+    """What is beyond the edges of an image."""
+
+    REPEAT = 0
+    EXTEND = 1
+    CLIP = 2
+
+
+class Step(IntEnum):
+    """What a material does with the value of a texel; all grow or fall with it."""
+
+    MULTIPLY = 0
+    ADD = 1
+    GREATER = 2
+    LESS = 3
+    ROUND = 4
+    MINIMUM = 5
+    MAXIMUM = 6
+    POWER = 7
+    FLOOR = 8
+    LINEAR = 9  # from sRGB, which Cycles undoes after it has interpolated
+
+
+class Cut(IntEnum):
+    """What a texture makes of a whole face."""
+
+    OPAQUE = 0
+    CLEAR = 1
+    MIXED = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AlphaMap:
+    """The opacity of a material over texture coordinates.
+
+    Parameters
+    ----------
+    texels
+        (h, w) values from 0 to 1: uint8 in 255ths, or float32. The first row is the lowest. Maps may share one array.
+    extension
+        What is beyond the edges.
+    smooth
+        Whether values between texels are interpolated; the nearest counts if not.
+    steps
+        What is done with a value, one step after the other, each with its number, in float32.
+
+    Examples
+    --------
+    >>> leaf = AlphaMap(np.array([[0, 255]], dtype=np.uint8), smooth=False)
+    >>> leaf.opacity(np.array([[0.25, 0.5], [0.75, 0.5], [1.25, 0.5]])).tolist()
+    [0.0, 1.0, 0.0]
+    """
+
+    texels: np.ndarray
+    extension: Extension = Extension.REPEAT
+    smooth: bool = True
+    steps: tuple[tuple[Step, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.texels.ndim != 2 or not self.texels.size or self.texels.dtype not in (np.uint8, np.float32):
+            found = f"{self.texels.dtype} {self.texels.shape}"
+            raise ValueError(f"texels: expected uint8 or float32 of shape (h, w), got {found}")
+
+    def opacity(self, uv: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
+        """Opacity from 0 to 1 at texture coordinates, (0, 0) at the lower left corner of the image."""
+        at = np.asarray(uv, dtype=np.float64) * self.texels.shape[::-1]
+        if not self.smooth:
+            column, row = np.floor(at).T
+            return self._graded(self._values(column, row))
+        at = at - 0.5
+        low = np.floor(at)
+        column, row = low.T
+        u, v = (at - low).astype(np.float32).T
+        lower = self._values(column, row) * (1 - u) + self._values(column + 1, row) * u
+        upper = self._values(column, row + 1) * (1 - u) + self._values(column + 1, row + 1) * u
+        return self._graded(lower * (1 - v) + upper * v)
+
+    def _values(self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
+        height, width = self.texels.shape
+        if self.extension == Extension.REPEAT:
+            column, row = np.mod(column, width), np.mod(row, height)
+        else:
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
+        found = self.texels.ravel().take((row * width + column).astype(np.intp))
+        values = _unit(found)
+        if self.extension == Extension.CLIP:
+            values = np.where(inside, values, np.float32(0.0))
+        return values
+
+    def _graded(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
+        return np.clip(stepped(values, self.steps), np.float32(0.0), np.float32(1.0))
+
+    def graded_texels(self) -> Float32[np.ndarray, "h w"]:
+        """Opacity at the middle of every texel."""
+        return self._graded(_unit(self.texels))
+
+    def graded_outside(self) -> float:
+        """Opacity beyond the edges of an image that is clipped there."""
+        return float(self._graded(np.zeros(1, dtype=np.float32))[0])
+
+
+def stepped(values: Float32[np.ndarray, "..."], steps: Sequence[tuple[Step, float]]) -> Float32[np.ndarray, "..."]:
+    """What steps make of values."""
+    for step, number in steps:
+        values = _STEP[step](values, np.float32(number))
+    return values
+
+
+def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
+    return texels * np.float32(1.0 / 255.0) if texels.dtype == np.uint8 else texels
+
+
+def _linear(values: Float32[np.ndarray, "..."], _: np.float32) -> Float32[np.ndarray, "..."]:
+    curved = (np.maximum(values, 0.0) + np.float32(0.055)) / np.float32(1.055)
+    return np.where(values < 0.04045, values / np.float32(12.92), curved ** np.float32(2.4)).astype(np.float32)
+
+
+_STEP: dict[Step, Callable[[np.ndarray, np.float32], np.ndarray]] = {
+    Step.MULTIPLY: lambda x, n: x * n,
+    Step.ADD: lambda x, n: x + n,
+    Step.GREATER: lambda x, n: (x > n).astype(np.float32),
+    Step.LESS: lambda x, n: (x < n).astype(np.float32),
+    Step.ROUND: lambda x, n: np.floor(x + np.float32(0.5)),
+    Step.MINIMUM: np.minimum,
+    Step.MAXIMUM: np.maximum,
+    Step.POWER: lambda x, n: np.maximum(x, np.float32(0.0)) ** n,
+    Step.FLOOR: lambda x, _: np.floor(x),
+    Step.LINEAR: _linear,
+}
+
+
+class Footprints:
+    """What the texels under a stretch of texture can show, by summed areas: exact, whatever the size of the stretch.
+
+    An interpolated value lies between those of its four texels, and steps keep that order; so where all texels of a
+    stretch are above a threshold, all that is looked up there is.
+
+    Parameters
+    ----------
+    alpha
+        The map.
+    marked
+        (h, w) which texels count.
+    outside
+        Whether what is beyond the edges of a clipped image counts.
+
+    References
+    ----------
+    Crow, Summed-area tables for texture mapping, SIGGRAPH 1984.
+    """
+
+    def __init__(self, alpha: AlphaMap, marked: Bool[np.ndarray, "h w"], *, outside: bool) -> None:
+        self._alpha, self._outside = alpha, outside
+        height, width = marked.shape
+        self._sums = np.zeros((height + 1, width + 1), dtype=np.int64)
+        self._sums[1:, 1:] = np.cumsum(np.cumsum(marked, axis=0, dtype=np.int64), axis=1)
+
+    def count(
+        self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Marked texels, and all texels, that lookups from `low` to `high` may take; coordinates as of `opacity`."""
+        height, width = self._alpha.texels.shape
+        size = np.array([width, height], dtype=np.float64)
+        room = 0.5 + ROUNDING if self._alpha.smooth else ROUNDING
+        first = np.floor(low * size - room)
+        end = np.floor(high * size + room) + 1
+        total = (end - first).prod(axis=1)
+        if self._alpha.extension == Extension.REPEAT:
+            return self._within(first, end), total
+        kept_first, kept_end = np.clip(first, 0, size), np.clip(end, 0, size)
+        if self._alpha.extension == Extension.EXTEND:
+            kept_first, kept_end = np.minimum(kept_first, size - 1), np.maximum(kept_end, 1)
+            return self._within(kept_first, kept_end), (kept_end - kept_first).prod(axis=1)
+        beyond = total - (kept_end - kept_first).prod(axis=1)
+        return self._within(kept_first, kept_end) + beyond * self._outside, total
+
+    def _within(self, first: Float[np.ndarray, "m 2"], end: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
+        a, b, c, d = first[:, 0], first[:, 1], end[:, 0], end[:, 1]
+        return self._below(c, d) - self._below(a, d) - self._below(c, b) + self._below(a, b)
+
+    def _below(self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Marked texels left of a column and below a row of the plane that the image repeats over."""
+        height, width = self._alpha.texels.shape
+        times_x, left_x = np.divmod(column, width)
+        times_y, left_y = np.divmod(row, height)
+        x, y = left_x.astype(np.intp), left_y.astype(np.intp)
+        sums = self._sums
+        across = times_x * sums[y, width] + times_y * sums[height, x]
+        return across + times_x * times_y * sums[height, width] + sums[y, x]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cutouts:
+    """Which faces of a mesh are cut out by which textures.
+
+    Parameters
+    ----------
+    face
+        (m,) ascending indices of the mesh's faces; all others are opaque.
+    uv
+        (m, 3, 2) texture coordinates of their corners.
+    face_map
+        (m,) for each the index into `maps`.
+    maps
+        The textures.
+    """
+
+    face: Int[np.ndarray, " m"]
+    uv: Float32[np.ndarray, "m 3 2"]
+    face_map: Int[np.ndarray, " m"]
+    maps: tuple[AlphaMap, ...]
+
+    def of(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:
+        """The same for a mesh that has these ascending faces of this one's and no others; None if none is cut out."""
+        place = np.searchsorted(faces, self.face)
+        kept = place < len(faces)
+        kept[kept] = faces[place[kept]] == self.face[kept]
+        if not kept.any():
+            return None
+        return Cutouts(place[kept], self.uv[kept], self.face_map[kept], self.maps)
+
+    def cuts(self) -> UInt8[np.ndarray, " m"]:
+        """What its texture makes of each face; a code of `Cut`."""
+        cuts = np.full(len(self.face), Cut.MIXED, dtype=np.uint8)
+        low, high = self.uv.min(axis=1).astype(np.float64), self.uv.max(axis=1).astype(np.float64)
+        for number, alpha in enumerate(self.maps):
+            mine = np.flatnonzero(self.face_map == number)
+            if not len(mine):
+                continue
+            opacity, beyond = alpha.graded_texels(), alpha.graded_outside()
+            for cut, marked, outside in (
+                (Cut.OPAQUE, opacity >= 1.0 - NEGLIGIBLE, beyond >= 1.0 - NEGLIGIBLE),
+                (Cut.CLEAR, opacity <= NEGLIGIBLE, beyond <= NEGLIGIBLE),
+            ):
+                found, total = Footprints(alpha, marked, outside=outside).count(low[mine], high[mine])
+                cuts[mine[found == total]] = cut
+        return cuts
+
+
+def merged_cutouts(cutouts: Sequence[Cutouts | None], face_counts: Sequence[int]) -> Cutouts | None:
+    """The cut-outs of meshes put one after the other; None if there are none."""
+    maps: dict[int, int] = {}
+    every: list[AlphaMap] = []
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for cut, first in zip(cutouts, np.cumsum([0, *face_counts[:-1]]), strict=True):
+        if cut is None:
+            continue
+        for alpha in cut.maps:
+            if id(alpha) not in maps:
+                maps[id(alpha)] = len(every)
+                every.append(alpha)
+        number = np.array([maps[id(alpha)] for alpha in cut.maps])
+        found.append((cut.face + first, cut.uv, number[cut.face_map]))
+    if not found:
+        return None
+    face, uv, face_map = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return Cutouts(face, uv, face_map, tuple(every))

@@ -1,0 +1,195 @@
+"""Rays against meshes that textures cut out: opaque faces as ever, and through the holes of the others.
+
+A texture makes most faces wholly opaque or wholly clear. The opaque ones are traced as any mesh, the clear ones are
+left out; only rays that pass the opaque ones are stepped through the mixed ones, face by face, with a lookup at each.
+A ray that goes on starts beyond its hit by a few units in the last place of the coordinates that Embree sees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from geometry.alpha import HIDES, Cut
+from geometry.meshes import Mesh
+from geometry.rays import RayCaster, RayHits, checked_rays
+
+BEYOND = 4  # units in the last place by which a ray goes on beyond a hit
+GRAZING = 1e-3  # cosine to a face's normal below which it goes on no farther
+PASSED = 1e-3  # of the light that a ray lets through: less is none
+ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
+
+
+def caster_of(mesh: Mesh) -> RayCaster | CutoutCaster:
+    """What casts rays against the mesh; a mesh without holes costs no more than its faces."""
+    if mesh.cutouts is None:
+        return RayCaster(mesh)
+    cuts = mesh.cutouts.cuts()
+    return RayCaster(mesh) if (cuts == Cut.OPAQUE).all() else CutoutCaster(mesh, cuts)
+
+
+class CutoutCaster:
+    """Casts rays against one mesh with holes; a drop-in for `RayCaster`. Built once, never changes.
+
+    A point at least `HIDES` opaque is hit, for `cast` and `occluded`; `transmittance` multiplies what each face lets
+    through, as Cycles does.
+
+    Parameters
+    ----------
+    mesh
+        What the rays meet.
+    cuts
+        (m,) what their texture makes of `mesh.cutouts.face`.
+    """
+
+    def __init__(self, mesh: Mesh, cuts: np.ndarray) -> None:
+        assert mesh.cutouts is not None
+        self.mesh = mesh
+        whole = np.ones(len(mesh.faces), dtype=bool)
+        whole[mesh.cutouts.face[cuts != Cut.OPAQUE]] = False
+        self._opaque_face = np.flatnonzero(whole)
+        self._opaque = RayCaster(mesh.of_faces(self._opaque_face)) if len(self._opaque_face) else None
+        self._mixed_face = mesh.cutouts.face[cuts == Cut.MIXED]
+        self._mixed = _Holes(mesh.of_faces(self._mixed_face)) if len(self._mixed_face) else None
+
+    def cast(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> RayHits:
+        """The first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
+        if self._opaque is not None:
+            met = self._opaque.cast(start, along, max_distance=reach, threads=threads)
+            distance, face = met.distance, np.where(met.hit, self._opaque_face[met.face], -1).astype(np.int32)
+        passed = self._through(start, along, np.minimum(reach, distance), threads=threads, hard=True)
+        stopped = np.flatnonzero(passed.left == 0.0)
+        distance[stopped], face[stopped] = passed.distance[stopped], self._mixed_face[passed.face[stopped]]
+        return RayHits(distance, face)
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
+        return self._left(origins, directions, max_distance, threads=threads, hard=True) == 0.0
+
+    def transmittance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+    ) -> Float[np.ndarray, " n"]:
+        """How much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
+        return self._left(origins, directions, max_distance, threads=threads, hard=False)
+
+    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Unit normals of these faces, by their winding; nan for faces without area."""
+        return self.mesh.normals(face)
+
+    def _left(
+        self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, threads: int, hard: bool
+    ) -> Float[np.ndarray, " n"]:
+        start, along, reach = checked_rays(origins, directions, max_distance)
+        left = np.ones(len(start))
+        if self._opaque is not None:
+            left[self._opaque.occluded(start, along, max_distance=reach, threads=threads)] = 0.0
+        free = np.flatnonzero(left)
+        left[free] = self._through(start[free], along[free], reach[free], threads=threads, hard=hard).left
+        return left
+
+    def _through(
+        self,
+        start: Float[np.ndarray, "n 3"],
+        along: Float[np.ndarray, "n 3"],
+        reach: Float[np.ndarray, " n"],
+        *,
+        threads: int,
+        hard: bool,
+    ) -> _Passed:
+        """Rays through the mixed faces, with unit directions."""
+        n = len(start)
+        passed = _Passed(np.ones(n), np.full(n, np.inf), np.full(n, -1))
+        if self._mixed is None:
+            return passed
+        rays, from_start, last = np.arange(n), np.zeros(n), np.full(n, -1)
+        more = np.ones(n)  # of the usual step beyond a hit
+        while len(rays):
+            origins, onward = start[rays] + from_start[rays, None] * along[rays], along[rays]
+            met = self._mixed.caster.cast(origins, onward, max_distance=reach[rays] - from_start[rays], threads=threads)
+            on = np.flatnonzero(met.hit)
+            rays, face = rays[on], met.face[on]
+            at = from_start[rays] + met.distance[on]
+            again = face == last[rays]
+            opacity, step = self._mixed.opacity(face, start[rays], along[rays], at)
+            if hard:
+                opacity = (opacity >= HIDES).astype(np.float64)
+            opacity[again] = 0.0
+            left = passed.left[rays] * (1.0 - opacity)
+            left[left < PASSED] = 0.0
+            passed.left[rays], passed.distance[rays], passed.face[rays] = left, at, face
+            more[rays] = np.where(again, 2.0 * more[rays], 1.0)
+            from_start[rays], last[rays] = at + more[rays] * step, face
+            rays = rays[left > 0.0]
+        return passed
+
+
+class _Passed:
+    """How much of each ray gets through, and where it was met last, and by which face."""
+
+    __slots__ = ("distance", "face", "left")
+
+    def __init__(self, left: np.ndarray, distance: np.ndarray, face: np.ndarray) -> None:
+        self.left, self.distance, self.face = left, distance, face
+
+
+class _Holes:
+    """Mixed faces, and their opacity in float64: texture coordinates are linear in the point of a face's plane."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        assert mesh.cutouts is not None
+        self.caster = RayCaster(mesh)
+        cutouts, corners = mesh.cutouts, mesh.triangles
+        low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+        # As RayCaster centres it, which gives the size of what float32 cannot tell apart.
+        self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
+        first = corners[:, 0]
+        a, b = corners[:, 1] - first, corners[:, 2] - first
+        normal = np.cross(a, b)
+        area = (normal * normal).sum(axis=1)
+        flat = area == 0.0
+        area[flat] = 1.0
+        gradient = np.stack([np.cross(b, normal), np.cross(normal, a)], axis=1) / area[:, None, None]
+        gradient[flat] = 0.0
+        uv = cutouts.uv.astype(np.float64)
+        across = uv[:, 1:] - uv[:, :1]
+        self._first = first
+        self._normal = normal / np.sqrt(area)[:, None]
+        self._uv_first = uv[:, 0]
+        self._uv_gradient = (across[:, :, :, None] * gradient[:, :, None, :]).sum(axis=1)
+        self._low, self._high = uv.min(axis=1), uv.max(axis=1)
+        self._map, self._maps = cutouts.face_map, cutouts.maps
+
+    def opacity(
+        self,
+        face: Int[np.ndarray, " k"],
+        start: Float[np.ndarray, "k 3"],
+        along: Float[np.ndarray, "k 3"],
+        at: Float[np.ndarray, " k"],
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Opacity of faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
+        normal, off = self._normal[face], start - self._first[face]
+        facing = _dot(normal, along)
+        steep = np.abs(facing) > ON_PLANE
+        on_plane = -_dot(normal, off) / np.where(steep, facing, 1.0)
+        point = off + np.where(steep, on_plane, at)[:, None] * along
+        uv = self._uv_first[face] + np.stack([_dot(g, point) for g in self._uv_gradient[face].swapaxes(0, 1)], axis=1)
+        uv = np.clip(uv, self._low[face], self._high[face])
+        if len(self._maps) == 1:
+            opacity = self._maps[0].opacity(uv).astype(np.float64)
+        else:
+            opacity, which = np.empty(len(face)), self._map[face]
+            for number in np.unique(which):
+                mine = which == number
+                opacity[mine] = self._maps[number].opacity(uv[mine])
+        return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
+
+
+def _dot(a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]

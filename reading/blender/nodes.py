@@ -1,0 +1,74 @@
+"""Where a value in a node tree comes from, past reroutes, groups and muted nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outermost first
+
+
+def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
+    """The output that a socket gets its value from; None if it has a value of its own.
+
+    Parameters
+    ----------
+    socket
+        An input socket, or an output socket to look through.
+    stack
+        The group nodes around it.
+
+    Returns
+    -------
+    An output socket of a node that computes something, and the group nodes around that; or an unlinked input socket of
+    a group or a muted node.
+    """
+    while True:
+        if not socket.is_output:
+            links = [link for link in socket.links if link.is_valid and not link.is_muted]
+            if not links:
+                return None
+            socket = links[0].from_socket
+        node = socket.node
+        inner: Any = None
+        if node.mute:
+            inner = next((link.from_socket for link in node.internal_links if link.to_socket == socket), None)
+        elif node.bl_idname == "NodeReroute":
+            inner = node.inputs[0]
+        elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            output = _group_output(node.node_tree)
+            inner = output and _same(output.inputs, socket)
+            stack = (*stack, node)
+        elif node.bl_idname == "NodeGroupInput" and stack:
+            inner = _same(stack[-1].inputs, socket)
+            stack = stack[:-1]
+        if inner is None:
+            return socket, stack
+        if not inner.is_output and not inner.is_linked:
+            return inner, stack
+        socket = inner
+
+
+def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
+    """Every node that a socket's value depends on, and the output of it that is used."""
+    found = source(socket, stack)
+    seen = set()
+    ring = [found] if found else []
+    while ring:
+        at, around = ring.pop()
+        key = (at.as_pointer(), tuple(node.as_pointer() for node in around))
+        if key in seen or not at.is_output:
+            continue
+        seen.add(key)
+        yield at.node, at
+        ring += [found for below in at.node.inputs if below.enabled and (found := source(below, around))]
+
+
+def _group_output(tree: Any) -> Any:
+    outputs = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput"]
+    return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
+
+
+def _same(sockets: Any, socket: Any) -> Any:
+    """The socket of the same interface item."""
+    return next((other for other in sockets if other.identifier == socket.identifier), None)

@@ -1,0 +1,93 @@
+"""One channel of an image that Blender holds, as Cycles would look it up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from PIL import Image
+
+from geometry.alpha import Step, stepped
+from reading.blender.opacity import LUMINANCE
+
+MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
+Steps = tuple[tuple[Step, float], ...]
+
+
+def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, Steps]:
+    """Texels of a channel, in 255ths where the file has bytes, and the steps that lead to the value.
+
+    Parameters
+    ----------
+    image
+        With pixels.
+    channel
+        "alpha", "red", "green", "blue", or "grey", which is the luminance.
+    alpha_used
+        Whether the image node's alpha is used too; if not, Cycles leaves colours multiplied by it.
+    """
+    if image.alpha_mode == "NONE" and channel == "alpha":
+        return np.full((1, 1), 255, np.uint8), ()
+    pixels = _pixels(image)
+    if channel == "alpha":
+        return _stored(pixels[..., 3], image), ()
+    is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
+    colour = pixels[..., :3]
+    if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
+        colour = colour * pixels[..., 3:]
+    curved = not is_data and not image.is_float
+    if channel != "grey":
+        value = colour[..., ("red", "green", "blue").index(channel)]
+    elif (colour == colour[..., :1]).all():
+        value = colour[..., 0]
+    else:
+        linear = stepped(colour, [(Step.LINEAR, 0.0)]) if curved else colour
+        value = linear @ np.array(LUMINANCE, dtype=np.float32)
+        value = _curved(value) if curved else value
+    return _stored(value, image), ((Step.LINEAR, 0.0),) if curved else ()
+
+
+def _pixels(image: Any) -> np.ndarray:
+    width, height = image.size
+    shrunk = None
+    if width * height > MOST_PIXELS:
+        share = (MOST_PIXELS / (width * height)) ** 0.5
+        shrunk = image = image.copy()
+        width, height = int(width * share), int(height * share)
+        image.scale(width, height)
+    flat = np.empty(width * height * image.channels, dtype=np.float32)
+    image.pixels.foreach_get(flat)
+    pixels = flat.reshape(height, width, image.channels)
+    if shrunk is not None:
+        bpy.data.images.remove(shrunk)
+    if image.channels == 4:
+        return pixels
+    full = np.ones((height, width, 4), dtype=np.float32)
+    full[..., :3] = pixels[..., : 3 if pixels.shape[2] == 3 else 1]
+    return full
+
+
+def _stored(values: np.ndarray, image: Any) -> np.ndarray:
+    values = np.ascontiguousarray(values)
+    return values if image.is_float else np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def _curved(linear: np.ndarray) -> np.ndarray:
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
+
+
+def shrunk(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:
+    """Texels whose longer side is at most so long, each the mean opacity of those in its place, and what is left to do.
+
+    The steps come before the mean: so that the share of the surface that is opaque stays the same.
+    """
+    height, width = texels.shape
+    if max(height, width) <= longest:
+        return texels, steps
+    unit = texels / np.float32(255.0) if texels.dtype == np.uint8 else texels
+    opacity = np.clip(stepped(unit, steps), 0.0, 1.0).astype(np.float32)
+    scale = longest / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    mean = np.asarray(Image.fromarray(opacity, mode="F").resize(size, Image.Resampling.BOX))
+    return np.rint(mean * 255.0).astype(np.uint8), ()

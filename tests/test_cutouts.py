@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step
+from geometry.cutouts import CutoutCaster, caster_of
+from geometry.instances import InstancedScene
+from geometry.meshes import Mesh, merge
+from geometry.rays import RayCaster
+from geometry.transforms import rigid, rotation_z
+
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+CORNERS = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+CHECKS = AlphaMap((np.indices((4, 4)).sum(axis=0) % 2 * 255).astype(np.uint8), smooth=False)
+SOFT = AlphaMap(np.random.default_rng(0).integers(0, 256, (8, 8)).astype(np.uint8))
+
+
+def card(alpha: AlphaMap = CHECKS, *, y: float = 0.0, uv: np.ndarray = CORNERS) -> Mesh:
+    """A square of a metre across y."""
+    cut = Cutouts(np.arange(2), uv[HALVES].astype(np.float32), np.zeros(2, int), (alpha,))
+    return Mesh(SQUARE + np.array([0.0, y, 0.0]), HALVES, "card", cut)
+
+
+def through(n: int = 4000, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays along y, and where they go through the cards."""
+    at = np.random.default_rng(seed).random((n, 2))
+    return np.column_stack([at[:, 0], np.full(n, -3.0), at[:, 1]]), np.tile([0.0, 1.0, 0.0], (n, 1)), at
+
+
+def test_rays_meet_opaque_texels_and_pass_clear_ones():
+    origins, along, at = through()
+    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    caster = caster_of(card())
+    hits = caster.cast(origins, along)
+    np.testing.assert_array_equal(hits.hit, opaque)
+    np.testing.assert_allclose(hits.distance[opaque], 3.0)
+    np.testing.assert_array_equal(caster.occluded(origins, along), opaque)
+    np.testing.assert_array_equal(caster.transmittance(origins, along), 1.0 - opaque)
+    assert not caster.occluded(origins, along, max_distance=2.9).any()
+
+
+def test_transmittance_is_multiplied_and_a_half_hides():
+    origins, along, at = through()
+    mesh, _ = merge([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
+    opacity = SOFT.opacity(at)
+    caster = caster_of(mesh)
+    expected = (1.0 - opacity.astype(float)) ** 3
+    found = caster.transmittance(origins, along)
+    np.testing.assert_allclose(found, np.where(expected < 1e-3, 0.0, expected), atol=1e-3)
+    near = np.abs(opacity - 0.5) < 1e-4
+    np.testing.assert_array_equal(caster.occluded(origins, along)[~near], (opacity >= 0.5)[~near])
+
+
+def test_layers_a_hundredth_of_a_millimetre_apart_are_not_lost():
+    layers = 40
+    half = AlphaMap(np.full((1, 1), 0.1, dtype=np.float32))
+    mesh, _ = merge([card(half, y=1e-5 * i) for i in range(layers)])
+    for turn in (0.0, 0.7):
+        pose = rigid(rotation_z(turn), [3.0, -2.0, 1.0])
+        scene = InstancedScene([mesh], [0], pose[None])
+        origins, along, _ = through(500)
+        moved = origins @ pose[:3, :3].T + pose[:3, 3], along @ pose[:3, :3].T
+        ray = np.arange(500)
+        found = scene.transmittance_by(*moved, ray, instance=np.zeros(500, int))
+        np.testing.assert_allclose(found, 0.9**layers, rtol=1e-6)
+
+
+@pytest.mark.parametrize("slant", [1.0, 0.1, 1e-2, 1e-3])
+def test_a_slanting_ray_meets_no_face_twice(slant: float):
+    mesh = card(AlphaMap(np.full((1, 1), 0.5, dtype=np.float32)))
+    rng = np.random.default_rng(2)
+    on = np.column_stack([rng.uniform(0.2, 0.8, 500), np.zeros(500), rng.uniform(0.2, 0.8, 500)])
+    along = np.tile([1.0, slant, 0.3], (500, 1))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    found = caster_of(mesh).transmittance(on - along, along)
+    np.testing.assert_array_equal(found, 0.5)
+
+
+def test_a_ray_along_a_card_ends():
+    caster = caster_of(card(SOFT))
+    found = caster.transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0], [1.0, 0, 0]])
+    assert ((found >= 0.0) & (found <= 1.0)).all()
+
+
+def test_faces_are_classed_by_all_that_can_be_looked_up():
+    texels = np.zeros((8, 8), dtype=np.uint8)
+    texels[:, 4:] = 255
+    alpha = AlphaMap(texels, Extension.EXTEND, smooth=False)
+    spans = {(0.55, 0.9): Cut.OPAQUE, (0.05, 0.45): Cut.CLEAR, (0.4, 0.6): Cut.MIXED, (-3.0, -1.0): Cut.CLEAR}
+    for (low, high), expected in spans.items():
+        mesh = card(alpha, uv=CORNERS * [high - low, 0.5] + [low, 0.2])
+        assert mesh.cutouts is not None
+        assert mesh.cutouts.cuts().tolist() == [expected] * 2
+    opaque = card(alpha, uv=CORNERS * 0.2 + 0.7)
+    assert isinstance(caster_of(opaque), RayCaster)
+    clear = caster_of(card(alpha, uv=CORNERS * 0.2 + 0.1))
+    origins, along, _ = through(10)
+    assert isinstance(clear, CutoutCaster)
+    assert not clear.cast(origins, along).hit.any()
+
+
+@pytest.mark.parametrize("extension", Extension)
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_face_classed_as_opaque_or_clear_is_so_at_every_point(extension: Extension, smooth: bool):
+    rng = np.random.default_rng(3)
+    texels = np.repeat(np.repeat(rng.integers(0, 2, (3, 5)) * 255, 4, axis=0), 4, axis=1).astype(np.uint8)
+    alpha = AlphaMap(texels, extension, smooth, ((Step.GREATER, 0.4),))
+    low = rng.uniform(-1.5, 1.5, (400, 1, 2))
+    uv = (low + rng.uniform(0, 0.4, (400, 3, 2))).astype(np.float32)
+    cuts = Cutouts(np.arange(400), uv, np.zeros(400, int), (alpha,)).cuts()
+    weight = rng.dirichlet([0.3] * 3, (400, 200))
+    opacity = alpha.opacity((weight @ uv.astype(float)).reshape(-1, 2)).reshape(400, 200)
+    assert set(cuts) == set(Cut)
+    assert (opacity[cuts == Cut.OPAQUE] == 1).all()
+    assert (opacity[cuts == Cut.CLEAR] == 0).all()
+
+
+def test_what_is_exactly_at_the_threshold():
+    half = np.full((1, 1), 0.5, dtype=np.float32)
+    origins, along, _ = through(5)
+    assert caster_of(card(AlphaMap(half))).occluded(origins, along).all()
+    assert caster_of(card(AlphaMap(half, steps=((Step.ROUND, 0.0),)))).occluded(origins, along).all()
+    for step in (Step.GREATER, Step.LESS):
+        assert not caster_of(card(AlphaMap(half, steps=((step, 0.5),)))).occluded(origins, along).any()
+
+
+def test_flipped_and_degenerate_coordinates():
+    origins, along, at = through()
+    flipped = caster_of(card(uv=CORNERS[[1, 0, 3, 2]])).occluded(origins, along)
+    np.testing.assert_array_equal(flipped, np.floor(np.array([4, 0]) + at * [-4, 4]).sum(axis=1) % 2 == 1)
+    point = card(SOFT, uv=np.full((4, 2), 0.3))
+    np.testing.assert_allclose(
+        caster_of(point).transmittance(origins, along), 1 - SOFT.opacity(np.full((1, 2), 0.3, np.float32))[0], rtol=1e-6
+    )
+
+
+def test_opaque_faces_of_a_mesh_with_holes_keep_their_numbers():
+    wall = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
+    mesh, _ = merge([card(), wall])
+    origins, along, at = through()
+    hits = caster_of(mesh).cast(origins, along)
+    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    np.testing.assert_array_equal(hits.face, np.where(opaque, 0, 2) + (at[:, 1] > at[:, 0]))
+    np.testing.assert_allclose(hits.distance, np.where(opaque, 3.0, 4.0))
+
+
+def test_instances_of_a_card_share_its_holes():
+    origins, along, at = through()
+    flat = np.diag([1.0, 1e-9, 1.0, 1.0])  # is cast as a mesh of its own
+    poses = np.array([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), flat])
+    poses[2, 1, 3] = -1.0
+    scene = InstancedScene([card()], [0, 0, 0], poses)
+    hits = scene.cast(origins, along)
+    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    np.testing.assert_array_equal(hits.instance, np.where(opaque, 2, -1))
+    np.testing.assert_array_equal(scene.occluded(origins, along), opaque)
+
+
+def test_the_part_of_a_mesh_keeps_its_holes():
+    mesh, _ = merge([Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES), card(), replace(card(SOFT), name="soft")])
+    part = mesh.of_faces(np.array([1, 2, 5]))
+    assert part.cutouts is not None
+    assert part.cutouts.face.tolist() == [1, 2]
+    assert [part.cutouts.maps[i] for i in part.cutouts.face_map] == [CHECKS, SOFT]
+    assert mesh.of_faces(np.array([0, 1])).cutouts is None
