@@ -16,6 +16,7 @@ from annotate.masks import decode
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
 BACKGROUND = (24, 26, 30)
 INK = (236, 236, 236)
+IGNORED = (170, 170, 170)
 
 
 def colour_of(category_id: int) -> tuple[int, int, int]:
@@ -39,7 +40,8 @@ def draw(
     image
         The picture the annotations belong to.
     annotations
-        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation``.
+        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation``; those with ``iscrowd``, which
+        training and evaluation ignore, are grey and have no name.
     names
         Category id -> name.
     masks
@@ -50,18 +52,23 @@ def draw(
         for annotation in annotations:
             if annotation.get("segmentation"):
                 mask = decode(annotation["segmentation"], picture.width, picture.height)
-                picture = _tinted(picture, mask, colour_of(annotation["category_id"]))
+                picture = _tinted(picture, mask, _colour(annotation))
     pen = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
     font = ImageFont.load_default(max(10, picture.height // 36))
     for annotation in annotations:
-        colour = colour_of(annotation["category_id"])
+        colour = _colour(annotation)
         left, top, right, bottom = _corners(annotation["bbox"], line)
         left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
         corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
         pen.rectangle(corners, outline=colour, width=line)
-        _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
+        if not annotation.get("iscrowd"):
+            _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
     return picture
+
+
+def _colour(annotation: Mapping[str, Any]) -> tuple[int, int, int]:
+    return IGNORED if annotation.get("iscrowd") else colour_of(annotation["category_id"])
 
 
 def contact_sheet(

@@ -16,6 +16,7 @@ from camera.visibility import TOUCHING
 from camera.world import World
 from geometry.arrays import checked
 
+FIRST_LOOK = 256  # pixels at which a vehicle is looked for before all others
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
 FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
@@ -42,22 +43,47 @@ def vehicle_mask(
     -------
     (height, width), true where the vehicle is seen.
     """
+    rows, columns = _pixels(camera, xywh)
+    mask = np.zeros((camera.intrinsics.height, camera.intrinsics.width), dtype=bool)
+    seen = _seen(vehicle, camera, world, rows, columns)
+    mask[rows[seen], columns[seen]] = True
+    return mask
+
+
+def shows_pixel(vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike, world: World) -> bool:
+    """Whether `vehicle_mask` has any pixel; a few of them, spread over the box, are looked at first."""
+    rows, columns = _pixels(camera, xywh)
+    step = len(rows) // FIRST_LOOK + 1
+    return any(len(_seen(vehicle, camera, world, rows[::k], columns[::k])) for k in sorted({step, 1}, reverse=True))
+
+
+def _pixels(camera: Camera, xywh: ArrayLike | None) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Rows and columns of the pixels whose centre is in a box; None: of all."""
     width, height = camera.intrinsics.width, camera.intrinsics.height
     box = np.array([0.0, 0.0, width, height]) if xywh is None else checked(xywh, "xywh", (4,))
     first = np.clip(np.ceil(box[:2] - 0.5), 0, [width, height]).astype(int)
     end = np.clip(np.floor(box[:2] + box[2:] - 0.5) + 1, first, [width, height]).astype(int)
     rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
-    mask = np.zeros((height, width), dtype=bool)
+    return rows, columns
+
+
+def _seen(
+    vehicle: PosedVehicle,
+    camera: Camera,
+    world: World | None,
+    rows: Int[np.ndarray, " n"],
+    columns: Int[np.ndarray, " n"],
+) -> Int[np.ndarray, " k"]:
+    """Which of these pixels show the vehicle."""
     if not len(rows):
-        return mask
+        return np.zeros(0, dtype=np.int64)
     along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
     origins = camera.position + NEAR * along
     distance = vehicle.cast(origins, along).distance
     seen = np.flatnonzero(np.isfinite(distance))
     if world is not None:
         seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
-    mask[rows[seen], columns[seen]] = True
-    return mask
+    return seen
 
 
 def encode(mask: ArrayLike) -> dict[str, Any]:

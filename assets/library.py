@@ -42,7 +42,9 @@ class Assets:
         Geometry of each scenery, in the order of the config.
     hdris
         Names of the HDRIs, in the order of the config.
-    vehicle_files, scenery_files, hdri_files
+    distractors
+        Shape of each vehicle that is no target, in the order of the config.
+    vehicle_files, scenery_files, hdri_files, distractor_files
         The files they came from; assets without an entry were made in memory.
 
     Raises
@@ -58,6 +60,8 @@ class Assets:
     vehicle_files: Mapping[str, AssetFile] = field(default_factory=dict)
     scenery_files: Mapping[str, AssetFile] = field(default_factory=dict)
     hdri_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
+    distractor_files: Mapping[str, AssetFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("vehicles", "sceneries", "hdris"):

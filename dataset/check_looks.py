@@ -32,7 +32,7 @@ def check_looks(
     image
         Its record, of the picture's size.
     annotations
-        The labels on it; those without a mask are not looked at.
+        The labels on it; those without a mask, and those to be ignored, are not looked at.
     pixels
         The picture.
     """
@@ -47,6 +47,8 @@ def check_looks(
         masks.append(mask)
     looks: list[Appearance] = []
     for k, (label, mask) in enumerate(zip(labels, masks, strict=True)):
+        if label.get("iscrowd"):
+            continue
         others = np.zeros_like(mask)
         for other in (*masks[:k], *masks[k + 1 :]):
             others |= other

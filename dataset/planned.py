@@ -11,7 +11,7 @@ import orjson
 from dataset.records import Finding
 from dataset.runs import find_run, plan_key
 from planning.plan_file import read_plan
-from planning.row import PlannedVehicle, Row, encode, fields
+from planning.row import PlannedVehicle, Row, encode, fields, labelling
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
@@ -71,8 +71,9 @@ def image_record(row: Row) -> dict[str, Any]:
 
 def label_records(row: Row) -> list[dict[str, Any]]:
     """What it says about each labelled vehicle of a row, but for ids and masks."""
-    records = [orjson.loads(encode(vehicle)) for vehicle in row.labelled]
-    return [{key: record[key] for key in ("category", *LABEL_KEYS)} for record in records]
+    records = [(orjson.loads(encode(vehicle)), labelling(vehicle) == "ignored") for vehicle in row.labelled]
+    keys = ("category", *LABEL_KEYS)
+    return [{**{key: record[key] for key in keys}, "iscrowd": int(ignored)} for record, ignored in records]
 
 
 def _box_differs(
@@ -88,7 +89,7 @@ def _box_differs(
         yield Finding(finding.severity, name, f"{what}: {finding.problem}")
 
 
-def not_annotated(name: str, category: str, vehicle: str) -> Finding:
+def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
     """A planned label is not there: a warning, since somebody may have deleted it on purpose."""
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 

@@ -155,6 +155,8 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             yield Finding("error", where, f"image {image_id!r} does not exist")
             continue
         where = f"{_name(image)}: annotation {annotation['id']}"
+        if image.get("background") is True and not annotation.get("iscrowd"):
+            yield Finding("error", where, "is a label on a background, an image without targets")
         problems = list(_box_problems(annotation.get("bbox"), image))
         yield from (Finding("error", where, problem) for problem in problems)
         if not problems:

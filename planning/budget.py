@@ -1,8 +1,9 @@
 """How many images of which vehicle, at which position: exact, balanced, and in closed form.
 
 A class's images go to its models in round robin, a model's images to its positions in order. Positions of different
-classes alternate, so that any beginning of the plan is as balanced as the whole. Nothing here grows with the number
-of images: what the k-th position holds is computed, not looked up.
+classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan is as
+balanced as the whole. Nothing here grows with the number of images: what the k-th position holds is computed, not
+looked up.
 
 References
 ----------
@@ -15,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
@@ -30,9 +31,9 @@ class Positions:
     Parameters
     ----------
     vehicle
-        (n,) index into `Budget.vehicles`.
+        (n,) index into `Budget.vehicles`; -1 where it holds backgrounds.
     ordinal
-        (n,) how many positions this vehicle had before.
+        (n,) how many positions this vehicle, or backgrounds, had before.
     shots
         (n,) images taken here, at least 1.
     first_image
@@ -43,6 +44,11 @@ class Positions:
     ordinal: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
+
+    @property
+    def background(self) -> Bool[np.ndarray, " n"]:
+        """Whether a position holds backgrounds."""
+        return self.vehicle < 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,6 +67,8 @@ class Budget:
         (v,) images of each vehicle; within a class they never rise and differ by at most 1.
     shots
         Images at a position; a vehicle's last position may have fewer.
+    backgrounds
+        Images beside those of the vehicles, which show no target.
     """
 
     vehicles: tuple[str, ...]
@@ -68,6 +76,7 @@ class Budget:
     class_starts: Int[np.ndarray, " c_plus_1"]
     images: Int[np.ndarray, " v"]
     shots: int
+    backgrounds: int = 0
 
     @property
     def positions_per_vehicle(self) -> Int[np.ndarray, " v"]:
@@ -87,12 +96,22 @@ class Budget:
     @property
     def n_images(self) -> int:
         """Images in all."""
-        return int(self.images.sum())
+        return int(self.images.sum()) + self.backgrounds
 
     @property
     def n_positions(self) -> int:
         """Positions in all."""
+        return self.n_target_positions + self.n_background_positions
+
+    @property
+    def n_target_positions(self) -> int:
+        """Positions of vehicles."""
         return int(self.positions_per_vehicle.sum())
+
+    @property
+    def n_background_positions(self) -> int:
+        """Positions of backgrounds."""
+        return -(-self.backgrounds // self.shots)
 
     def positions(self, index: ArrayLike) -> Positions:
         """What the positions with these (n,) indices hold."""
@@ -101,6 +120,21 @@ class Budget:
             raise ValueError(
                 f"index: expected positions 0 to {self.n_positions - 1}, got {int(k.min())}..{int(k.max())}"
             )
+        n, ordinal = max(self.n_positions, 1), k * self.n_background_positions // max(self.n_positions, 1)
+        background = (k + 1) * self.n_background_positions // n > ordinal
+        held = self.target_positions(np.minimum(k - ordinal, self.n_target_positions - 1))
+        # After the last position of a vehicle there may be one more of backgrounds.
+        before = np.where(k - ordinal < self.n_target_positions, held.first_image, self.images.sum())
+        return Positions(
+            vehicle=np.where(background, -1, held.vehicle),
+            ordinal=np.where(background, ordinal, held.ordinal),
+            shots=np.where(background, np.minimum(self.backgrounds - ordinal * self.shots, self.shots), held.shots),
+            first_image=before + np.minimum(ordinal * self.shots, self.backgrounds),
+        )
+
+    def target_positions(self, index: Int[np.ndarray, " n"]) -> Positions:
+        """What the k-th positions of vehicles hold; neither positions nor images of backgrounds are counted."""
+        k = index
         per_class = self.positions_per_class
         # Step t visits the t-th position of every class that still has one. Between two neighbouring totals the same
         # classes take part, so that a step there visits a constant number of positions.
@@ -190,6 +224,7 @@ def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget
         class_starts=np.cumsum([0, *(len(members[c]) for c in classes)]),
         images=np.array(images, dtype=np.int64),
         shots=section.images_per_position,
+        backgrounds=round(sum(images) * section.background_share / (1.0 - section.background_share)),
     )
 
 

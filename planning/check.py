@@ -13,12 +13,14 @@ from planning.config import parse_config
 from planning.limit import Limit
 from planning.limits import LIMITS
 from planning.plan_file import Plan
-from planning.recomputed import Recomputed, Source
+from planning.recomputed import Recomputed
 from planning.row import Row
 from planning.schema import Config
+from planning.source import Source
 
 ROWS = 2048  # checked together
 MOST = 1000  # findings that are listed
+BACKGROUNDS = ""  # stands for the vehicle where their images are counted
 
 
 def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
@@ -69,17 +71,18 @@ class _Checker:
         for row in rows:
             if not self._names_are_known(row):
                 continue
-            self.images[row.vehicle] += 1
+            self.images[BACKGROUNDS if row.background else row.vehicle] += 1
             if self.first_shot is None or row.shot == 0:
                 self.first_shot = row
-            key = (row.scenery, row.vehicle, *(companion.vehicle for companion in row.companions))
+            kinds = (f"background {row.background}", f"{len(row.companions)} companions")
+            key = (row.scenery, *kinds, *(vehicle.vehicle for vehicle in row.planned))
             groups.setdefault(key, []).append((row, self.first_shot))
-        for (scenery, *vehicles), pairs in groups.items():
+        for (scenery, *_), pairs in groups.items():
             mine, first_shots = ([pair[i] for pair in pairs] for i in (0, 1))
-            for k in range(len(vehicles)):
+            for k in range(len(mine[0].planned)):
                 found = Recomputed(self.source, self.sites[scenery], mine, first_shots=first_shots, vehicle=k)
                 for limit in LIMITS:
-                    if limit.of == "vehicle" or (limit.of == "companion") == (k > 0):
+                    if limit.of in ("vehicle", found.kind) or (limit.of == "image" and k == 0):
                         self.findings += broken(limit, found, self.source.config)
 
     def look_at_counts(self, images: int) -> None:
@@ -87,15 +90,20 @@ class _Checker:
         budget = self.source.budget
         if images != budget.n_images:
             self.findings.append(f"{images} images, the budget is {budget.n_images}")
+        if (found := self.images[BACKGROUNDS]) != budget.backgrounds:
+            self.findings.append(f"{found} backgrounds, their budget is {budget.backgrounds}")
         for vehicle, n in zip(budget.vehicles, budget.images.tolist(), strict=True):
             if self.images[vehicle] != n:
                 self.findings.append(f"vehicle {vehicle!r}: {self.images[vehicle]} images, its budget is {n}")
 
     def _names_are_known(self, row: Row) -> bool:
+        stage = self.source.stage
         named: list[tuple[str, str, Collection[str]]] = [
+            ("vehicle", row.vehicle, stage.everything if row.background else stage.models),
             ("scenery", row.scenery, self.sites),
             ("hdri", row.hdri, self.source.hdri_weights),
-            *(("vehicle", vehicle.vehicle, self.source.stage.models) for vehicle in row.vehicles),
+            *(("vehicle", vehicle.vehicle, stage.models) for vehicle in row.companions),
+            *(("distractor", vehicle.vehicle, stage.distractors) for vehicle in row.distractors),
         ]
         wrong = [f"{kind} {name!r} is not in the config" for kind, name, known in named if name not in known]
         self.findings += [f"image {row.index}: {what}" for what in wrong]
@@ -108,7 +116,7 @@ def broken(limit: Limit, found: Recomputed, config: Config) -> list[str]:
     if bounds is None:
         return []
     values = limit.measure(found)
-    name = f"companions[{found.k - 1}].{limit.name}" if found.k else limit.name
+    name = found.place + limit.name
     lines = []
     for i in np.flatnonzero(~limit.kept(values, config)).tolist():
         what = f"{name} is {values[i]:.6g}, allowed are {bounds[0]:.6g} to {bounds[1]:.6g}"

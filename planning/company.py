@@ -1,4 +1,4 @@
-"""Other vehicles beside a target: which, where, and clear of each other; one slot of all positions at a time."""
+"""Companions and distractors beside a target: where, and clear of each other; one slot of all positions at a time."""
 
 from __future__ import annotations
 
@@ -13,23 +13,26 @@ from placement.rejection import Rejection
 from placement.settle import Settled
 from planning.aiming import Views, no_views
 from planning.columns import put, take
-from planning.draws import Draws, Purpose, between
+from planning.draws import Draws
+from planning.guests import MOST, Guests
 from planning.limits import COMPANION_TRIES
 from planning.placing import clear_of_vehicle, settle_clear, unsettled
 from planning.schema import Config
-from planning.stage import Model, Placed, Site, articulations
-
-_MOST = 64  # companions; a companion's number and a try's are told apart by it
+from planning.stage import Placed, Site, articulations
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slot:
-    """The j-th companions of n positions.
+    """The j-th guests of one kind at n positions.
 
     Parameters
     ----------
+    guests
+        Their kind.
+    number
+        j.
     model
-        (n,) index of each one's vehicle among the models; -1 where a position has no j-th companion.
+        (n,) index of each one's model among `guests.models`; -1 where a position has no j-th guest.
     settled
         Of the n positions.
     articulation
@@ -38,31 +41,37 @@ class Slot:
         (n,) places tried for each.
     views
         What the cameras of the m images see of them.
+    pixels
+        (m,) whether those that have a class are at the centre of any pixel.
     """
 
+    guests: Guests
+    number: int
     model: Int[np.ndarray, " n"]
     settled: Settled
     articulation: list[dict[str, float]]
     tries: Int[np.ndarray, " n"]
     views: Views
+    pixels: Bool[np.ndarray, " m"]
 
-    def placed(self, models: list[Model], rows: Int[np.ndarray, " k"]) -> Placed | None:
-        """The companions of some positions, whose vehicle must be the same; None where there are none."""
+    def placed(self, rows: Int[np.ndarray, " k"]) -> Placed | None:
+        """The guests of some positions, whose model must be the same; None where there are none."""
         if not len(rows) or self.model[rows[0]] < 0:
             return None
         articulation = [self.articulation[i] for i in rows.tolist()]
-        return Placed(models[int(self.model[rows[0]])], self.settled.world_from_vehicle[rows], articulation)
+        model = self.guests.models[int(self.model[rows[0]])]
+        return Placed(model, self.settled.world_from_vehicle[rows], articulation)
 
 
 class Company:
-    """The companions of the n positions of a group.
+    """The companions and distractors of the n positions of a group.
 
     Parameters
     ----------
     site
         Where.
-    models
-        All vehicles; companions are drawn from them, all alike.
+    guests
+        What they are drawn from; the first kind is placed first.
     config
         What is wanted.
     draws
@@ -76,32 +85,38 @@ class Company:
     def __init__(
         self,
         site: Site,
-        models: list[Model],
+        guests: tuple[Guests, ...],
         config: Config,
         *,
         draws: Draws,
         position: Int[np.ndarray, " n"],
         images: int,
     ) -> None:
-        self.site, self.models, self.config, self.draws, self.position = site, models, config, draws, position
-        limits = config.placement
-        low, high = limits.vehicles_per_image
+        self.site, self.config, self.draws, self.position = site, config, draws, position
         n = len(position)
-        size = draws.uniform(Purpose.COMPANY, position, 0, count=1)[:, 0]
-        self.count = low - 1 + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         self.slots: list[Slot] = []
-        for j in range(high - 1):
-            uniform = draws.uniform(Purpose.COMPANY, position, 1 + j, count=1 + _MOST)
-            model = np.minimum((uniform[:, 0] * len(models)).astype(np.int64), len(models) - 1)
-            model[self.count <= j] = -1
-            turned: list[dict[str, float]] = [{}] * n
-            for m in np.unique(model[model >= 0]) if limits.articulate else ():
-                mine = np.flatnonzero(model == m)
-                shape = models[m].shape
-                angles = articulations(shape, uniform[mine, 1 : 1 + len(shape.part_names)])
-                for i, angle in zip(mine.tolist(), angles, strict=True):
-                    turned[i] = angle
-            self.slots.append(Slot(model, unsettled(n), turned, np.zeros(n, dtype=np.int64), no_views(images)))
+        for kind in guests:
+            models, turns = kind.drawn(draws, position)
+            for j in range(models.shape[1]):
+                model = models[:, j]
+                turned: list[dict[str, float]] = [{}] * n
+                for m in np.unique(model[model >= 0]) if config.placement.articulate else ():
+                    mine = np.flatnonzero(model == m)
+                    shape = kind.models[m].shape
+                    angles = articulations(shape, turns[mine, j, : len(shape.part_names)])
+                    for i, angle in zip(mine.tolist(), angles, strict=True):
+                        turned[i] = angle
+                slot = Slot(
+                    guests=kind,
+                    number=j,
+                    model=model,
+                    settled=unsettled(n),
+                    articulation=turned,
+                    tries=np.zeros(n, dtype=np.int64),
+                    views=no_views(images),
+                    pixels=np.zeros(images, dtype=bool),
+                )
+                self.slots.append(slot)
 
     def find_places(
         self, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
@@ -129,24 +144,24 @@ class Company:
         self, j: int, m: int, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
         """The first try that passes, for each position; looks further ahead the longer it takes."""
-        slot, limits = self.slots[j], self.config.placement
+        slot = self.slots[j]
+        guests, model = slot.guests, slot.guests.models[m]
         pending, done, ahead = np.arange(len(rows)), 0, 1
         while len(pending) and done < COMPANION_TRIES:
             ahead = min(2 * ahead if done else 1, COMPANION_TRIES - done)
             one = np.repeat(pending, ahead)
             at, attempt = rows[one], done + np.tile(np.arange(ahead), len(pending))
-            uniform = self.draws.uniform(
-                Purpose.COMPANION, self.position[at] * _MOST + j, place_try[one] * COMPANION_TRIES + attempt, count=3
-            )
-            distance, bearing = between(*limits.companion_distance, uniform[:, 0]), 2.0 * math.pi * uniform[:, 1]
+            item, attempt = self.position[at] * MOST + slot.number, place_try[one] * COMPANION_TRIES + attempt
+            uniform = self.draws.uniform(guests.place, item, attempt, count=3)
+            distance, bearing = guests.distances(uniform[:, 0]), 2.0 * math.pi * uniform[:, 1]
             xy = distance[:, None] * np.stack(sin_cos(bearing)[::-1], axis=1)
             xy += target.world_from_vehicle[one, :2, 3]
             turned = [slot.articulation[i] for i in at.tolist()]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            settled = settle_clear(self.site, self.models[m], self.config, xy=xy, yaw=yaw, articulation=turned)
+            settled = settle_clear(self.site, model, self.config, xy=xy, yaw=yaw, articulation=turned)
             good = settled.rejection == Rejection.NONE
             on = np.flatnonzero(good)
-            mine = Placed(self.models[m], settled.world_from_vehicle[on], [turned[i] for i in on.tolist()])
+            mine = Placed(model, settled.world_from_vehicle[on], [turned[i] for i in on.tolist()])
             good[on] = self._clear_of_all(j, mine, at[on], target.rows(one[on]))
             passed = good.reshape(len(pending), ahead)
             taken, first = passed.any(axis=1), passed.argmax(axis=1)
@@ -164,7 +179,7 @@ class Company:
         for slot in self.slots[:j]:
             for m in np.unique(slot.model[at]):
                 rows = np.flatnonzero(slot.model[at] == m)
-                other = slot.placed(self.models, at[rows])
+                other = slot.placed(at[rows])
                 if other is not None:
                     one = mine.rows(rows)
                     clear[rows] &= clear_of_vehicle(one, other, clearance) & clear_of_vehicle(other, one, clearance)
@@ -179,6 +194,6 @@ class Company:
         order = np.argsort(kind.reshape(-1), kind="stable")
         return [part for part in np.split(order, np.flatnonzero(np.diff(kind.reshape(-1)[order])) + 1) if len(part)]
 
-    def placed(self, rows: Int[np.ndarray, " p"]) -> list[Placed]:
-        """The companions of positions of one kind (`together`)."""
-        return [other for slot in self.slots if (other := slot.placed(self.models, rows)) is not None]
+    def placed(self, rows: Int[np.ndarray, " p"]) -> list[tuple[Slot, Placed]]:
+        """The guests of positions of one kind (`together`), each with its slot."""
+        return [(slot, other) for slot in self.slots if (other := slot.placed(rows)) is not None]

@@ -83,7 +83,7 @@ def _explained(error: Mapping[str, Any]) -> str:
     allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
     value = "" if isinstance(error["input"], dict) else f" = {error['input']!r:.60}"
-    return f"{key}{value}: {allowed}"
+    return f"{key}{value}: {allowed}" if key else allowed
 
 
 def _models(annotation: Any) -> Iterator[type[Section]]:

@@ -34,6 +34,9 @@ class Purpose(IntEnum):
     SAMPLE_SEED = 7
     FRAMING = 8
     COMPANY = 9
+    DISTRACTOR = 10
+    DISTRACTORS = 11
+    BACKGROUND = 12
 
 
 class Draws:

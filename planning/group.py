@@ -22,9 +22,12 @@ from planning.aiming import Views, no_views, try_cameras, views_of_companion
 from planning.columns import put, take
 from planning.company import Company
 from planning.draws import Draws, Purpose
+from planning.guests import Guests
+from planning.labels import pixels_shown
 from planning.limits import PLACE_TRIES
 from planning.placing import try_candidates, unsettled
 from planning.rejections import AIMING, KINDS, PLACING, sentence, tally
+from planning.row import rounded
 from planning.schema import Config
 from planning.stage import Model, Placed, Site, articulations
 
@@ -46,9 +49,11 @@ class Group:
     Parameters
     ----------
     site, model
-        Where, and what.
-    models
-        All vehicles that companions are drawn from.
+        Where, and what the cameras are framed on.
+    guests
+        What may stand beside it.
+    background, empty
+        Whether the images show no target, and whether what the cameras are framed on is left out of them.
     position
         (n,) their numbers.
     shots
@@ -59,7 +64,9 @@ class Group:
 
     site: Site
     model: Model
-    models: list[Model]
+    guests: tuple[Guests, ...]
+    background: bool
+    empty: bool
     position: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
@@ -151,7 +158,7 @@ class _Search:
         else:
             self.articulation = articulations(group.model.shape, uniform)
         self.company = Company(
-            group.site, group.models, config, draws=draws, position=group.position, images=len(group.image)
+            group.site, group.guests, config, draws=draws, position=group.position, images=len(group.image)
         )
 
     def run(self) -> Planned:
@@ -238,7 +245,7 @@ class _Search:
                     image=image[rows],
                     # Numbered through all places of the position, so that a new place gets new cameras.
                     attempt=self.tries[positions] * max_tries + attempt,
-                    others=self.company.placed(positions),
+                    others=[vehicle for _, vehicle in self.company.placed(positions)],
                 )
                 good = found.rejection == Rejection.NONE
                 put(self.views, rows[good], take(found, np.flatnonzero(good)))
@@ -257,14 +264,25 @@ class _Search:
 
     def _view_companions(self) -> None:
         """What the cameras see of the companions, once all of both have their places."""
-        owner = self.group.owner
+        owner, site = self.group.owner, self.group.site
         for rows in self._batches(np.arange(len(owner))):
-            vehicles = [self._targets(owner[rows]), *self.company.placed(owner[rows])]
-            for k in range(1, len(vehicles)):
-                others = vehicles[:k] + vehicles[k + 1 :]
-                cameras = take(self.views, rows)
-                seen = views_of_companion(self.group.site, vehicles[k], others, cameras=cameras, config=self.config)
-                put(self.company.slots[k - 1].views, rows, seen)
+            target = [] if self.group.empty else [self._targets(owner[rows])]
+            cameras = take(self.views, rows)
+            beside = self.company.placed(owner[rows])
+            for slot, vehicle in beside:
+                others = target + [other for _, other in beside if other is not vehicle]
+                seen = views_of_companion(site, vehicle, others, cameras=cameras, config=self.config)
+                put(slot.views, rows, seen)
+                if vehicle.model.category is not None:
+                    slot.pixels[rows] = pixels_shown(
+                        site,
+                        vehicle,
+                        others,
+                        world_from_camera=seen.world_from_camera,
+                        fov_x=seen.fov_x,
+                        bbox=rounded("bbox", seen.bbox),
+                        config=self.config,
+                    )
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Those of these positions that come before any for which there is no hope."""
@@ -283,7 +301,7 @@ class _Search:
             rows[self.place_rejections[rows, Rejection.COMPANION] >= CROWDED_PLACES],
             "finds no room for its companions",
             PLACING,
-            "lower placement.vehicles_per_image or widen placement.companion_distance",
+            "lower placement.vehicles_per_image or widen placement.companion_distance, or the same of distractors",
         )
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:

@@ -41,7 +41,7 @@ class Limit:
     bounds
         Least and largest value that the config allows; None where this config has no such limit.
     of
-        What it is about: each image, each target, each companion, or each vehicle, targets included.
+        What it is about: each image, each target, each companion, each distractor, or each vehicle, all of them.
     slack, relative
         What rounding may add, absolute and as a share of the bounds.
     below, above
@@ -53,7 +53,7 @@ class Limit:
     how: str
     measure: Callable[[Recomputed], np.ndarray]
     bounds: Callable[[Config], Bounds | None] = _holds
-    of: Literal["image", "target", "companion", "vehicle"] = "image"
+    of: Literal["image", "target", "companion", "distractor", "vehicle"] = "image"
     slack: float = 0.0
     relative: float = 0.0
     below: Rejection = Rejection.NONE

@@ -6,7 +6,7 @@ lists them. A new limit is one entry here, and one line where the search asks it
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from planning.schema import Config
 # Poses are exact in the file; what is recomputed from them differs by what it was rounded to.
 METRES, DEGREES, SHARE = 1e-6, 1e-6, 1e-9
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
-COMPANION_TRIES = 50  # places for one companion before the target is moved elsewhere
+COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
+GUESTS: tuple[Literal["companion", "distractor"], ...] = ("companion", "distractor")
 
 
 def _factors(config: Config) -> Bounds | None:
@@ -265,15 +266,33 @@ LIMITS = (
         _vehicles,
     ),
     COMPANION_DISTANCE,
+    Limit(
+        "distractors, which are not those that were drawn",
+        ("placement.distractors_per_image", "assets.distractors.weight", "assets.distractors.sceneries"),
+        "`distractors` against the draw of the position",
+        lambda r: r.distractors_as_drawn,
+    ),
+    Limit(
+        "distance from what the camera is framed on",
+        ("placement.distractor_distance",),
+        "(x, y) of both poses",
+        lambda r: r.distance_from_target,
+        lambda config: config.placement.distractor_distance,
+        of="distractor",
+        slack=METRES,
+    ),
     PLACE_TRIES,
     Limit("tries, which are not those that were rejected", (), "`rejected`", lambda r: r.tries_add_up, of="target"),
-    Limit(
-        "tries",
-        (),
-        "`tries` of a companion",
-        lambda r: r.said("tries"),
-        lambda config: (1.0, COMPANION_TRIES),
-        of="companion",
+    *(
+        Limit(
+            "tries",
+            (),
+            f"`tries` of a {kind}",
+            lambda r: r.said("tries"),
+            lambda config: (1.0, COMPANION_TRIES),
+            of=kind,
+        )
+        for kind in GUESTS
     ),
     Limit("world_from_camera", (), "the camera's pose: rigid", lambda r: r.camera_is_rigid),
     Limit(
@@ -316,6 +335,13 @@ LIMITS = (
     BOX_PX,
     SIZE,
     VISIBLE,
+    Limit(
+        "label, which is not what the vehicle shows",
+        tuple(f"annotate.{key}" for key in ("min_box_px", "min_visible_fraction", "max_truncated_fraction", "below")),
+        "boxes, visible fraction, and whether any pixel shows it",
+        lambda r: r.label_follows,
+        of="vehicle",
+    ),
     Limit(
         "cameras tried for an image at a place",
         ("camera.max_tries",),
@@ -374,8 +400,14 @@ LIMITS = (
     ),
     Limit(
         "index, position, shot and vehicle",
-        ("budget.images_per_class", "budget.positions_per_vehicle", "budget.images_per_position"),
-        "what the budget gives the image; the images of each vehicle are counted, too",
+        (
+            "budget.images_per_class",
+            "budget.positions_per_vehicle",
+            "budget.images_per_position",
+            "budget.background_share",
+            "budget.background_distractors",
+        ),
+        "what the budget gives the image; the images of each vehicle, and backgrounds, are counted, too",
         lambda r: r.in_budget,
     ),
     Limit(
@@ -385,27 +417,3 @@ LIMITS = (
         lambda r: r.shares_with_first_shot,
     ),
 )
-
-_READ = "read into the assets, which are read again by the header's config; their hashes are in the header"
-_RENDERED = "a setting of Cycles: no row holds it, and only a picture shows it"
-NOT_RECOMPUTED: Mapping[str, str] = {
-    "assets.cache": "where files are kept; a plan does not depend on it",
-    "assets.hdris": "patterns of files; the names that they give are those of the header",
-    **{f"assets.vehicles.{key}": _READ for key in (
-        "path", "category", "name", "forward", "yaw_deg", "up", "scale", "keep", "drop", "turret", "gun", "turret_pivot",
-        "gun_pivot", "turret_limits_deg", "gun_limits_deg",
-    )},
-    **{f"assets.sceneries.{key}": _READ for key in (
-        "path", "name", "up", "scale", "ground", "not_ground", "water", "drop",
-    )},
-    "ground.include": _READ,
-    "ground.exclude": _READ,
-    "camera.elevation_sampling": "a distribution: any one elevation within its bounds may come of it",
-    "camera.framing": "how far off the middle cameras are aimed; within a vehicle's length the aim may miss",
-    "light.hdris.weight": "how often an HDRI is drawn, a distribution; that a weight of 0 is never drawn is checked",
-    "render.profile": _RENDERED,
-    "render.samples": _RENDERED,
-    "render.denoise": _RENDERED,
-    "render.adaptive_threshold": _RENDERED,
-    "render.bounces": _RENDERED,
-}  # fmt: skip

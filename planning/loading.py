@@ -18,7 +18,7 @@ from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
 from planning.plan_file import Plan
 from planning.row import HdriSource, Source
-from planning.schema import CACHE_NAME, SceneryEntry, VehicleEntry
+from planning.schema import CACHE_NAME, ModelEntry, SceneryEntry
 from reading.build import Options
 from reading.cache import cached
 from reading.export import Exported
@@ -37,7 +37,7 @@ class Library:
     ----------
     assets
         For the planner.
-    vehicles, sceneries
+    vehicles, sceneries, distractors
         Report, bundle and tidy twin of each file.
     hdris
         What is rendered of each HDRI.
@@ -47,11 +47,12 @@ class Library:
     vehicles: Mapping[str, Exported]
     sceneries: Mapping[str, Exported]
     hdris: Mapping[str, Hdri]
+    distractors: Mapping[str, Exported]
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What a person should look at, a line each, beginning with the file's path."""
-        exported = [*self.vehicles.values(), *self.sceneries.values()]
+        exported = [*self.vehicles.values(), *self.distractors.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
         return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
@@ -119,15 +120,15 @@ def load_library(
     hdris = hdri_paths(config)
     for path in hdris.values():
         refuse_no_hdri(path)  # before the long work
-    wanted: list[tuple[str, VehicleEntry | SceneryEntry, Options]] = []
-    entries = config.assets.vehicles
-    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in entries]
+    wanted: list[tuple[str, ModelEntry | SceneryEntry, Options]] = []
+    entries, others = config.assets.vehicles, config.assets.distractors
+    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in (*entries, *others)]
     wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
 
     at_once = jobs or min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
 
-    def read(kind: str, entry: VehicleEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
+    def read(kind: str, entry: ModelEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
         path = config.folder / entry.path
         return cached(path, cache, kind=kind, options=options, limits=shared, progress=progress)
 
@@ -149,8 +150,16 @@ def load_library(
             name: AssetFile(_as_given(path, config), skies[name].sha256, skies[name].mended_sha256)
             for name, path in hdris.items()
         },
+        distractors={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in others},
+        distractor_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in others},
     )
-    return Library(assets, {n: e for n, (e, _) in vehicles.items()}, {n: e for n, (e, _) in sceneries.items()}, skies)
+    return Library(
+        assets,
+        vehicles={entry.name: vehicles[entry.name][0] for entry in entries},
+        sceneries={name: exported for name, (exported, _) in sceneries.items()},
+        hdris=skies,
+        distractors={entry.name: vehicles[entry.name][0] for entry in others},
+    )
 
 
 def inspect_config(
@@ -176,9 +185,10 @@ def inspect_config(
         If a file cannot be read.
     """
     library = load_library(config, strict=strict, progress=progress, limits=limits)
-    shapes, sceneries = library.assets.vehicles, library.assets.sceneries
+    shapes = {**library.assets.vehicles, **library.assets.distractors}
+    exported, sceneries = {**library.vehicles, **library.distractors}, library.assets.sceneries
     listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
-    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in library.vehicles.items()]
+    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in exported.items()]
     listed += [(e.report, sceneries[name]) for name, e in library.sceneries.items()]
     return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
 
@@ -261,6 +271,7 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
     header = plan.header
     now: tuple[tuple[str, Mapping[str, Source], Mapping[str, AssetFile]], ...] = (
         ("vehicles", header.vehicles, assets.vehicle_files),
+        ("distractors", header.distractors, assets.distractor_files),
         ("sceneries", header.sceneries, assets.scenery_files),
         ("hdris", header.hdris, assets.hdri_files),
     )
@@ -280,7 +291,7 @@ def _same(file: AssetFile, was: Source) -> bool:
     return not was.sha256 or (was.sha256, mended) == (file.sha256, file.mended_sha256)
 
 
-def _as_listed(shape: VehicleShape, entry: VehicleEntry, config: Config) -> VehicleShape:
+def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
     """The vehicle with the name and the limits that the config gives it; its file knows neither."""
     limits = shape.part_limits.copy()
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
@@ -296,7 +307,7 @@ def _as_listed(shape: VehicleShape, entry: VehicleEntry, config: Config) -> Vehi
     return replace(shape, name=entry.name, part_limits=limits)
 
 
-def vehicle_options(entry: VehicleEntry) -> Options:
+def vehicle_options(entry: ModelEntry) -> Options:
     """How a config says that a vehicle's file is to be read."""
     return Options(
         up=entry.up,

@@ -119,9 +119,9 @@ class Plan:
             raise self._damaged(number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
             raise self._damaged(number, f"has image_id {row.image_id}, expected {index + 1}")
-        for vehicle in row.vehicles:
+        for vehicle in row.planned:
             # A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse.
-            known = self.header.vehicles.get(vehicle.vehicle)
+            known = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
             if known is not None and vehicle.category != known.category:
                 what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
                 raise self._damaged(number, f"{what}, expected {known.category!r:.60}")

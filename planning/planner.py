@@ -14,6 +14,7 @@ from geometry.errors import ConfigError
 from planning.budget import make_budget
 from planning.draws import Draws, Purpose, choose
 from planning.group import Group, HopelessPosition, plan_group
+from planning.guests import framed_on, guests_at
 from planning.light import draw_lights, hdri_weights
 from planning.row import Row, encode_rows
 from planning.rows import rows_of
@@ -59,18 +60,28 @@ class Planner:
         position = np.arange(start, stop)
         held = self.budget.positions(position)
         site = choose(self._site_weights, self._draws.uniform(Purpose.SCENERY, position, 0, count=1)[:, 0])
+        sites = [self._stage.sites[s].name for s in site.tolist()]
+        framed = framed_on(
+            self.budget, self._stage, self.config, self._draws, position=position, held=held, sites=sites
+        )
+        kinds: dict[tuple[int, str, bool], list[int]] = {}
+        for i, kind in enumerate(zip(site.tolist(), framed, held.background.tolist(), strict=True)):
+            kinds.setdefault(kind, []).append(i)
         rows: list[Row] = []
         hopeless: HopelessPosition | None = None
-        for s, v in sorted(set(zip(site.tolist(), held.vehicle.tolist(), strict=True))):
-            mine = np.flatnonzero((site == s) & (held.vehicle == v))
+        for (s, name, background), indices in kinds.items():
+            mine = np.array(indices)
             if hopeless:
                 mine = mine[position[mine] < hopeless.position]
             if not len(mine):
                 continue
+            model = self._stage.everything[name]
             group = Group(
                 site=self._stage.sites[s],
-                model=self._stage.models[self.budget.vehicles[v]],
-                models=list(self._stage.models.values()),
+                model=model,
+                guests=guests_at(self._stage.sites[s].name, self._stage, self.config, background=background),
+                background=background,
+                empty=background and model.category is not None,
                 position=position[mine],
                 shots=held.shots[mine],
                 first_image=held.first_image[mine],

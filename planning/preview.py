@@ -17,7 +17,7 @@ from camera.projection import Camera
 from camera.target import PosedVehicle
 from planning.config import parse_config
 from planning.plan_file import Plan
-from planning.row import PlannedVehicle, Row
+from planning.row import PlannedVehicle, Row, labelling
 from planning.shading import look, paint_of, sun_of
 from planning.stage import make_stage
 
@@ -70,8 +70,8 @@ def caption(row: Row) -> str:
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - row.world_from_vehicle[:3, 3])
     fog = f", fog {row.weather.visibility_m:.0f} m" if row.weather else ""
     return (
-        f"{row.image_id}: {row.vehicle} in {row.scenery}, {distance:.0f} m, "
-        f"{100 * row.visible_fraction:.0f} % visible, {row.hdri}{fog}"
+        f"{row.image_id}: {'nothing' if row.empty else row.vehicle} in {row.scenery}, {distance:.0f} m, "
+        f"{'' if row.empty else f'{100 * row.visible_fraction:.0f} % visible, '}{row.hdri}{fog}"
     )
 
 
@@ -88,22 +88,25 @@ class Artist:
 
     def __init__(self, plan: Plan, assets: Assets) -> None:
         stage = make_stage(parse_config(plan.header.config, path=plan.path), assets)
-        self._models = stage.models
+        self._models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
-        classes = dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values())
-        self._class_ids = {name: i + 1 for i, name in enumerate(classes)}
+        self._class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
-        """One row at the given width, with the boxes and classes of its vehicles if asked for."""
+        """One row at the given width, with the boxes and classes of its labels if asked for."""
         scale = width / row.width
         height = max(1, round(row.height * scale))
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         if not labels:
             return image
         records = [
-            {"bbox": [x * scale for x in vehicle.bbox], "category_id": self._class_ids[vehicle.category]}
-            for vehicle in row.vehicles
-            if vehicle.bbox is not None
+            {
+                "bbox": [x * scale for x in vehicle.bbox],
+                "category_id": self._class_ids[vehicle.category],
+                "iscrowd": int(labelling(vehicle) == "ignored"),
+            }
+            for vehicle in row.labelled
+            if vehicle.bbox is not None and vehicle.category is not None
         ]
         return draw(image, records, {i: name for name, i in self._class_ids.items()}, masks=False)
 
@@ -116,7 +119,9 @@ class Artist:
             self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles]),
             np.tile(camera.position, (len(along), 1)),
             along,
-            paints=[paint_of(vehicle.vehicle) for vehicle in row.vehicles],
+            paints=[
+                paint_of(vehicle.vehicle, distractor=vehicle.vehicle in self._distractors) for vehicle in row.vehicles
+            ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
             strength=row.strength,
             visibility_m=row.weather.visibility_m if row.weather else None,

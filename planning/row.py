@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import msgspec
 import numpy as np
@@ -75,6 +75,10 @@ class Weather(Struct, frozen=True, gc=False):
 
 
 Name = Annotated[str, _is("a name", max_length=4096)]
+NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
+YesOrNo = Annotated[bool, _is("true or false")]
+Label = Literal["full", "ignored", "none"]
+LabelOrNone = Annotated[Label | None, _is('"full", "ignored", "none" or null')]
 PictureName = Annotated[str, _is("a path like images/1.png in plain characters", pattern=PICTURE_NAME)]
 Count = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**53)]
 Number = Annotated[int, _is("a whole number of at least 1", ge=1, le=2**53 + 1)]
@@ -99,7 +103,7 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
-    category: Annotated[Name, _means("its class", recorded=False)]
+    category: Annotated[NameOrNone, _means("its class; null of a distractor without one", recorded=False)]
     world_from_vehicle: Annotated[Pose, _means("where it stands: (4, 4), metres")]
     articulation: Annotated[Angles, _means("how far its parts are turned, in radians")]
     bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
@@ -112,10 +116,21 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     gap: Annotated[AtLeastZero, _means("air beneath its feet, in metres", recorded=False)]
     penetration: Annotated[AtLeastZero, _means("ground in its underside, in metres", recorded=False)]
     tries: Annotated[Count, _means("places tried for it, the taken one included", recorded=False)]
+    label: Annotated[
+        LabelOrNone,
+        _means(
+            "what the image says of it: a full label, one to be ignored since it shows too little, or none; null in "
+            "plans of earlier versions: full where anything of it is seen",
+            recorded=False,
+        ),
+    ] = None
 
 
 class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
-    """An image of a plan and the vehicle that it is about, its target; see docs/plan-file.md."""
+    """An image of a plan and the vehicle that its camera is framed on; see docs/plan-file.md.
+
+    That is its target, unless it is a background: then it is left out of the picture, or it is a distractor.
+    """
 
     bbox: Annotated[Frame, _means("the surface in the frame")]
     index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
@@ -139,24 +154,46 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
     weather: Annotated[Air, _means("fog, if there is any")]
     sample_seed: Annotated[Seed, _means("of Cycles' noise")]
+    background: Annotated[
+        YesOrNo,
+        _means(
+            "whether the image is to show no target: its vehicle is then only what the camera is framed on, and not in "
+            "the picture, or a distractor, whose `category` is null"
+        ),
+    ] = False
     companions: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
-        _means("other vehicles, each with the keys from `vehicle` to `tries`", recorded=False),
+        _means("other vehicles, each with the keys from `vehicle` to `label`", recorded=False),
     ]
+    distractors: Annotated[
+        list[PlannedVehicle],
+        _is("a list of vehicles"),
+        _means("vehicles that are no targets, with the same keys", recorded=False),
+    ] = []
     rejected: Annotated[
         Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
     ]
 
     @property
+    def planned(self) -> list[PlannedVehicle]:
+        """What the camera is framed on, in the picture or not, then companions, then distractors."""
+        return [self, *self.companions, *self.distractors]
+
+    @property
+    def empty(self) -> bool:
+        """Whether the vehicle that the camera is framed on is left out of the picture."""
+        return self.background and self.category is not None
+
+    @property
     def vehicles(self) -> list[PlannedVehicle]:
-        """The target, then its companions."""
-        return [self, *self.companions]
+        """What stands in the picture: the target, or a distractor in its place, then companions, then distractors."""
+        return self.planned[1:] if self.empty else self.planned
 
     @property
     def labelled(self) -> list[PlannedVehicle]:
-        """What the image is labelled with: the target, and the companions of which something is seen."""
-        return [self, *(c for c in self.companions if c.bbox is not None and c.visible_fraction > 0)]
+        """What the image has an annotation of, the ignored ones included."""
+        return [vehicle for vehicle in self.vehicles if labelling(vehicle) != "none"]
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -167,6 +204,14 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     def camera(self) -> Camera:
         """The camera in the world."""
         return Camera(self.intrinsics, self.world_from_camera)
+
+
+def labelling(vehicle: PlannedVehicle) -> Label:
+    """What an image says of a vehicle in it, by plans of earlier versions too."""
+    if vehicle.label is None:  # a plan of an earlier version, which knows targets and companions only
+        seen = isinstance(vehicle, Row) or (vehicle.bbox is not None and vehicle.visible_fraction > 0)
+        return "full" if seen else "none"
+    return vehicle.label
 
 
 class Source(Struct, frozen=True, kw_only=True):
@@ -186,6 +231,12 @@ class VehicleSource(Source, frozen=True, kw_only=True):
     """The file of a vehicle, and its class."""
 
     category: str
+
+
+class DistractorSource(Source, frozen=True, kw_only=True):
+    """The file of a distractor, and its class if it has one."""
+
+    category: str | None = None
 
 
 class ScenerySource(Source, frozen=True, kw_only=True):
@@ -209,7 +260,17 @@ class Header(Struct, frozen=True, kw_only=True):
     hdris: Annotated[
         dict[str, HdriSource], _is("files by name"), _means("name -> `path`, `sha256` and `mended_sha256`")
     ]
+    distractors: Annotated[
+        dict[str, DistractorSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`, or null")
+    ] = {}
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
+
+    @property
+    def categories(self) -> list[str]:
+        """The classes, those of vehicles first, in the order of the config."""
+        vehicles = [vehicle.category for vehicle in self.vehicles.values()]
+        others = [distractor.category for distractor in self.distractors.values() if distractor.category is not None]
+        return list(dict.fromkeys([*vehicles, *others]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from placement.rejection import Rejection
 from placement.settle import Settled
 from planning.group import Group, Planned
+from planning.labels import labels_of
 from planning.light import Lights
 from planning.row import Box, PlannedVehicle, Row, Weather, picture_name, rounded
 from planning.schema import Config
@@ -35,7 +36,8 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
         rounded("weather", lights.visibility_m).tolist(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
-        _companions(group, planned),
+        _guests(group, planned, config, "companion"),
+        _guests(group, planned, config, "distractor"),
         strict=True,
     )
     width, height = config.render.width, config.render.height
@@ -68,21 +70,34 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
             strength=strength,
             weather=None if visibility != visibility else Weather(visibility_m=visibility),
             sample_seed=seed,
+            background=group.background,
+            label="none" if group.background else "full",
             companions=companions,
+            distractors=distractors,
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
         )
         for (
             i, shot, image, camera, fov, bbox, amodal, visible, truncated,
-            hdri, yaw, strength, visibility, seed, rejected, companions,
+            hdri, yaw, strength, visibility, seed, rejected, companions, distractors,
         ) in columns
     ]  # fmt: skip
 
 
-def _companions(group: Group, planned: Planned) -> list[list[PlannedVehicle]]:
-    """For each image of a group its companions: those of one slot after the other, as its camera sees them."""
-    company, owner = planned.companions, group.owner.tolist()
+def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[list[PlannedVehicle]]:
+    """For each image of a group its guests of one kind, one slot after the other, as its camera sees them."""
+    owner = group.owner.tolist()
     records: list[list[PlannedVehicle]] = [[] for _ in owner]
-    for slot in company.slots:
+    for slot in planned.companions.slots:
+        if slot.guests.kind != kind:
+            continue
+        views = slot.views
+        labels = labels_of(
+            config,
+            bbox=views.bbox,
+            visible=views.visible_fraction,
+            truncated=views.truncated_fraction,
+            pixels=slot.pixels,
+        )
         model, tries, poses = slot.model.tolist(), slot.tries.tolist(), slot.settled.world_from_vehicle
         slope, gap, penetration = _contact(slot.settled)
         bbox, amodal = (_boxes(slot.views.bbox), _boxes(slot.views.bbox_amodal))
@@ -94,8 +109,8 @@ def _companions(group: Group, planned: Planned) -> list[list[PlannedVehicle]]:
                 continue
             records[image].append(
                 PlannedVehicle(
-                    vehicle=company.models[model[i]].shape.name,
-                    category=company.models[model[i]].category,
+                    vehicle=slot.guests.models[model[i]].shape.name,
+                    category=slot.guests.models[model[i]].category,
                     world_from_vehicle=poses[i],
                     articulation=slot.articulation[i],
                     bbox=bbox[image],
@@ -106,6 +121,7 @@ def _companions(group: Group, planned: Planned) -> list[list[PlannedVehicle]]:
                     gap=gap[i],
                     penetration=penetration[i],
                     tries=tries[i],
+                    label=labels[image],
                 )
             )
     return records

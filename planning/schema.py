@@ -7,6 +7,7 @@ Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -83,6 +84,7 @@ GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Elevations = Annotated[Pair, _range(-90.0, 90.0)]
 FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
 Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
+CountsFromZero = Annotated[tuple[int, int], _range(0.0, 64.0, int)]
 Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
 PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
 Patterns = Annotated[tuple[str, ...], Field(strict=False)]
@@ -97,11 +99,10 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class VehicleEntry(Section):
-    """One `[[assets.vehicles]]`: a .blend file, its class, and what in it is the vehicle."""
+class ModelEntry(Section):
+    """A file, and what in it is the vehicle."""
 
     path: str
-    category: str = Field(min_length=1)
     name: str = ""
     forward: Forward = None
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
@@ -115,6 +116,20 @@ class VehicleEntry(Section):
     gun_pivot: PivotPoint = None
     turret_limits_deg: TurretLimits = None
     gun_limits_deg: GunLimits = None
+
+
+class VehicleEntry(ModelEntry):
+    """One `[[assets.vehicles]]`: a model and its class."""
+
+    category: str = Field(min_length=1)
+
+
+class DistractorEntry(ModelEntry):
+    """One `[[assets.distractors]]`: a model that is no target, where it occurs and how often; a class if it has one."""
+
+    category: str | None = Field(default=None, min_length=1)
+    weight: AtLeastZero = 1.0
+    sceneries: Patterns = ()
 
 
 class SceneryEntry(Section):
@@ -138,6 +153,7 @@ class AssetsSection(Section):
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
     sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
+    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = ()
 
     @model_validator(mode="before")
     @classmethod
@@ -146,7 +162,7 @@ class AssetsSection(Section):
         if not isinstance(data, dict):
             return data
         named = dict(data)
-        for kind in ("vehicles", "sceneries"):
+        for kind in ("vehicles", "sceneries", "distractors"):
             entries = data.get(kind)
             if isinstance(entries, (list, tuple)):
                 named[kind] = [
@@ -159,10 +175,18 @@ class AssetsSection(Section):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> AssetsSection:
-        for kind, entries in (("vehicles", self.vehicles), ("sceneries", self.sceneries)):
-            for name, count in Counter(e.name for e in entries).items():
+        vehicles = "vehicles and distractors" if self.distractors else "vehicles"
+        for kind, names in (
+            (vehicles, [entry.name for entry in (*self.vehicles, *self.distractors)]),
+            ("sceneries", [entry.name for entry in self.sceneries]),
+        ):
+            for name, count in Counter(names).items():
                 if count > 1:
                     raise ValueError(f"{count} {kind} are called {name!r}; give each its own `name`")
+        known = [entry.name for entry in self.sceneries]
+        for entry in self.distractors:
+            if unknown := [pattern for pattern in entry.sceneries if not fnmatch.filter(known, pattern)]:
+                raise ValueError(f"distractor {entry.name!r}: sceneries: {unknown[0]!r} matches none of {known}")
         if not any(e.weight for e in self.sceneries):
             raise ValueError("all sceneries have weight 0; expected at least one above 0")
         return self
@@ -196,6 +220,8 @@ class PlacementSection(Section):
     vehicle_clearance: AtLeastZero = 2.0
     vehicles_per_image: Counts = (1, 1)
     companion_distance: Lengths = (8.0, 40.0)
+    distractors_per_image: CountsFromZero = (0, 3)
+    distractor_distance: Lengths = (0.0, 40.0)
     articulate: bool = True
     max_tries: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
 
@@ -220,12 +246,23 @@ class CameraSection(Section):
     max_tries: Annotated[int, Field(ge=1, le=10_000)] = 50
 
 
+class AnnotateSection(Section):
+    """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
+
+    min_box_px: AtLeastZero | None = None
+    min_visible_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
+    max_truncated_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
+    below: Literal["ignored", "left_out"] = "ignored"
+
+
 class BudgetSection(Section):
     """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
     images_per_class: PerClass = None
     positions_per_vehicle: Annotated[int, Field(ge=0)] | None = None
     images_per_position: Annotated[int, Field(ge=1)] = 5
+    background_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    background_distractors: Annotated[float, Field(ge=0, le=1)] = 0.5
 
     @model_validator(mode="after")
     def _one_of_two(self) -> BudgetSection:
@@ -296,10 +333,34 @@ class Config(Section):
     ground: GroundSection = GroundSection()
     placement: PlacementSection = PlacementSection()
     camera: CameraSection = CameraSection()
+    annotate: AnnotateSection = AnnotateSection()
     budget: BudgetSection
     light: LightSection = LightSection()
     weather: WeatherSection = WeatherSection()
     render: RenderSection = RenderSection()
+
+    @model_validator(mode="after")
+    def _targets_are_labelled(self) -> Config:
+        """What every target may be is enough for a label."""
+        said, camera = self.annotate, self.camera
+        for key, value, limit, ok in (
+            ("min_box_px", said.min_box_px, f"camera.min_box_px = {camera.min_box_px:g} at most", camera.min_box_px),
+            (
+                "min_visible_fraction",
+                said.min_visible_fraction,
+                f"the least camera.visible_fraction, {camera.visible_fraction[0]:g}, at most",
+                camera.visible_fraction[0],
+            ),
+        ):
+            if value is not None and value > ok:
+                raise ValueError(f"annotate.{key} = {value:g}: expected {limit}, since every target has a label")
+        cut = said.max_truncated_fraction
+        if cut is not None and cut < camera.truncated_fraction[1]:
+            raise ValueError(
+                f"annotate.max_truncated_fraction = {cut:g}: expected the largest camera.truncated_fraction, "
+                f"{camera.truncated_fraction[1]:g}, at least, since every target has a label"
+            )
+        return self
 
     _path: Path | None = PrivateAttr(default=None)
 

@@ -91,9 +91,11 @@ def sun_of(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
 
 
-def paint_of(vehicle: str) -> Float[np.ndarray, "3"]:
-    """A colour for a vehicle, the same in all pictures: between olive and sand."""
+def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
+    """A colour for a vehicle, the same in all pictures: from olive to sand, or from slate to plum for a distractor."""
     share = _hash(vehicle)
+    if distractor:
+        return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])
     return (1.0 - share) * np.array([0.30, 0.36, 0.17]) + share * np.array([0.66, 0.52, 0.30])
 
 

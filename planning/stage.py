@@ -66,7 +66,7 @@ class Model:
     shape
         The vehicle.
     category
-        Its class.
+        Its class; None of a distractor without one.
     boxes
         Answers for its boxes.
     target
@@ -84,7 +84,7 @@ class Model:
     """
 
     shape: VehicleShape
-    category: str
+    category: str | None
     boxes: VehicleBoxes
     target: VehicleTarget
     centre: Float[np.ndarray, "3"]
@@ -150,10 +150,16 @@ class Placed:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanStage:
-    """All sites and models of a plan, in the order of the config."""
+    """All sites, vehicles and distractors of a plan, in the order of the config."""
 
     sites: tuple[Site, ...]
     models: dict[str, Model]
+    distractors: dict[str, Model]
+
+    @property
+    def everything(self) -> dict[str, Model]:
+        """Vehicles and distractors."""
+        return {**self.models, **self.distractors}
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
@@ -167,10 +173,11 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
     sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
     for site in sites:
         room = config.placement.margin * (site.bounds[1] - site.bounds[0])
-        for name, shape in assets.vehicles.items():
+        for name, shape in {**assets.vehicles, **assets.distractors}.items():
             if max(shape.size_xyz[:2]) > min(room):
+                kind = "vehicles" if name in assets.vehicles else "distractors"
                 raise ConfigError(
-                    f"assets.vehicles: {name!r} is {max(shape.size_xyz[:2]):.4g} m long; in {site.name!r} vehicles "
+                    f"assets.{kind}: {name!r} is {max(shape.size_xyz[:2]):.4g} m long; in {site.name!r} vehicles "
                     f"are placed within {room[0]:.4g} x {room[1]:.4g} m",
                     path=config.path,
                     remedy="look at both with `hulldown inspect`, and set the scale or the file that is wrong",
@@ -178,6 +185,9 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
     return PlanStage(
         sites=sites,
         models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
+        distractors={
+            entry.name: _model(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors
+        },
     )
 
 
@@ -204,7 +214,7 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     )
 
 
-def _model(shape: VehicleShape, category: str) -> Model:
+def _model(shape: VehicleShape, category: str | None) -> Model:
     target = VehicleTarget(shape)
     bounds = [np.stack([part.hull.min(axis=0), part.hull.max(axis=0)]) for part in target.parts]
     return Model(

@@ -18,7 +18,7 @@ from annotate.sheets import SOFTWARE, refuse_foreign
 from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING
-from planning.row import Row
+from planning.row import Row, labelling
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -102,7 +102,7 @@ def _histograms() -> dict[str, Histogram]:
 
 @dataclass(eq=False, slots=True)
 class Summary:
-    """Counts over a plan's images; a target is the vehicle an image is about, companions are counted apart.
+    """Counts over a plan's images; classes, sizes and histograms are those of targets, which backgrounds have not.
 
     Parameters
     ----------
@@ -112,8 +112,12 @@ class Summary:
         Images of each (class, vehicle).
     sizes
         Images of each (class, COCO size).
-    companions, sceneries, hdris
-        How often each occurs.
+    backgrounds
+        Images without a target, by the distractor that stands in its place; "" where nothing does.
+    companions, distractors, sceneries, hdris
+        How often each occurs; a distractor in a target's place is counted with the backgrounds.
+    labels
+        Full and ignored labels, those of targets included.
     rejected
         Tries that were not taken, by reason.
     foggy
@@ -126,7 +130,10 @@ class Summary:
     positions: int = 0
     vehicles: Counter[tuple[str, str]] = field(default_factory=Counter)
     sizes: Counter[tuple[str, str]] = field(default_factory=Counter)
+    backgrounds: Counter[str] = field(default_factory=Counter)
     companions: Counter[str] = field(default_factory=Counter)
+    distractors: Counter[str] = field(default_factory=Counter)
+    labels: Counter[str] = field(default_factory=Counter)
     sceneries: Counter[str] = field(default_factory=Counter)
     hdris: Counter[str] = field(default_factory=Counter)
     rejected: Counter[Rejection] = field(default_factory=Counter)
@@ -138,18 +145,25 @@ class Summary:
         if not rows:
             return
         for row in rows:
-            size = next(name for name, limit in SIZES.items() if row.bbox.width * row.bbox.height < limit)
-            self.vehicles[row.category, row.vehicle] += 1
-            self.sizes[row.category, size] += 1
+            if row.background:
+                self.backgrounds["" if row.empty else row.vehicle] += 1
+            else:
+                size = next(name for name, limit in SIZES.items() if row.bbox.width * row.bbox.height < limit)
+                self.vehicles[str(row.category), row.vehicle] += 1
+                self.sizes[str(row.category), size] += 1
             self.sceneries[row.scenery] += 1
             self.hdris[row.hdri] += 1
             self.positions += row.shot == 0
             self.foggy += row.weather is not None
-            for companion in row.companions:
-                self.companions[companion.vehicle] += 1
+            self.companions.update(companion.vehicle for companion in row.companions)
+            self.distractors.update(distractor.vehicle for distractor in row.distractors)
+            self.labels.update(labelling(vehicle) for vehicle in row.labelled)
             for key, n in row.rejected.items():
                 self.rejected[BY_KEY[key]] += n
         self.images += len(rows)
+        rows = [row for row in rows if not row.background]
+        if not rows:
+            return
         cameras, vehicles = (
             np.stack([pose[:3, 3] for pose in poses])
             for poses in ([row.world_from_camera for row in rows], [row.world_from_vehicle for row in rows])
@@ -170,7 +184,10 @@ class Summary:
             "positions": self.positions,
             "classes": _nested(self.vehicles),
             "sizes": _nested(self.sizes),
+            "backgrounds": dict(self.backgrounds),
             "companions": dict(self.companions),
+            "distractors": dict(self.distractors),
+            "labels": dict(self.labels),
             "sceneries": dict(self.sceneries),
             "hdris": dict(self.hdris),
             "foggy": self.foggy,
@@ -190,6 +207,16 @@ class Summary:
             shares = ", ".join(f"{name} {n:,}" for name, n in models.items())
             sizes = [f"{self.sizes[category, size]:,}" for size in SIZES]
             table.add_row(escape(category), escape(shares), f"{sum(models.values()):,}", *sizes)
+        if self.backgrounds:
+            shares = ", ".join(f"{name or 'empty'} {n:,}" for name, n in sorted(self.backgrounds.items()))
+            table.add_row("no target", escape(shares), f"{self.backgrounds.total():,}")
+        for kind, counts in (("companions", self.companions), ("distractors", self.distractors)):
+            if counts:
+                shares = ", ".join(f"{name} {n:,}" for name, n in sorted(counts.items()))
+                table.add_row(f"beside: {kind}", escape(shares), f"{counts.total():,}")
+        if self.labels["ignored"]:
+            ignored, full = self.labels["ignored"], self.labels["full"]
+            table.add_row("labels", f"{full:,} full, {ignored:,} to be ignored: they show too little")
         return table
 
     def _histogram_table(self) -> Table:
@@ -222,15 +249,19 @@ class Summary:
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-        figure = Figure(figsize=(12.0, 9.0), layout="constrained")
+        charts = self._bar_charts()
+        lines = -(-(len(charts) + len(self.histograms)) // 3)
+        figure = Figure(figsize=(12.0, 3.0 * lines), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(3, 3).ravel()
-        for axis, (title, counts) in zip(axes, self._bar_charts().items(), strict=False):
+        axes = figure.subplots(lines, 3).ravel()
+        for axis in axes[len(charts) + len(self.histograms) :]:
+            axis.set_axis_off()
+        for axis, (title, counts) in zip(axes, charts.items(), strict=False):
             # Between two dollars matplotlib reads formulae; names have none.
             names = [name.replace("$", r"\$") for name in counts]
             axis.barh(names[::-1], list(counts.values())[::-1], color="#4878a8")
             axis.set_title(title, fontsize=10)
-        for axis, histogram in zip(axes[3:], self.histograms.values(), strict=True):
+        for axis, histogram in zip(axes[len(charts) :], self.histograms.values(), strict=False):
             used = np.flatnonzero(histogram.counts)
             if len(used):
                 part = slice(used[0], used[-1] + 1)
@@ -249,9 +280,17 @@ class Summary:
 
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         classes = {category: sum(models.values()) for category, models in _nested(self.vehicles).items()}
+        if self.backgrounds:
+            classes["no target"] = self.backgrounds.total()
         sizes = {size: sum(n for (_, s), n in self.sizes.items() if s == size) for size in SIZES}
         rejected = {rejection.key.replace("_", " "): n for rejection, n in self.rejected.most_common(8)}
-        return {"images of each class": classes, "boxes by COCO size": sizes, "rejected tries": rejected}
+        charts: dict[str, Mapping[str, int]] = {
+            "images of each class": classes,
+            "boxes by COCO size": sizes,
+            "rejected tries": rejected,
+        }
+        beside = self.companions + self.distractors
+        return charts | ({"vehicles beside targets": dict(beside.most_common(12))} if beside else {})
 
 
 def summarise(rows: Iterable[Row]) -> Summary:

@@ -14,20 +14,25 @@ def config_text(
     vehicles: Sequence[Mapping[str, Any]],
     sceneries: Sequence[Mapping[str, Any]],
     hdris: Sequence[str],
+    distractors: Sequence[Mapping[str, Any]] = (),
     values: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
     """A complete config for these assets, with a comment on every key.
 
     Parameters
     ----------
-    vehicles, sceneries
-        Keys and values of each `[[assets.vehicles]]` and `[[assets.sceneries]]`.
+    vehicles, sceneries, distractors
+        Keys and values of each `[[assets.vehicles]]`, `[[assets.sceneries]]` and `[[assets.distractors]]`.
     hdris
         Patterns of HDRI files.
     values
-        "section.key" -> what it is set to in place of the default; only numbers, strings and lists of them.
+        "section.key" -> what it is set to in place of the default; only numbers, strings, and lists and tables of them.
     """
-    entries = [_table("assets.vehicles", v) for v in vehicles] + [_table("assets.sceneries", s) for s in sceneries]
+    entries = [
+        _table(f"assets.{kind}", entry)
+        for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
+        for entry in listed
+    ]
     text = _TEXT.format(entries="\n".join(entries), hdris=_value(list(hdris)))
     for key, value in values.items():
         text = _set(text, key, value)
@@ -55,7 +60,9 @@ def _table(name: str, entry: Mapping[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
-    # What JSON and TOML write alike: strings, numbers, true and false, lists of them.
+    # What JSON and TOML write alike: strings, numbers, true and false, lists of them. Tables they do not.
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_value(key)} = {_value(one)}" for key, one in value.items()) + " }"
     return json.dumps(value, ensure_ascii=False)
 
 
@@ -84,6 +91,11 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #                               how far they turn from how they stand in the file: left and up are positive
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others
+# A distractor is no target, such as a civilian car or a container; it stands beside targets and has no label.
+# [[assets.distractors]]        path is needed. Optional: all that a vehicle has, and
+#   category = "..."            its class, if it is to be labelled; budgets do not count it
+#   weight = 1.0                how often it is drawn beside the others
+#   sceneries = [...]           names or patterns of the sceneries that it occurs in; default: all
 
 {entries}
 [ground]
@@ -104,6 +116,8 @@ obstacle_clearance = 0.5   # metres between vehicles and obstacles, at least
 vehicle_clearance = 2.0    # metres between vehicles, at least
 vehicles_per_image = [1, 1]       # 1 is the target alone; more adds companions, drawn from all vehicles
 companion_distance = [8.0, 40.0]  # metres from the target
+distractors_per_image = [0, 3]    # if any are listed above
+distractor_distance = [0.0, 40.0] # metres from the target; all places within are alike
 articulate = true          # turn turrets and raise guns, within the limits of each vehicle
 max_tries = 10000          # places tried before giving up, with the counted reasons
 
@@ -125,10 +139,18 @@ truncated_fraction = [0.0, 0.0]  # share of the target's box that the frame cuts
 min_box_px = 8.0               # least width and height of the target's box
 max_tries = 50                 # cameras tried for an image before the vehicle is moved elsewhere
 
+[annotate]  # what a label shows at least, beside a target's, for which [camera] says it
+# min_box_px = 8.0             # least width and height of its box; default: camera.min_box_px
+# min_visible_fraction = 0.3   # default: the least camera.visible_fraction
+# max_truncated_fraction = 0.8 # default: 0.8, or the largest camera.truncated_fraction if that is more
+below = "ignored"              # what shows less: "ignored", a label with iscrowd = 1; "left_out"
+
 [budget]
 images_per_class = 140  # its models take turns; or a table by class: {{ tank = 200, truck = 100 }}
 # positions_per_vehicle = 28  # instead: images = vehicles x positions x images_per_position (eq 1)
 images_per_position = 5       # images of one vehicle at one place
+background_share = 0.0        # share of all images that show no target, beside those above
+background_distractors = 0.5  # in this share of them a distractor stands where the target would
 
 [light]
 hdris = []             # names or patterns of HDRIs, or {{ name = "noon*", weight = 2.0 }}; empty: all alike

@@ -20,7 +20,7 @@ from assets.library import AssetFile, Assets
 from geometry.errors import ConfigError
 from planning.plan_file import Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
-from planning.row import FORMAT, HdriSource, Header, ScenerySource, VehicleSource
+from planning.row import FORMAT, DistractorSource, HdriSource, Header, ScenerySource, VehicleSource
 from planning.schema import Config
 
 Progress = Callable[[int, int], None]
@@ -85,6 +85,7 @@ def make_header(config: Config, assets: Assets, path: str | Path, *, images: int
     vehicles = {name: assets.vehicle_files.get(name, none) for name in assets.vehicles}
     sceneries = {name: assets.scenery_files.get(name, none) for name in assets.sceneries}
     hdris = {name: assets.hdri_files.get(name, none) for name in assets.hdris}
+    distractors = {entry: assets.distractor_files.get(entry.name, none) for entry in config.assets.distractors}
     return Header(
         hulldown_plan=FORMAT,
         images=images,
@@ -104,6 +105,10 @@ def make_header(config: Config, assets: Assets, path: str | Path, *, images: int
         hdris={
             name: HdriSource(path=file.path, sha256=file.sha256, mended_sha256=file.mended_sha256)
             for name, file in hdris.items()
+        },
+        distractors={
+            entry.name: DistractorSource(path=file.path, sha256=file.sha256, category=entry.category)
+            for entry, file in distractors.items()
         },
         versions={
             "python": platform.python_version(),

@@ -27,7 +27,7 @@ class Segmenter:
     Parameters
     ----------
     vehicles, sceneries
-        By the names that the plan uses.
+        By the names that the plan uses; distractors are among the vehicles.
     """
 
     def __init__(self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery]) -> None:

@@ -49,7 +49,7 @@ class SceneryFile:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RenderAssets:
-    """The files a plan is rendered from, by the names the plan uses."""
+    """The files a plan is rendered from, by the names the plan uses; distractors are among the vehicles."""
 
     vehicles: Mapping[str, VehicleFile]
     sceneries: Mapping[str, SceneryFile]
@@ -84,8 +84,10 @@ def render_assets(
         If a file cannot be read.
     """
     config, library = load_planned_library(plan, cache=cache, progress=progress, limits=limits)
+    shapes = {**library.assets.vehicles, **library.assets.distractors}
+    read = {**library.vehicles, **library.distractors}
     return RenderAssets(
-        vehicles={n: VehicleFile(shape, library.vehicles[n].tidy) for n, shape in library.assets.vehicles.items()},
+        vehicles={name: VehicleFile(shape, read[name].tidy) for name, shape in shapes.items()},
         sceneries={
             entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
             for entry in config.assets.sceneries

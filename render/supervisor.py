@@ -14,7 +14,7 @@ from pathlib import Path
 from dataset.coco import CocoDataset
 from dataset.pictures import confined
 from geometry.errors import HulldownError
-from planning.plan_file import Plan, read_plan
+from planning.plan_file import read_plan
 from reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from reading.watch import ReadLimits
 from render.confinement import confinement_of
@@ -129,7 +129,7 @@ def render_plan(
     outline = Outline(plan)
     wanted = len(plan) if limit is None else min(limit, len(plan))
     had_logs = (folder / LOGS_NAME).exists()
-    with CocoDataset.open(folder, categories=_categories(plan)) as dataset, _stop_on_signals() as stopping:
+    with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
         pool: Pool | None = None
@@ -181,10 +181,6 @@ def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
     if not keep_logs:
         shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)
     dataset.abandon()
-
-
-def _categories(plan: Plan) -> list[str]:
-    return list(dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values()))
 
 
 @contextlib.contextmanager

@@ -119,9 +119,19 @@ def bare(name, origin_z=0.0):
     )
 
 
-def small_assets():
+def small_assets(*, distractors=False):
     vehicles = {name: vehicle(name, scale) for name, scale in (("t72", 1.0), ("leo", 1.1), ("ural", 0.8))}
-    return Assets(vehicles, CLASSES, {"hills": hills("hills"), "bare": bare("bare")}, ("noon", "dusk"))
+    others = {name: vehicle(name, scale) for name, scale in DISTRACTORS.items()} if distractors else {}
+    sceneries = {"hills": hills("hills"), "bare": bare("bare")}
+    return Assets(vehicles, CLASSES, sceneries, ("noon", "dusk"), distractors=others)
+
+
+DISTRACTORS = {"car": 0.5, "bales": 0.3, "bus": 0.9}
+DISTRACTOR_ENTRIES = [
+    {"path": "car.blend", "weight": 2.0},
+    {"path": "bales.blend", "sceneries": ["hill*"]},
+    {"path": "bus.blend", "category": "bus"},
+]
 
 
 def small_config(**sections):

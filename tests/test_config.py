@@ -61,7 +61,7 @@ def test_the_template_mentions_every_key():
 
     for section, name in keys(Config):
         part = CONFIG_TEMPLATE.split(f"[{section}]\n")[-1] if section else CONFIG_TEMPLATE
-        assert re.search(rf"(?m)^(# |\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
+        assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
 
 
 def test_the_template_for_given_assets(read):

@@ -10,11 +10,12 @@ import pytest
 from assets.library import Assets
 from geometry.meshes import Mesh
 from planning.check import check_plan
-from planning.limits import LIMITS, NOT_RECOMPUTED
+from planning.limits import LIMITS
+from planning.not_recomputed import NOT_RECOMPUTED
 from planning.plan_file import read_plan
 from planning.schema import Config, Section
 from planning.write import write_plan
-from tests.planning_assets import bare, hills, small_assets, small_config
+from tests.planning_assets import DISTRACTOR_ENTRIES, bare, hills, small_assets, small_config
 
 DOCS = Path(__file__).parents[1] / "docs" / "limits.md"
 
@@ -57,16 +58,17 @@ def holed(name):
 
 @pytest.fixture(scope="module")
 def assets():
-    base = small_assets()
+    base = small_assets(distractors=True)
     sceneries = {"hills": holed("hills"), "bare": bare("bare")}
-    return Assets(base.vehicles, base.categories, sceneries, ("noon", "dusk"))
+    return Assets(base.vehicles, base.categories, sceneries, ("noon", "dusk"), distractors=base.distractors)
 
 
 @pytest.fixture(scope="module")
 def made(assets, tmp_path_factory):
     config = small_config(
         seed=3,
-        budget={"images_per_class": 10, "images_per_position": 2},
+        assets={"distractors": DISTRACTOR_ENTRIES},
+        budget={"images_per_class": 10, "images_per_position": 2, "background_share": 0.2},
         placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30]},
         camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60]},
         weather={"probability": 0.5},
@@ -95,6 +97,14 @@ CHANGES = [
     ("placement.vehicle_clearance", 20.0, "placement.vehicle_clearance"),
     ("placement.vehicles_per_image", [1, 1], "vehicles in the image is 2, allowed are 1 to 1"),
     ("placement.companion_distance", [9.0, 10.0], "distance from the target is"),
+    ("placement.distractors_per_image", [1, 3], "distractors, which are not those that were drawn"),
+    ("assets.distractors.weight", 0.01, "distractors, which are not those that were drawn"),
+    ("assets.distractors.sceneries", ["bare"], "distractors, which are not those that were drawn"),
+    ("placement.distractor_distance", [30.0, 32.0], "distance from what the camera is framed on is"),
+    ("annotate.min_box_px", 0.0, "breaks companions[0].label"),
+    ("annotate.min_visible_fraction", 0.0, "breaks companions[0].label"),
+    ("annotate.max_truncated_fraction", 1.0, "breaks companions[0].label"),
+    ("annotate.below", "left_out", "breaks companions[0].label"),
     ("placement.articulate", False, "articulation"),
     ("placement.max_tries", 1, "tries is"),
     ("camera.fov_x_deg", [40.0, 41.0], "fov_x_deg is"),
@@ -110,9 +120,11 @@ CHANGES = [
     ("camera.truncated_fraction", [0.1, 0.2], "truncated_fraction is"),
     ("camera.min_box_px", 300.0, "smaller side of the box is"),
     ("camera.max_tries", 1, "cameras tried"),
-    ("budget.images_per_class", 11, "20 images, the budget is 22"),
+    ("budget.images_per_class", 11, "25 images, the budget is 28"),
+    ("budget.background_share", 0.3, "5 backgrounds, their budget is 9"),
+    ("budget.background_distractors", 1.0, "index, position, shot and vehicle"),
     ("budget.images_per_position", 3, "index, position, shot and vehicle"),
-    ("budget.positions_per_vehicle", 2, "20 images, the budget is 12"),
+    ("budget.positions_per_vehicle", 2, "25 images, the budget is 15"),
     ("light.hdris", [{"name": "noon", "weight": 1.0}], "hdri, which has no weight"),
     ("light.yaw_deg", [0.0, 90.0], "hdri_yaw_deg is"),
     ("light.strength", [0.7, 0.8], "strength is"),

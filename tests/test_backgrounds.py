@@ -1,0 +1,157 @@
+"""Images without targets and things that are no targets: budgets, draws, labels, and who plans what."""
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from geometry.errors import ConfigError
+from planning.budget import make_budget
+from planning.check import check_plan
+from planning.guests import Guests
+from planning.plan_file import read_plan
+from planning.planner import Planner
+from planning.row import encode_rows, labelling
+from planning.schema import BudgetSection
+from planning.write import write_plan
+from tests.planning_assets import CLASSES, DISTRACTOR_ENTRIES, small_assets, small_config
+
+
+def config_of(**sections):
+    sections["assets"] = {"distractors": DISTRACTOR_ENTRIES, **sections.get("assets", {})}
+    sections["budget"] = {
+        "images_per_class": 6,
+        "background_share": 0.25,
+        "images_per_position": 2,
+        **sections.get("budget", {}),
+    }
+    return small_config(**sections)
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets(distractors=True)
+
+
+@pytest.fixture(scope="module")
+def made(assets, tmp_path_factory):
+    config = config_of(placement={"vehicles_per_image": [1, 3]}, seed=5)
+    return write_plan(config, assets, tmp_path_factory.mktemp("made") / "plan.jsonl")
+
+
+@pytest.fixture(scope="module")
+def rows(made):
+    return list(made)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.1, 31), (0.25, 93), (0.5, 280), (0.9, 2520)])
+def test_backgrounds_are_their_share_of_all_images(share, expected):
+    budget = make_budget(BudgetSection(images_per_class=140, background_share=share), CLASSES)
+    assert (budget.backgrounds, budget.n_images) == (expected, 280 + expected)
+    assert budget.images_per_class.tolist() == [140, 140]
+
+
+def test_backgrounds_are_spread_over_the_whole_plan():
+    budget = make_budget(BudgetSection(images_per_class=500, background_share=0.2), CLASSES)
+    held = budget.positions(np.arange(budget.n_positions))
+    tenths = np.array_split(held.background, 10)
+    assert {int(part.sum()) for part in tenths} == {5}
+    assert held.first_image.tolist() == [0, *np.cumsum(held.shots)[:-1].tolist()]
+    assert int(held.shots[held.background].sum()) == budget.backgrounds
+    assert [budget.position_of(int(i)) for i in held.first_image] == list(range(budget.n_positions))
+
+
+def test_without_backgrounds_and_distractors_rows_are_as_they_were(assets):
+    plain = Planner(small_config(), small_assets())
+    listed = Planner(small_config(assets={"distractors": DISTRACTOR_ENTRIES},
+                                  placement={"distractors_per_image": 0}), assets)  # fmt: skip
+    assert encode_rows(listed.rows(0, 4)) == encode_rows(plain.rows(0, 4))
+
+
+def test_the_plan_keeps_its_limits(made, assets):
+    assert check_plan(made, assets) == []
+
+
+def test_backgrounds_come_beside_the_classes_exactly(rows):
+    assert Counter(row.category for row in rows if not row.background) == {"tank": 6, "truck": 6}
+    backgrounds = [row for row in rows if row.background]
+    assert len(backgrounds) == 4
+    assert Counter(row.empty for row in backgrounds) == {True: 2, False: 2}
+    for row in backgrounds:
+        assert row.labelled == []
+        assert row.companions == []
+        assert {distractor.category for distractor in row.distractors} <= {None}
+        assert (row in row.vehicles) == (row.category is None)
+
+
+def test_distractors_are_labelled_only_if_they_have_a_class(rows):
+    seen = Counter()
+    for row in rows:
+        for distractor in row.distractors:
+            seen[distractor.vehicle] += 1
+            assert distractor.category == {"bus": "bus"}.get(distractor.vehicle)
+            if distractor.category is None:
+                assert labelling(distractor) == "none"
+            if distractor.vehicle == "bales":
+                assert row.scenery == "hills"
+    assert set(seen) == {"car", "bales", "bus"}
+    assert seen["car"] > seen["bus"]
+
+
+def test_the_bytes_do_not_depend_on_the_number_of_workers(made, assets, tmp_path, monkeypatch):
+    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    config = config_of(placement={"vehicles_per_image": [1, 3]}, seed=5)
+    again = write_plan(config, assets, tmp_path / "plan.jsonl", workers=3)
+    assert again.path.read_bytes().split(b"\n", 1)[1] == made.path.read_bytes().split(b"\n", 1)[1]
+
+
+def test_all_places_are_alike_for_distractors():
+    """Uniform over the disk: the square of the distance is uniform."""
+    none = np.zeros(0)
+    distractors = Guests("distractor", (), none, (0, 3), (10.0, 40.0))
+    away = distractors.distances((np.arange(1000) + 0.5) / 1000)
+    shares = np.histogram(away**2, bins=10, range=(100.0, 1600.0))[0]
+    assert shares.tolist() == [100] * 10
+
+
+BROKEN = [
+    ("background", lambda row: row.__setitem__("background", False), "backgrounds, their budget is"),
+    ("label", lambda row: row.__setitem__("label", "full"), "breaks label"),
+    ("gone", lambda row: row.__setitem__("distractors", []), "breaks distractors, which are not those"),
+    ("pose", lambda row: row["distractors"][0]["world_from_vehicle"][2].__setitem__(3, 50.0), "distractors[0].gap is"),
+    ("tries", lambda row: row["distractors"][0].__setitem__("tries", 51), "distractors[0].tries is 51"),
+    ("name", lambda row: row["distractors"][0].update(vehicle="t72", category="tank"), "distractor 't72' is not in"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), [case[1:] for case in BROKEN], ids=[case[0] for case in BROKEN])
+def test_a_changed_background_is_found_out(made, assets, tmp_path, change, message):
+    header, *lines = made.path.read_bytes().splitlines(keepends=True)
+    i = next(
+        i for i, line in enumerate(lines)
+        if (row := json.loads(line))["background"] and row["distractors"] and row["scenery"] == "hills"
+    )  # fmt: skip
+    row = json.loads(lines[i])
+    change(row)
+    lines[i] = json.dumps(row).encode() + b"\n"
+    path = tmp_path / "plan.jsonl"
+    path.write_bytes(header + b"".join(lines))
+    findings = check_plan(read_plan(path), assets)
+    assert any(message in finding for finding in findings), findings
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"assets": {"distractors": [{"path": "t72.blend"}]}}, "2 vehicles and distractors are called 't72'"),
+        ({"assets": {"distractors": [{"path": "a.blend", "sceneries": ["sea"]}]}}, "'sea' matches none of"),
+        ({"budget": {"background_share": 1.0}}, r"budget.background_share = 1.0: expected"),
+        ({"annotate": {"min_box_px": 9.0}}, r"annotate.min_box_px = 9: expected camera.min_box_px = 8 at most"),
+        ({"annotate": {"min_visible_fraction": 0.4}}, "expected the least camera.visible_fraction, 0.3, at most"),
+        ({"annotate": {"max_truncated_fraction": 0.1}, "camera": {"truncated_fraction": [0, 0.5]}}, "0.5, at least"),
+    ],
+)
+def test_what_does_not_fit_is_refused(sections, message):
+    with pytest.raises(ConfigError, match=message):
+        small_config(**sections)
