@@ -62,11 +62,11 @@ def seconds_per_step(
     tried = settings.model_copy(update={"budget": TRIED_STEPS * settings.effective_batch, "weights": "none"})
     source = manifest.runs[0].sources[0]
     with TemporaryDirectory() as folder:
-        run = train(
+        tried_run = train(
             {source: manifest.datasets[source].folder}, Path(folder) / "run", settings=tried, device=options.device,
             workers=options.workers,
         )  # fmt: skip
-    return float(run["figures"]["seconds_per_step"])
+    return float(tried_run["figures"]["seconds_per_step"])
 
 
 def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:
