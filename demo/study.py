@@ -1,8 +1,8 @@
 """`python -m demo.study FOLDER`: what `make study` compares: rendered images, and stand-ins for photographs.
 
-The stand-ins are renders too, and no photographs: other vehicles, sceneries and skies than those of the synthetic images,
-seen from a standing eye's height, then exposed wrongly, blurred, made noisy and compressed. So there is a gap between
-the two, of which nobody knows how it compares with that to real photographs.
+The stand-ins are renders too, and no photographs: other vehicles, sceneries and skies than those of the synthetic
+images, seen from a standing eye's height, then exposed wrongly, blurred, made noisy and compressed. So there is a gap
+between the two, of which nobody knows how it compares with that to real photographs.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
 from dataset.document import COCO_NAME, read_coco
-from dataset.seals import changed
+from dataset.seals import PICTURE_KEY, RECORD_KEY
 from dataset.split import SPLITS, export
 from demo.build import FILES, build_demo_assets
 from demo.catalogue import CATEGORY
@@ -30,7 +31,7 @@ from planning.config import load_config
 from planning.loading import load_assets
 from planning.template import config_text
 from planning.write import write_plan
-from render.supervisor import render_plan
+from render.supervisor import Progress, render_plan
 
 SAMPLES = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
@@ -88,7 +89,7 @@ SYNTHETIC = Side(
     ("mbt_slab", "mbt_classic", "truck_canvas", "truck_tanker", "sam_rails", "sam_turret"),
     "dry_steppe",
     ("city", "sunrise", "sky_noon", "sky_evening"),
-    36,
+    24,
     0,
     {"camera.elevation_deg": [3.0, 20.0], "camera.fov_x_deg": [40.0, 60.0]},
 )
@@ -128,21 +129,22 @@ def photographed(picture: UInt8[np.ndarray, "h w 3"], *, rng: np.random.Generato
 
 def write_stand_ins(dataset: Path, out: Path) -> None:
     """Train, valid and test folders of a dataset's images as stand-ins for photographs; no position is in two."""
-    export(dataset, out, layout="coco", fractions=SHARES)
+    unfinished = out.with_name(f"{out.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    export(dataset, unfinished, layout="coco", fractions=SHARES)
     for split in SPLITS:
-        coco = read_coco(out / split)
+        coco = read_coco(unfinished / split)
+        images = []
         for image in coco["images"]:
-            path = out / split / image["file_name"]
+            path = unfinished / split / image["file_name"]
             with Image.open(path) as picture:
                 taken = photographed(np.asarray(picture.convert("RGB")), rng=np.random.default_rng([7, image["id"]]))
             path.unlink()  # it is a link to the render
-            with replacing(path.with_suffix(".jpg")) as file:
-                file.write(taken)
-        images = [
-            changed(image, file_name=str(Path(image["file_name"]).with_suffix(".jpg"))) for image in coco["images"]
-        ]
-        with replacing(out / split / COCO_NAME) as file:
-            file.write(orjson.dumps({**coco, "images": images}))
+            path.with_suffix(".jpg").write_bytes(taken)
+            bare = {key: value for key, value in image.items() if key not in (PICTURE_KEY, RECORD_KEY)}
+            images.append({**bare, "file_name": path.with_suffix(".jpg").name})
+        (unfinished / split / COCO_NAME).write_bytes(orjson.dumps({**coco, "images": images}))
+    unfinished.rename(out)
 
 
 STUDY = """\
@@ -158,7 +160,7 @@ stratified = true
 
 [train]
 model = "small"
-budget = 6000
+budget = 5400
 resolution = 192
 """
 
@@ -175,8 +177,7 @@ def main() -> None:
         if not plan.exists():
             config = load_config(write_side(side, folder))
             write_plan(config, load_assets(config), plan, workers=os.cpu_count() or 1, progress=_say(side.name))
-        told = _say(f"{side.name}: image")
-        if not render_plan(plan, folder / side.name, progress=lambda p: told(p.finished, p.images)).complete:
+        if not render_plan(plan, folder / side.name, progress=_rendered(side)).complete:
             raise SystemExit(f"{folder / side.name}: not all images could be rendered; see failures.jsonl there")
     photographs = folder / "stand-in-photographs"
     if not photographs.exists():
@@ -191,6 +192,15 @@ def _say(what: str) -> Callable[[int, int], None]:
         print(f"\r{what} {done} of {total}", end="" if done < total else "\n", flush=True)
 
     return say
+
+
+def _rendered(side: Side) -> Callable[[Progress], None]:
+    say = _say(f"{side.name}: image")
+
+    def rendered(progress: Progress) -> None:
+        say(progress.finished, progress.images)
+
+    return rendered
 
 
 if __name__ == "__main__":

@@ -224,8 +224,8 @@ def _where(report: Record) -> list[Block]:
     told: list[Block] = [
         Words(
             "Recall in the bins of `hulldown evaluate`, mixed minus real, with intervals from the drawings of test "
-            "pictures; of many bins a few look shown by chance. Only bins of ten labels or more whose interval holds no 0 "
-            "are named."
+            "pictures; of many bins a few look shown by chance. Only bins of ten labels or more whose interval holds "
+            "no 0 are named."
         )
     ]
     for name, one in report["bins"].items():
@@ -254,8 +254,8 @@ def _paper(report: Record) -> list[Block]:
     return [
         Words(
             f"The paper's figures are of RF-DETR medium, {PHOTOGRAPHS} photographs, as many synthetic images, 25,000 "
-            f"draws, and 320 test photographs with {LABELS:,} labels, of one training each and without intervals; as far "
-            "as its text gives them. Other data, another model and another budget give other figures: what can be "
+            f"draws, and 320 test photographs with {LABELS:,} labels, of one training each and without intervals; as "
+            "far as its text gives them. Other data, another model and another budget give other figures: what can be "
             "compared is whether and where the difference between the arms changes its sign."
         ),
         Table(header, rows),
@@ -317,15 +317,15 @@ def _bins_name(name: str) -> str:
     return "bins_" + "".join(c if c.isalnum() else "_" for c in name.replace(" %", "").replace(" at ", "_"))
 
 
-def _number(value: float | None) -> str:
+def _number(value: float | int | None) -> str:
     return "–" if value is None else f"{value:.3f}"
 
 
-def _count(value: float | None) -> str:
+def _count(value: float | int | None) -> str:
     return "–" if value is None or math.isnan(value) else f"{value:,.0f}"
 
 
-def _ranged(value: float | None, ends: Sequence[float] | None, *, signed: bool = False) -> str:
+def _ranged(value: float | int | None, ends: Sequence[float] | None, *, signed: bool = False) -> str:
     sign = "+" if signed else ""
     if value is None or ends is None:
         return "–" if value is None else f"{value:{sign}.3f}"
