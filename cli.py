@@ -20,6 +20,7 @@ from rich.markup import escape
 
 import verbs.planning
 import verbs.rendering
+import verbs.study
 import verbs.training
 from geometry.errors import HulldownError
 from verbs.terminal import (
@@ -121,11 +122,11 @@ def parser() -> argparse.ArgumentParser:
     ) -> argparse.ArgumentParser:
         sub = subparsers.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
         sub.set_defaults(run=run, resumes=resumes)
-        if name not in ("init", "preview", "augment", "demo"):
+        if name not in ("init", "preview", "augment", "study", "demo"):
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
-    for stage in (verbs.planning, verbs.rendering, verbs.training):
+    for stage in (verbs.planning, verbs.rendering, verbs.training, verbs.study):
         stage.add(verb)
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

@@ -96,15 +96,20 @@ def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[flo
     return [shares.get(name) for name in names]
 
 
-def write_draws(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]], path: Path) -> None:
-    """Write a row for each draw: its number, the source's name, the picture's, the seed of its augmentation."""
+def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> bytes:
+    """A row for each draw: its number, the source's name, the picture's, the seed of its augmentation."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(HEADER)
     for k, (source, image, seed) in enumerate(zip(draws.source, draws.image, draws.seed, strict=True)):
         rows.writerow((k, names[source], file_names[source][image], int(seed)))
+    return text.getvalue().encode()
+
+
+def write_draws(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]], path: Path) -> None:
+    """Write `draws_text`."""
     with replacing(path) as file:
-        file.write(text.getvalue().encode())
+        file.write(draws_text(draws, names, file_names))
 
 
 def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:

@@ -71,27 +71,57 @@ def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
     ConfigError
         Naming file, key, value and what is allowed.
     """
-    data: dict[str, Any] = {}
-    if path is not None:
-        try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise ConfigError("no such file", path=path) from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"cannot be read: {error}", path=path) from None
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"is no TOML: {error}", path=path) from None
+    data = {} if path is None else read_toml(path)
     data.update({key: value for key, value in changes.items() if value is not None})
     try:
         return completed(Settings.model_validate(data))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(step) for step in first["loc"])
-        if first["type"] == "extra_forbidden":
-            known = ", ".join(Settings.model_fields)
-            raise ConfigError(f"unknown key {key}; known here: {known}", path=path) from None
-        what = first["msg"].replace("Input should be", "expected")
-        raise ConfigError(f"{key} = {first['input']!r:.60}: {what}", path=path) from None
+        raise mistake(error, Settings, path) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file holds.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, or is none.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError("no such file", path=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot be read: {error}", path=path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"is no TOML: {error}", path=path) from None
+
+
+def mistake(error: ValidationError, model: type[BaseModel], path: Path | None) -> ConfigError:
+    """The first thing that is wrong with a file, naming key, value and what is allowed.
+
+    Parameters
+    ----------
+    error
+        What pydantic says.
+    model
+        What the file should be; a table in it is a field that is a model itself.
+    path
+        The file.
+    """
+    first = error.errors(include_url=False)[0]
+    steps = [step for step in first["loc"] if not (isinstance(step, str) and "[" in step)]
+    key = ".".join(str(step) for step in steps)
+    for step in steps[:-1]:
+        inner = model.model_fields[step].annotation if isinstance(step, str) and step in model.model_fields else None
+        model = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else model
+    if first["type"] == "extra_forbidden":
+        return ConfigError(f"unknown key {key}; known here: {', '.join(model.model_fields)}", path=path)
+    if first["type"] == "missing":
+        return ConfigError(f"{key} is missing", path=path)
+    what = first["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    value = f"{key} = {first['input']!r:.60}: " if key else ""
+    return ConfigError(f"{value}{what}", path=path)
 
 
 def completed(settings: Settings) -> Settings:

@@ -65,6 +65,38 @@ def shuffled_images(
     return [int(image["id"]) for members in order for image in members]
 
 
+def boxes_of(coco: Mapping[str, Any]) -> dict[int, list[dict[str, Any]]]:
+    """Image id -> its annotation records, of a COCO dictionary."""
+    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        if annotation["image_id"] in boxes:
+            boxes[annotation["image_id"]].append(annotation)
+    return boxes
+
+
+def nested_subsets(
+    images: Sequence[Mapping[str, Any]],
+    annotations: Mapping[int, Sequence[Mapping[str, Any]]],
+    fractions: Sequence[float],
+    *,
+    seed: int = 0,
+    stratified: bool = False,
+) -> list[list[int]]:
+    """Image ids of each share, all beginnings of one order: whole positions, at least one.
+
+    Parameters
+    ----------
+    images, annotations, seed, stratified
+        See `shuffled_images`.
+    fractions
+        Shares of the images, above 0 and at most 1.
+    """
+    order = shuffled_images(images, annotations, seed=seed, stratified=stratified)
+    by_id = {image["id"]: image for image in images}
+    sizes = _sizes([group_of(by_id[i], annotations.get(i, ())) for i in order], fractions)
+    return [order[:size] for size in sizes]
+
+
 def write_subsets(
     dataset: Path | str,
     out: Path | str,
@@ -112,14 +144,10 @@ def write_subsets(
     coco = read_usable(dataset)
     if not coco["images"]:
         raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")
-    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
-    for annotation in coco["annotations"]:
-        if annotation["image_id"] in boxes:
-            boxes[annotation["image_id"]].append(annotation)
-    order = shuffled_images(coco["images"], boxes, seed=seed, stratified=stratified)
-    by_id = {image["id"]: image for image in coco["images"]}
-    sizes = _sizes([group_of(by_id[i], boxes[i]) for i in order], fractions)
-    chosen = {name: set(order[:size]) for name, size in zip(names, sizes, strict=True)}
+    boxes = boxes_of(coco)
+    subsets = nested_subsets(coco["images"], boxes, fractions, seed=seed, stratified=stratified)
+    sizes = [len(ids) for ids in subsets]
+    chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
     head = {key: value for key, value in coco.items() if key not in ("images", "annotations")}
     with all_or_nothing(out) as unfinished:

@@ -40,6 +40,7 @@ def train(
     *,
     settings: Settings,
     valid: Path | str | None = None,
+    drawn: Path | None = None,
     workers: int | None = None,
     device: str = "auto",
     checkpoint_every: int | None = None,
@@ -58,6 +59,8 @@ def train(
         Completed, see `training.settings.load_settings`.
     valid
         A dataset that the result is measured on. It decides nothing.
+    drawn
+        A file of draws, as `training.draws.write_draws` writes it, as many as the budget; None: they are made.
     workers
         Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
     device
@@ -83,7 +86,7 @@ def train(
     table = changed_table(settings.augmentation)
     chosen = chosen_device({"gpu": "cuda"}.get(device, device))
     small = settings.model == "small"
-    weights = _weights(settings)
+    weights = usable_weights(settings)
     classes, sources = read_sources(data)
     shares = source_shares([source.name for source in sources], settings.shares)
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
@@ -96,16 +99,22 @@ def train(
         "data": {source.name: {"images": len(source), "sha256": digests[source.name]} for source in sources},
         "valid": {"images": len(held_back[0]), "sha256": digests["valid"]} if held_back else None,
         "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
+        **({"draws_sha256": hashlib.sha256(drawn.read_bytes()).hexdigest()} if drawn is not None else {}),
     }
     with opened(out, config) as folder:
         if (run := folder.finished()) is not None:
             say(f"{out}: is finished already")
             return run
         names, files = [source.name for source in sources], [source.file_names for source in sources]
+        if drawn is not None and not folder.draws.exists():
+            with replacing(folder.draws) as file:
+                file.write(drawn.read_bytes())
         if not folder.draws.exists():
             draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
             write_draws(draws, names, files, folder.draws)
         draws = read_draws(folder.draws, names, files)
+        if len(draws) != settings.budget:
+            raise ValueError(f"drawn: expected {settings.budget} draws, got {len(draws)}")
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table)
@@ -129,7 +138,14 @@ def train(
         return run
 
 
-def _weights(settings: Settings) -> Path | None:
+def usable_weights(settings: Settings) -> Path | None:
+    """The file that training starts from, None for random weights.
+
+    Raises
+    ------
+    HulldownError
+        If there is none, it cannot be fetched, or the network cannot be built as the settings say.
+    """
     if settings.model != "small":
         from training.detr import check_resolution, starting_weights
 

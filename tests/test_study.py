@@ -1,0 +1,306 @@
+"""hulldown study: runs, draws, and that a killed study ends as one left alone."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cli import main
+from geometry.errors import HulldownError
+from tests.test_train import in_child
+from tests.training_pictures import edit, make_dataset
+from training.study.arms import Run, arm_draws, budget_of, study_runs
+from training.study.config import load_study
+from training.study.manifest import read_manifest, settle
+from training.study.runs import Options, predictions_path, read_failures, run_one, run_study
+
+ROOT = Path(__file__).parents[1]
+SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
+NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    for seed, (name, count) in enumerate({"real": 16, "synthetic": 12, "test": 8, "valid": 4}.items()):
+        make_dataset(folder / name, count, seed=seed)
+    return folder
+
+
+def written(folder, path, *, train=SMALL, **keys):
+    """A study.toml for the pictures."""
+    keys = {"arms": ["real", "mixed"], "fractions": [1.0, 0.5], "seeds": [0]} | keys
+    lines = [f"{name} = {json.dumps(str(folder / name))}" for name in ("real", "synthetic", "test") if name not in keys]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+    lines += ["[train]", *(f"{key} = {json.dumps(value)}" for key, value in train.items())]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def settled(folder, path, **keys):
+    return settle(load_study(written(folder, path / "study.toml", **keys)))
+
+
+def here(study, name, options, progress, stop):
+    """A run in this process."""
+    run_one(study, name, options, progress)
+
+
+def study_in_child(study, out, *, kill_at=None):
+    """Run a study on one thread in a process of its own, which kills itself at (run's name, what, done)."""
+
+    def progress(what, done, total):
+        if kill_at is not None and all(word in what for word in kill_at[:2]) and done == kill_at[2]:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return in_child(lambda: run_study(study, out, options=Options("cpu", 0), launch=here, progress=progress))
+
+
+def tree(out):
+    """What must be equal in two studies: weights, draws, detections."""
+    manifest = read_manifest(out)
+    found = {}
+    for run in manifest.runs:
+        folder = out / "runs" / run.folder
+        state = torch.load(folder / "weights.pt", weights_only=True)["model"]
+        found[run.name] = (
+            {key: value.numpy().tobytes() for key, value in state.items()},
+            (folder / "draws.csv").read_bytes(),
+            [path.read_bytes() for path in sorted(folder.glob("test-*.json")) if ".info" not in path.name],
+        )
+    return found
+
+
+@pytest.mark.parametrize(
+    ("keys", "kills"),
+    [
+        ({}, [("mixed-100", "training", 3), ("mixed-50", "looking", 8)]),
+        ({"train": NANO, "fractions": [1.0]}, [("real", "training", 1), ("mixed", "training", 1)]),
+    ],
+    ids=["small", "nano"],
+)
+def test_a_study_killed_twice_ends_as_one_left_alone(pictures, tmp_path, keys, kills):
+    study = settled(pictures, tmp_path, **keys)
+    assert study_in_child(study, tmp_path / "alone") == 0
+    for kill in kills:
+        assert study_in_child(study, tmp_path / "killed", kill_at=kill) == -signal.SIGKILL
+    assert study_in_child(study, tmp_path / "killed") == 0
+    assert tree(tmp_path / "alone") == tree(tmp_path / "killed")
+    assert len(tree(tmp_path / "alone")) == (4 if not keys else 2)
+
+
+def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp_path):
+    config = load_study(written(pictures, tmp_path / "s.toml", arms=["real", "mixed", "synthetic"],
+                                fractions=[1.0, 0.5, 0.25, 0.1, 0.05], seeds=[4, 5]))  # fmt: skip
+    runs = study_runs(config)
+    assert len(runs) == 2 * 11
+    assert [run.seed for run in runs] == [4] * 11 + [5] * 11
+    assert len({run.name for run in runs}) == 22
+    assert {run.name for run in runs[:4]} == {"real-100-seed4", "mixed-100-seed4", "real-50-seed4", "mixed-50-seed4"}
+
+
+@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
+def test_draws_add_up_to_the_budget(arm):
+    photographs, budget = np.array([2, 3, 7]), 600
+    run = Run(arm, None if arm == "synthetic" else 0.1, 1)
+    draws = arm_draws(run, photographs, 9, budget)
+    assert len(draws) == budget_of(arm, budget) == (1200 if arm == "matched" else 600)
+    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(run.sources)}
+    assert sum(map(len, by_source.values())) == len(draws)
+    if "real" in by_source:
+        assert set(by_source["real"].tolist()) == {2, 3, 7}
+    if "synthetic" in by_source:
+        assert set(by_source["synthetic"].tolist()) == set(range(9))
+    share = {"real": 1.0, "mixed": 0.25, "synthetic": 0.0, "matched": 0.5, "balanced": 0.5, "pretrain": 0.5}[arm]
+    assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
+
+
+def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
+    photographs = np.array([2, 3, 7])
+    real, matched, pretrain = (
+        arm_draws(Run(arm, 0.1, 1), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
+    )
+    mine = matched.source == 0
+    assert (matched.image[mine] == real.image).all()
+    assert (matched.seed[mine] == real.seed).all()
+    assert pretrain.source.tolist() == [1] * 20 + [0] * 20
+    assert (pretrain.image[20:] == real.image[20:]).all()
+
+
+def test_smaller_shares_lie_within_larger_ones_and_both_arms_have_the_same(pictures, tmp_path):
+    study = settled(pictures, tmp_path, fractions=[1.0, 0.5, 0.25], seeds=[0, 1])
+    drawn = {}
+    for run in study.manifest.runs:
+        rows = [line.split(",") for line in study.draws[run.folder].decode().splitlines()[1:]]
+        drawn[run.name] = {row[2] for row in rows if row[1] == "real"}
+        assert sum(run.drawn.values()) == len(rows) == run.settings.budget
+    for seed in (0, 1):
+        few, half, whole = (drawn[f"real-{share}-seed{seed}"] for share in (25, 50, 100))
+        assert few < half < whole
+        assert drawn[f"mixed-25-seed{seed}"] <= few
+    assert drawn["real-25-seed0"] != drawn["real-25-seed1"]
+
+
+def test_what_makes_a_run_names_its_folder(pictures, tmp_path):
+    before = {run.name: run.folder for run in settled(pictures, tmp_path).manifest.runs}
+    assert before == {run.name: run.folder for run in settled(pictures, tmp_path, iou=0.6).manifest.runs}
+    other = settled(pictures, tmp_path, train=SMALL | {"learning_rate": 0.001}).manifest.runs
+    assert not {run.folder for run in other} & set(before.values())
+    changed = tmp_path / "synthetic"
+    make_dataset(changed, 12, seed=9)
+    mixed_only = {
+        run.name for run in settled(pictures, tmp_path, synthetic=str(changed)).manifest.runs
+        if run.folder != before[run.name]
+    }  # fmt: skip
+    assert mixed_only == {"mixed-100-seed0", "mixed-50-seed0"}
+
+
+def test_a_failed_run_is_set_aside_and_the_others_go_on(pictures, tmp_path):
+    study, ran = settled(pictures, tmp_path), []
+
+    def launch(out, name, options, progress, stop):
+        ran.append(name)
+        return "no room" if name == "mixed-100-seed0" and len(ran) < 5 else _pretend(out, name)
+
+    done = run_study(study, tmp_path / "out", options=Options("cpu", 0), launch=launch)
+    assert done.failed == read_failures(tmp_path / "out") == {"mixed-100-seed0": "no room"}
+    assert len(done.finished) == 3
+    again = run_study(study, tmp_path / "out", options=Options("cpu", 0), launch=launch)
+    assert (again.finished, len(again.already), again.failed) == (("mixed-100-seed0",), 3, {})
+    assert ran.count("real-100-seed0") == 1
+    assert read_failures(tmp_path / "out") == {}
+
+
+def _pretend(out, name):
+    """Leave what a finished run leaves, for what is not about training."""
+    manifest = read_manifest(out)
+    run = manifest.run(name)
+    folder = out / "runs" / run.folder
+    folder.mkdir(parents=True)
+    (folder / "weights.pt").write_bytes(b"")
+    (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished", "figures": {}}))
+    predictions_path(out, manifest, run, "test").write_text("[]")
+
+
+def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
+    monkeypatch.setattr("training.study.runs.gpu_places", lambda options: [options, options])
+    study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
+
+    def launch(out, name, options, progress, stop):
+        both.wait()  # each waits for the other: one after the other they would never end
+        return _pretend(out, name)
+
+    assert len(run_study(study, tmp_path / "two", options=Options("cpu", 0), launch=launch).finished) == 2
+
+    def broken(out, name, options, progress, stop):
+        if name.startswith("real"):
+            raise ZeroDivisionError
+        assert stop.wait(30)
+        return "stopped"
+
+    with pytest.raises(ZeroDivisionError):
+        run_study(study, tmp_path / "broken", options=Options("cpu", 0), launch=broken)
+    assert read_failures(tmp_path / "broken") == {}
+
+
+def test_a_run_in_a_process_of_its_own_finishes_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
+    study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
+    [run] = study.manifest.runs
+    said = []
+    done = run_study(study, tmp_path / "out", options=Options("cpu", 0), progress=lambda *told: said.append(told))
+    assert done.finished == (run.name,)
+    assert (f"{run.name} (1 of 1): training", 6, 6) in said
+    assert (f"{run.name} (1 of 1): looking at test", 8, 8) in said
+
+    weights = tmp_path / "out" / "runs" / run.folder / "weights.pt"
+    weights.unlink()
+    (weights.parent / "config.json").write_text("{}")
+    failed = run_study(study, tmp_path / "out", options=Options("cpu", 0)).failed
+    assert "the run in this folder has" in failed[run.name]
+
+    child = subprocess.Popen(
+        [sys.executable, "-c", "from training.study.worker import _end_with_parent as wait; wait()"],
+        stdin=subprocess.PIPE, cwd=ROOT,
+    )  # fmt: skip
+    child.stdin.close()  # as when its parent is killed
+    assert child.wait(60) == 1
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"real": "nowhere"}, r"s\.toml: real = 'nowhere': no such folder"),
+        ({"arms": ["real", "fake"]}, r"arms\.1 = 'fake': expected 'real', 'mixed', 'synthetic'"),
+        ({"arms": ["real", "real"]}, "arms: real is there twice"),
+        ({"fractions": [0.0]}, r"fractions\.0 = 0\.0: expected greater than 0"),
+        ({"seeds": []}, "seeds = "),
+        ({"sedes": [1]}, "unknown key sedes; known here: real, synthetic, test"),
+        ({"train": SMALL | {"seed": 3}}, r"train\.seed: a study rules this itself; set seeds above \[train\]"),
+        ({"train": SMALL | {"bugdet": 3}}, r"unknown key train\.bugdet; known here: model, budget"),
+        ({"train": SMALL | {"model": "tiny"}}, r"train\.model = 'tiny': expected 'small'"),
+    ],
+)
+def test_mistakes_in_a_config_name_file_and_key(pictures, tmp_path, keys, words):
+    with pytest.raises(HulldownError, match=words):
+        load_study(written(pictures, tmp_path / "s.toml", **keys))
+
+
+def test_with_validation_photographs_no_threshold_is_given(pictures, tmp_path):
+    with pytest.raises(HulldownError, match="threshold: with valid it is chosen there; leave one of the two out"):
+        load_study(written(pictures, tmp_path / "s.toml", valid=str(pictures / "valid"), threshold=0.4))
+
+
+def test_a_source_that_lacks_a_class_is_refused_before_anything_trains(pictures, tmp_path):
+    other = make_dataset(tmp_path / "other", 8, seed=3, classes=("square", "ring"))
+    with pytest.raises(HulldownError, match=r"the classes of synthetic are 'ring', 'square', those of real are 'disc'"):
+        settled(pictures, tmp_path, synthetic=str(other))
+    squares = make_dataset(tmp_path / "squares", 8, seed=3)
+    edit(squares, lambda coco: coco.update(annotations=[a for a in coco["annotations"] if a["category_id"] == 1]))
+    with pytest.raises(HulldownError, match="synthetic has no box of the class 'disc'"):
+        settled(pictures, tmp_path, synthetic=str(squares))
+
+
+def test_a_test_picture_that_is_trained_on_is_refused(pictures, tmp_path):
+    with pytest.raises(HulldownError, match=r"images/0000\.png is images/0000\.png of real too: no detector may be"):
+        settled(pictures, tmp_path, test=str(pictures / "real"))
+
+
+def test_a_folder_of_something_else_is_refused(pictures, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    with pytest.raises(HulldownError, match=r"out: holds notes\.txt and no study"):
+        run_study(settled(pictures, tmp_path), tmp_path / "out", options=Options("cpu"))
+
+
+def test_init_writes_a_config_that_run_understands(pictures, tmp_path, capsys):
+    words = [f"--{key}={pictures / key}" for key in ("real", "synthetic", "test")]
+    assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 0
+    config = load_study(tmp_path / "study.toml")
+    assert (len(study_runs(config)), config.train.model, config.train.budget) == (33, "medium", 25_000)
+    assert config.real.samefile(pictures / "real")
+    capsys.readouterr()
+    assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 2
+    assert "study.toml: is there already" in capsys.readouterr().err
+    assert main(["study", "init", *words, f"--valid={pictures / 'valid'}", "-o", str(tmp_path / "with.toml")]) == 0
+    assert load_study(tmp_path / "with.toml").valid.samefile(pictures / "valid")
+
+
+def test_a_dry_run_shows_runs_draws_and_hours_and_writes_nothing(pictures, tmp_path, capsys):
+    path = written(pictures, tmp_path / "s.toml", arms=["real", "mixed", "synthetic"])
+    words = ["study", "run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu", "--workers", "0"]
+    assert main([*words, "--dry-run", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert not (tmp_path / "out").exists()
+    assert found["hours"] == pytest.approx(5 * 6 * found["seconds_per_step"] / 3600)
+    rows = {row["name"]: row for row in found["runs"]}
+    assert rows["real-50-seed0"]["draws_per_photograph"] == 24 / 8
+    mixed = rows["mixed-100-seed0"]
+    assert mixed["draws_per_photograph"] * 16 + mixed["draws_per_synthetic_image"] * 12 == pytest.approx(24)
+    assert {row["state"] for row in found["runs"]} == {"new"}

@@ -1,0 +1,209 @@
+"""A study's report: its figures against hand counts, its words, its charts, its page in a real browser."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.by import By
+
+from cli import main
+from geometry.errors import HulldownError
+from tests.test_study import settled
+from tests.training_pictures import make_dataset
+from training.labels import read_labels
+from training.study.charts import Line, beside, over_photographs, png, svg
+from training.study.manifest import write_manifest
+from training.study.paper import LABELS, PAPER
+from training.study.report import write_report
+from training.study.results import Difference, needed
+from training.study.runs import predictions_path
+
+ARMS = ("real", "mixed", "synthetic")
+# How many of a hundred labels the detectors of these tests find.
+SKILL = {("real", 1.0): 80, ("real", 0.5): 50, ("real", 0.25): 20, ("mixed", 1.0): 80, ("mixed", 0.5): 75,
+         ("mixed", 0.25): 60, ("synthetic", None): 40}  # fmt: skip
+
+
+def looked(labels, share, *, seed):
+    """Detections of a share of the labels, and a false alarm in every eighth image."""
+    rng = np.random.default_rng(seed)
+    order = np.random.default_rng(5).permutation(len(labels.label))  # hard labels are hard for every detector
+    found = [
+        {"image_id": int(labels.image_id[labels.image[k]]), "category_id": int(labels.class_id[labels.label[k]]),
+         "bbox": labels.xywh[k].tolist(), "score": 0.6 + 0.3 * float(rng.random())}
+        for k in order[: round(share / 100 * len(order))]
+    ]  # fmt: skip
+    alarms = [
+        {"image_id": int(image), "category_id": 1, "bbox": [1.0, 1.0, 5.0, 5.0], "score": 0.55}
+        for image in labels.image_id[::8]
+    ]
+    return found + alarms
+
+
+def finished_study(pictures, folder, out, **keys):
+    """A study's folder as `run` leaves it, of detectors that need no training."""
+    study = settled(pictures, folder, arms=ARMS, fractions=[1.0, 0.5, 0.25], **keys)
+    write_manifest(study, out)
+    labels = read_labels(study.manifest.datasets["test"].folder)
+    for run in study.manifest.runs:
+        path = out / "runs" / run.folder
+        path.mkdir(parents=True)
+        (path / "weights.pt").write_bytes(b"")
+        (path / "run.json").write_text(
+            json.dumps({"model": "small", "status": "finished", "figures": {"seconds": 1.0}})
+        )
+        share = SKILL[run.arm, run.fraction] + 2 * run.seed
+        predictions_path(out, study.manifest, run, "test").write_text(json.dumps(looked(labels, share, seed=run.seed)))
+    return study
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    for seed, (name, count) in enumerate({"real": 16, "synthetic": 12, "test": 80}.items()):
+        make_dataset(folder / name, count, seed=seed)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def study(pictures, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    finished_study(pictures, folder, folder / "out", seeds=[0, 1])
+    return folder / "out", write_report(folder / "out")
+
+
+def test_figures_are_those_of_the_detections(study):
+    _, report = study
+    cells = {(cell["arm"], cell["fraction"]): cell for cell in report["cells"]}
+    assert len(cells) == 7
+    assert len(report["runs"]) == 14
+    for key, cell in cells.items():
+        tp = [round((SKILL[key] + 2 * seed) / 100 * 60) for seed in (0, 1)]
+        assert (cell["tp"], cell["fp"], cell["fn"]) == (np.mean(tp), 10, 60 - np.mean(tp))
+        assert cell["recall"] == pytest.approx(np.mean(tp) / 60, abs=1e-6)
+        assert cell["of_seeds"]["recall"] == pytest.approx([n / 60 for n in tp], abs=1e-6)
+        low, high = cell["intervals"]["recall"]
+        assert low < cell["recall"] < high
+
+
+def test_a_difference_is_claimed_only_where_its_interval_holds_none(study):
+    _, report = study
+    pairs = {(pair["first"], pair["second"]): pair["measures"]["f1"] for pair in report["pairs"]}
+    assert pairs["real at 25 %", "mixed at 25 %"]["words"].startswith("mixed at 25 % has a higher F1 than real at 25 %")
+    assert pairs["real at 100 %", "synthetic"]["words"].startswith("synthetic has a lower F1 than real at 100 %")
+    same = pairs["real at 100 %", "mixed at 100 %"]
+    assert same["words"].startswith("Between mixed at 100 % and real at 100 % no difference of F1 is shown")
+    assert same["difference"] == 0
+
+
+def test_worth_is_read_off_the_real_curve(study):
+    _, report = study
+    worth = {(one["name"], one["measure"]): one for one in report["worth"]}
+    # Recall of mixed at 25 % (4 photographs): 0.61; real has 0.51 with 8 and 0.81 with 16.
+    found = worth["mixed at 25 %", "recall"]
+    assert 4 < found["photographs"] < 12
+    assert found["interval"][0] <= found["photographs"] <= found["interval"][1]
+    assert "are worth" in found["words"]
+    assert worth["mixed at 100 %", "recall"]["photographs"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_bins_are_mixed_minus_real(study):
+    _, report = study
+    rows = report["bins"]["mixed at 25 % minus real at 25 %"]["rows"]
+    assert sum(row["labels"] for row in rows if row["field"] == "class") == 60
+    for row in rows:
+        assert row["difference"] == pytest.approx(row["recall"][1] - row["recall"][0], abs=2e-6)
+
+
+def test_the_same_study_gives_the_same_report(pictures, study, tmp_path):
+    _, report = study
+    finished_study(pictures, tmp_path, tmp_path / "again", seeds=[0, 1])
+    again = write_report(tmp_path / "again")
+    assert {**again, "times": {}} == {**report, "times": {}}
+    for name in ("over_photographs.svg", "real_25.png", "report.md"):
+        assert (tmp_path / "again" / name).read_bytes() == (study[0] / name).read_bytes()
+
+
+def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_path):
+    out = tmp_path / "part"
+    shutil.copytree(study[0], out)
+    manifest = json.loads((out / "study.json").read_text())
+    gone = [run for run in manifest["runs"] if run["name"] in ("mixed-25-seed1", "synthetic-seed0", "synthetic-seed1")]
+    for run in gone:
+        (out / "runs" / run["folder"] / "weights.pt").unlink()
+    (out / "failures.json").write_text(json.dumps({"mixed-25-seed1": "ended by signal 9"}))
+    report = write_report(out)
+    assert report["missing"] == {
+        "mixed-25-seed1": "ended by signal 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
+    }  # fmt: skip
+    assert "mixed-25-seed1: ended by signal 9" in (out / "report.md").read_text()
+    with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
+        write_report(tmp_path)
+
+
+def test_one_seed_says_that_nothing_is_known_of_another_training(pictures, tmp_path):
+    finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0])
+    assert "one seed only" in write_report(tmp_path / "out")["sureness"]
+
+
+def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
+    out, _ = study
+    browser.get((out / "report.html").as_uri())
+    headings = [one.text for one in browser.find_elements(By.TAG_NAME, "h2")]
+    assert headings[0] == "In short"
+    assert {"What the synthetic images are worth", "Pairs of arms", "Where", "Beside the paper"} <= set(headings)
+    widths = browser.execute_script("return [...document.querySelectorAll('img.chart')].map((i) => i.naturalWidth)")
+    assert len(widths) == len(list(out.glob("*.svg"))) == len(list(out.glob("*.png")))
+    assert min(widths) > 100
+    folded = browser.find_element(By.TAG_NAME, "details")
+    assert not folded.find_element(By.TAG_NAME, "table").is_displayed()
+    folded.find_element(By.TAG_NAME, "summary").click()
+    assert folded.find_element(By.TAG_NAME, "table").is_displayed()
+    wide = browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert wide
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+
+
+def test_the_command_reports(study, capsys):
+    out, report = study
+    assert main(["study", "report", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["summary"] == report["summary"]
+
+
+def test_charts_of_the_papers_own_figures():
+    """What they show was looked at; here, that all of it is drawn, and the same twice."""
+    for fraction, arms in PAPER.items():
+        values = {arm: {key: (value, None) for key, value in found.items()} for arm, found in arms.items()}
+        figure = beside(f"{100 * fraction:g} %", values)
+        assert svg(figure) == svg(beside(f"{100 * fraction:g} %", values))
+        bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
+        assert [arms["real"]["precision"], arms["mixed"]["f1"]] == [bars[6], bars[11]]
+    counts = np.array([420 * fraction for fraction in sorted(PAPER)])
+    lines = []
+    for arm in ("real", "mixed"):
+        f1 = np.array([PAPER[fraction][arm]["f1"] for fraction in sorted(PAPER)])
+        lines.append(Line(arm, counts, f1, f1 - 0.03, f1 + 0.03, [[value] for value in f1]))
+    figure = over_photographs({"f1": lines})
+    assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == [line.values.tolist() for line in lines]
+    assert png(figure).startswith(b"\x89PNG")
+    assert LABELS == 688 + 391
+
+
+def test_what_the_paper_s_synthetic_images_are_worth():
+    """At 10 % (42 photographs) mixed reaches an F1 that real reaches between 42 and 105."""
+    counts = np.array([21.0, 42, 105, 210, 420])
+    curve = np.array([[0.32], [0.35], [0.70], [0.64], [0.76]])
+    assert needed(counts, curve, np.array([0.53]))[0] == pytest.approx(42 * (105 / 42) ** (0.18 / 0.35))
+    # Where the curve falls, more photographs are no worse: 0.70 is reached with 105, 0.73 half way to 420.
+    assert needed(counts, curve, np.array([0.70]))[0] == pytest.approx(105)
+    assert needed(counts, curve, np.array([0.73]))[0] == pytest.approx(210 * 2**0.5)
+    assert np.isinf(needed(counts, curve, np.array([0.80]))[0])
+    assert needed(counts, curve, np.array([0.16]))[0] == pytest.approx(10.5)
+    assert needed(counts, curve, np.array([0.0]))[0] == 0
+
+
+def test_an_interval_that_touches_nought_shows_nothing():
+    assert Difference(0.1, np.array([0.01, 0.2])).shown
+    assert not Difference(0.1, np.array([0.0, 0.2])).shown
+    assert not Difference(0.1, np.array([np.nan, np.nan])).shown

@@ -1,0 +1,125 @@
+"""From a study to its runs: what each arm draws from what, pure functions of the config and the datasets.
+
+An arm is nothing but a file of draws. All else is the same for every run: the model, the budget, the test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from training.draws import Draws, make_draws
+from training.study.config import Arm, StudyConfig
+from training.subset import subset_name
+
+SOURCES: dict[Arm, tuple[str, ...]] = {
+    "real": ("real",),
+    "mixed": ("real", "synthetic"),
+    "synthetic": ("synthetic",),
+    "matched": ("real", "synthetic"),
+    "balanced": ("real", "synthetic"),
+    "pretrain": ("real", "synthetic"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One training of a study.
+
+    Parameters
+    ----------
+    arm
+        What it is trained on.
+    fraction
+        The share of the photographs that it may use; None of the arm that uses none.
+    seed
+        Of draws, augmentation, weights, and which photographs are the share.
+    """
+
+    arm: Arm
+    fraction: float | None
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Unique in a study."""
+        share = "" if self.fraction is None else f"-{subset_name(self.fraction)}"
+        return f"{self.arm}{share}-seed{self.seed}"
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The datasets that it draws from."""
+        return SOURCES[self.arm]
+
+
+def study_runs(config: StudyConfig) -> list[Run]:
+    """Every run, those of one seed after those of another, so that a study that is stopped early says something."""
+    return [
+        Run(arm, fraction, seed)
+        for seed in config.seeds
+        for arm, fraction in [
+            *((arm, fraction) for fraction in config.fractions for arm in config.arms if "real" in SOURCES[arm]),
+            *((arm, None) for arm in config.arms if "real" not in SOURCES[arm]),
+        ]
+    ]
+
+
+def budget_of(arm: Arm, budget: int) -> int:
+    """Draws of a run of an arm, where the real arm has `budget`."""
+    return 2 * budget if arm == "matched" else budget
+
+
+def arm_draws(run: Run, photographs: Int[np.ndarray, " k"], synthetic: int, budget: int) -> Draws:
+    """What a run is trained on, draw by draw; `Draws.source` is an index into ``run.sources``.
+
+    Parameters
+    ----------
+    run
+        Which.
+    photographs
+        (k,) the pictures of the real dataset that it may use.
+    synthetic
+        How many synthetic pictures there are.
+    budget
+        Draws of the real arm.
+
+    Examples
+    --------
+    `matched` has every draw of `real`, and as many synthetic ones between them:
+
+    >>> real = arm_draws(Run("real", 0.5, 0), np.array([3, 8]), 5, 4)
+    >>> matched = arm_draws(Run("matched", 0.5, 0), np.array([3, 8]), 5, 4)
+    >>> matched.source.tolist(), (matched.image[::2] == real.image).all()
+    ([0, 1, 0, 1, 0, 1, 0, 1], True)
+    """
+    k, seed = len(photographs), run.seed
+    match run.arm:
+        case "real":
+            draws = make_draws([k], budget, seed=seed)
+        case "synthetic":
+            return make_draws([synthetic], budget, seed=seed)
+        case "mixed":
+            draws = make_draws([k, synthetic], budget, seed=seed)
+        case "balanced":
+            draws = make_draws([k, synthetic], budget, seed=seed, shares=[0.5, 0.5])
+        case "matched":
+            both = [make_draws([n], budget, seed=seed) for n in (k, synthetic)]
+            draws = _taken(both, np.tile([0, 1], budget), np.repeat(np.arange(budget), 2))
+        case "pretrain":
+            both = [make_draws([n], budget, seed=seed) for n in (k, synthetic)]
+            draws = _taken(both, (np.arange(budget) < budget // 2).astype(np.int64), np.arange(budget))
+    of_real = draws.source == 0
+    image = draws.image.copy()
+    image[of_real] = photographs[image[of_real]]
+    return Draws(draws.source, image, draws.seed)
+
+
+def _taken(both: Sequence[Draws], source: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> Draws:
+    """Row `row` of the draws from `source`, for each draw."""
+    image, seed = (
+        np.where(source == 0, getattr(both[0], key)[row], getattr(both[1], key)[row]) for key in ("image", "seed")
+    )
+    return Draws(source, image, seed)

@@ -1,0 +1,117 @@
+"""What a study compares: read from TOML, every mistake named with its file and key."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from geometry.errors import ConfigError
+from training.settings import Settings, completed, mistake, read_toml
+from training.subset import FRACTIONS
+
+Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
+ARMS: tuple[Arm, ...] = ("real", "mixed", "synthetic")  # the paper's
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class StudyConfig(BaseModel):
+    """Datasets, arms, and what every run is trained with."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    real: Path = Field(description="photographs to train on")
+    synthetic: Path = Field(description="rendered images to train on")
+    test: Path = Field(description="photographs to test on")
+    valid: Path | None = Field(None, description="photographs to choose each detector's threshold on")
+    arms: tuple[Arm, ...] = Field(ARMS, min_length=1, description="what is compared")
+    fractions: tuple[Share, ...] = Field(FRACTIONS, min_length=1, description="shares of the photographs")
+    seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
+    stratified: bool = Field(False, description="whether each share keeps the proportion of classes")
+    threshold: float = Field(0.5, ge=0.0, le=1.0, description="confidence of a detection, without `valid`")
+    iou: float = Field(0.5, gt=0.0, le=1.0, description="overlap of a find")
+    train: Settings = Field(
+        default_factory=lambda: Settings.model_validate({}), description="as of `hulldown train --config`"
+    )
+
+    @model_validator(mode="after")
+    def _sound(self) -> StudyConfig:
+        for key in ("arms", "fractions", "seeds"):
+            values = getattr(self, key)
+            if repeated := [value for value in values if values.count(value) > 1]:
+                raise ValueError(f"{key}: {repeated[0]} is there twice")
+        return self
+
+
+def load_study(path: Path | str) -> StudyConfig:
+    """The study of a TOML file; its paths are relative to the file's folder.
+
+    Raises
+    ------
+    ConfigError
+        Naming file, key, value and what is allowed.
+    """
+    path = Path(path)
+    data: dict[str, Any] = read_toml(path)
+    try:
+        study = StudyConfig.model_validate(data)
+    except ValidationError as error:
+        raise mistake(error, StudyConfig, path) from None
+    for key, instead in (("seed", "seeds"), ("shares", "arms")):
+        if key in data.get("train", {}):
+            raise ConfigError(
+                f"train.{key}: a study rules this itself", path=path, remedy=f"set {instead} above [train]"
+            )
+    if study.valid is not None and "threshold" in data:
+        raise ConfigError("threshold: with valid it is chosen there", path=path, remedy="leave one of the two out")
+    folders = {key: path.parent / getattr(study, key) for key in ("real", "synthetic", "test")}
+    if study.valid is not None:
+        folders["valid"] = path.parent / study.valid
+    for key, folder in folders.items():
+        if not folder.is_dir():
+            raise ConfigError(f"{key} = {str(getattr(study, key))!r}: no such folder", path=path)
+    train = study.train
+    if train.weights not in (None, "none"):
+        train = train.model_copy(update={"weights": str(path.parent / train.weights)})
+    return study.model_copy(update={**folders, "train": completed(train)})
+
+
+def study_text(real: str, synthetic: str, test: str, valid: str | None = None) -> str:
+    """A config to start from: every key with its default, what it does and what it may be."""
+    chosen = f"valid = {_toml(valid)}" if valid else '# valid = "photographs/valid"'
+    return _TEXT.format(
+        real=_toml(real), synthetic=_toml(synthetic), test=_toml(test), valid=chosen,
+        threshold="# threshold = 0.5" if valid else "threshold = 0.5",
+    )  # fmt: skip
+
+
+def _toml(value: str | Sequence[str]) -> str:
+    # What JSON and TOML write alike.
+    return json.dumps(value, ensure_ascii=False)
+
+
+_TEXT = """\
+# hulldown study. Paths are relative to this file's folder, and each is the folder of a COCO dataset.
+
+real = {real}            # photographs to train on
+synthetic = {synthetic}  # rendered images to train on
+test = {test}            # photographs that every detector is judged by; none of them may be in real
+{valid}  # photographs that choose each detector's threshold of confidence, by the best F1
+{threshold}  # where valid is not given: detections of at least this confidence count
+iou = 0.5        # overlap from which a detection has found a label
+
+# "real": photographs alone. "mixed": with all synthetic images, every image as likely as any other. "synthetic": these
+# alone. Beyond the paper: "balanced": mixed, half of the draws real. "matched": the draws of "real", and as many
+# synthetic ones between them, so twice the budget. "pretrain": half of the budget synthetic, then half of it real.
+arms = ["real", "mixed", "synthetic"]
+fractions = [1.0, 0.5, 0.25, 0.1, 0.05]  # shares of the photographs, each within the larger ones
+seeds = [0, 1, 2]   # each is one training of every arm, on other photographs at shares below 1
+stratified = false  # whether each share keeps the proportion of classes
+
+[train]  # every run; all keys of `hulldown train --config` but seed and shares
+model = "medium"  # "small" for a CPU; "nano", "rf-small", "medium", "large" of RF-DETR
+budget = 25000    # pictures drawn, with replacement
+"""

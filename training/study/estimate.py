@@ -1,0 +1,91 @@
+"""How long a study will take, before it is begun."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from training.data import Batches
+from training.detector import RUN_NAME
+from training.study.manifest import RUNS_NAME, Manifest, PlannedRun
+from training.study.runs import Options, is_finished
+
+TRIED_STEPS = 3
+
+
+def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
+    """A row for each run: what it draws, how often from each image, and whether it is finished.
+
+    Parameters
+    ----------
+    study
+        The study's folder; it need not be there.
+    manifest
+        Its runs.
+    """
+    return [
+        {
+            "name": run.name,
+            "photographs": run.photographs,
+            "synthetic_images": _images(manifest, run, "synthetic"),
+            "draws": run.settings.budget,
+            "steps": _steps(run),
+            "draws_per_photograph": _per_image(run, "real", run.photographs),
+            "draws_per_synthetic_image": _per_image(run, "synthetic", _images(manifest, run, "synthetic")),
+            "state": "finished" if is_finished(study, manifest, run) else "begun" if _begun(study, run) else "new",
+        }
+        for run in manifest.runs
+    ]
+
+
+def seconds_per_step(
+    study: Path, manifest: Manifest, options: Options, *, say: Callable[[str], None] = lambda line: None
+) -> float:
+    """What a step takes: as in the finished runs, else as three steps take now, which are taken and thrown away."""
+    found = []
+    for run in manifest.runs:
+        path = study / RUNS_NAME / run.folder / RUN_NAME
+        if path.exists():
+            figures = json.loads(path.read_text(encoding="utf-8")).get("figures", {})
+            found += [figures["seconds_per_step"]] if "seconds_per_step" in figures else []
+    if found:
+        return float(np.median(found))
+    from training.train import train
+
+    say(f"taking {TRIED_STEPS} steps to see how long one takes")
+    settings = manifest.runs[0].settings
+    tried = settings.model_copy(update={"budget": TRIED_STEPS * settings.effective_batch, "weights": "none"})
+    source = manifest.runs[0].sources[0]
+    with TemporaryDirectory() as folder:
+        tried_run = train(
+            {source: manifest.datasets[source].folder}, Path(folder) / "run", settings=tried, device=options.device,
+            workers=options.workers,
+        )  # fmt: skip
+    return float(tried_run["figures"]["seconds_per_step"])
+
+
+def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:
+    """Of training that is left, where so many runs go on at the same time."""
+    return sum(row["steps"] for row in rows if row["state"] != "finished") * seconds / places / 3600.0
+
+
+def _images(manifest: Manifest, run: PlannedRun, source: str) -> int:
+    return manifest.datasets[source].images if source in run.sources else 0
+
+
+def _per_image(run: PlannedRun, source: str, images: int) -> float:
+    return run.drawn.get(source, 0) / images if images else 0.0
+
+
+def _steps(run: PlannedRun) -> int:
+    settings = run.settings
+    return Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps
+
+
+def _begun(study: Path, run: PlannedRun) -> bool:
+    return (study / RUNS_NAME / run.folder).exists()

@@ -1,0 +1,248 @@
+"""All runs of a study with everything that makes them, settled before the first begins: study.json."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import orjson
+from jaxtyping import Int
+from pydantic import BaseModel, ConfigDict
+
+from dataset.document import read_coco
+from geometry.errors import ConfigError, DatasetError
+from geometry.files import replacing
+from training.draws import Draws, draws_text
+from training.settings import Settings
+from training.sources import Source, check_pictures, read_sources
+from training.study.arms import Run, arm_draws, budget_of, study_runs
+from training.study.config import Arm, StudyConfig
+from training.subset import boxes_of, nested_subsets
+
+MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
+KEY_DIGITS = 10
+
+
+class Dataset(BaseModel):
+    """A dataset of a study, as it was when the study was settled."""
+
+    model_config = ConfigDict(frozen=True)
+
+    folder: str
+    images: int
+    boxes: dict[str, int]
+    sha256: str
+
+
+class PlannedRun(BaseModel):
+    """A run with everything that makes it.
+
+    `folder` ends in the hash of the rest: another config, other data make another folder, and what is there stays.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    name: str
+    folder: str
+    arm: Arm
+    fraction: float | None
+    seed: int
+    photographs: int  # that it may use
+    sources: tuple[str, ...]
+    drawn: dict[str, int]  # from each source
+    settings: Settings
+
+
+class Manifest(BaseModel):
+    """What study.json holds."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: int = 1
+    config: StudyConfig
+    classes: tuple[str, ...]
+    datasets: dict[str, Dataset]
+    runs: tuple[PlannedRun, ...]
+
+    def run(self, name: str) -> PlannedRun:
+        """The run of a name."""
+        return next(run for run in self.runs if run.name == name)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SettledStudy:
+    """A manifest, and the draws that it says the hash of.
+
+    Parameters
+    ----------
+    manifest
+        The runs.
+    draws
+        Folder name of each run -> its file of draws.
+    warnings
+        What deserves a look before the time is spent.
+    """
+
+    manifest: Manifest
+    draws: Mapping[str, bytes]
+    warnings: tuple[str, ...]
+
+
+def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None = None) -> SettledStudy:
+    """Everything that the runs of a study are made with; every picture is looked at.
+
+    Parameters
+    ----------
+    config
+        As `load_study` gives it.
+    progress
+        Told (pictures looked at, all).
+
+    Raises
+    ------
+    HulldownError
+        If a dataset cannot be used or lacks a class, or a test photograph is trained on.
+    """
+    folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
+    if config.valid is not None:
+        folders["valid"] = config.valid
+    classes, found = read_sources(folders)
+    sources = {source.name: source for source in found}
+    _check_classes(sources, classes)
+    digests = check_pictures(found, progress=progress)
+    _check_apart(sources)
+    datasets = {
+        name: Dataset(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),
+                      sha256=digests[name])
+        for name, source in sources.items()
+    }  # fmt: skip
+    shares = _shares(config, sources["real"])
+    runs, draws, warnings = [], {}, []
+    for run in study_runs(config):
+        photographs = shares[run.seed, run.fraction] if run.fraction is not None else np.zeros(0, dtype=np.int64)
+        mine = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
+        used = [sources[name] for name in run.sources]
+        text = draws_text(mine, run.sources, [source.file_names for source in used])
+        settings = config.train.model_copy(update={"seed": run.seed, "budget": budget_of(run.arm, config.train.budget)})
+        planned = _planned(run, settings, mine, text, {name: digests[name] for name in run.sources}, len(photographs))
+        runs.append(planned)
+        draws[planned.folder] = text
+        if run.arm == "real":
+            warnings += _missing(run, sources["real"], photographs, classes)
+    return SettledStudy(
+        Manifest(config=config, classes=classes, datasets=datasets, runs=tuple(runs)), draws, tuple(warnings)
+    )
+
+
+def write_manifest(study: SettledStudy, folder: Path) -> None:
+    """Write study.json and the files of draws."""
+    (folder / DRAWS_NAME).mkdir(parents=True, exist_ok=True)
+    for name, text in study.draws.items():
+        path = draws_path(folder, name)
+        if not path.exists():
+            with replacing(path) as file:
+                file.write(text)
+    with replacing(folder / MANIFEST_NAME) as file:
+        file.write(orjson.dumps(study.manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2) + b"\n")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """What study.json of a study's folder says.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or it is damaged.
+    """
+    path = folder / MANIFEST_NAME
+    try:
+        return Manifest.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        raise ConfigError(
+            f"no {MANIFEST_NAME} here", path=folder, remedy="name a folder of `hulldown study run`"
+        ) from None
+    except (OSError, ValueError) as error:
+        line = str(error).split("\n")[0]
+        raise ConfigError(f"cannot be read ({line})", path=path, remedy="run `hulldown study run` again") from None
+
+
+def draws_path(folder: Path, run: str) -> Path:
+    """The file of draws of a run's folder name."""
+    return folder / DRAWS_NAME / f"{run}.csv"
+
+
+def _planned(
+    run: Run, settings: Settings, draws: Draws, text: bytes, digests: Mapping[str, str], photographs: int
+) -> PlannedRun:
+    weights = None
+    if settings.weights not in (None, "none"):
+        weights = hashlib.sha256(Path(str(settings.weights)).read_bytes()).hexdigest()
+    made_of = {
+        "settings": settings.model_dump(mode="json", exclude={"weights"}),
+        "weights": weights or settings.weights,
+        "data": digests,
+        "draws": hashlib.sha256(text).hexdigest(),
+    }
+    key = hashlib.sha256(orjson.dumps(made_of, option=orjson.OPT_SORT_KEYS)).hexdigest()[:KEY_DIGITS]
+    counts = np.bincount(draws.source, minlength=len(run.sources)).tolist()
+    return PlannedRun(
+        name=run.name, folder=f"{run.name}-{key}", arm=run.arm, fraction=run.fraction, seed=run.seed,
+        photographs=photographs, sources=run.sources, drawn=dict(zip(run.sources, counts, strict=True)),
+        settings=settings,
+    )  # fmt: skip
+
+
+def _shares(config: StudyConfig, real: Source) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
+    """The photographs of each seed and fraction, as indices into the source."""
+    coco = read_coco(config.real)
+    index = {name: i for i, name in enumerate(real.file_names)}
+    number = {image["id"]: index[str(image["file_name"])] for image in coco["images"]}
+    shares = {}
+    for seed in config.seeds:
+        subsets = nested_subsets(
+            coco["images"], boxes_of(coco), config.fractions, seed=seed, stratified=config.stratified
+        )
+        for fraction, ids in zip(config.fractions, subsets, strict=True):
+            shares[seed, fraction] = np.array(sorted(number[i] for i in ids), dtype=np.int64)
+    return shares
+
+
+def _boxes(source: Source, classes: Sequence[str]) -> dict[str, int]:
+    return dict(zip(classes, np.bincount(source.label, minlength=len(classes)).tolist(), strict=True))
+
+
+def _check_classes(sources: Mapping[str, Source], classes: Sequence[str]) -> None:
+    """Refuse what could not learn, or not show, a class: no run would be about the same task."""
+    for name, source in sources.items():
+        lacking = [label for label, boxes in _boxes(source, classes).items() if not boxes]
+        if lacking:
+            raise DatasetError(
+                f"{name} has no box of the class {', '.join(map(repr, lacking))}", path=source.folder,
+                remedy="add pictures of it, or leave the class out of every dataset",
+            )  # fmt: skip
+
+
+def _missing(run: Run, real: Source, photographs: Int[np.ndarray, " k"], classes: Sequence[str]) -> list[str]:
+    labels = [real.label[real.starts[i] : real.starts[i + 1]] for i in photographs]
+    there = set(np.concatenate([np.zeros(0, dtype=np.int64), *labels]).tolist())
+    lacking = [name for c, name in enumerate(classes) if c not in there]
+    if not lacking:
+        return []
+    return [f"{run.name}: its {len(photographs)} photographs show no {', '.join(lacking)}; stratified = true may help"]
+
+
+def _check_apart(sources: Mapping[str, Source]) -> None:
+    """Refuse a test or validation picture that is trained on, and one that is in both of these."""
+    seen: dict[bytes, tuple[str, str]] = {}
+    for name, source in sources.items():
+        for file in source.file_names:
+            digest = hashlib.sha256((source.folder / file).read_bytes()).digest()
+            other = seen.setdefault(digest, (name, file))
+            if other[0] != name and {name, other[0]} & {"test", "valid"}:
+                raise DatasetError(
+                    f"{file} is {other[1]} of {other[0]} too: no detector may be judged by what it was trained on",
+                    path=source.folder, remedy=f"take it out of {other[0]} or out of {name}",
+                )  # fmt: skip

@@ -1,0 +1,332 @@
+"""A study's report for people, from what report.json holds: the same blocks as Markdown and as a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from dataset.page import chart, folded, items, page, section, table, words
+from training.study.charts import COLOURS, Line, beside, bin_changes, over_photographs, png, svg
+from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
+from training.study.words import TITLES
+from training.subset import subset_name
+
+OVER = ("f1", "recall", "precision", "ap50")
+OVER_NAME = "over_photographs"
+MOST_BARS = 30  # of a chart of bins
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """What begins a section."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """A list of sentences."""
+
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; its first column names the rows. A title folds it away on the page."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """One of `charts_of`, and what it says to those who cannot see it."""
+
+    name: str
+    says: str
+
+
+Block = Heading | Words | Items | Table | Chart
+TITLE = "What synthetic images are worth"
+
+
+def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
+    """Name -> PNG and SVG of every chart of a report."""
+    found = {}
+    for fraction in _fractions(report):
+        arms = {cell["arm"]: cell for cell in report["cells"] if cell["fraction"] == fraction}
+        title = f"{100 * fraction:.10g} % of the photographs ({next(iter(arms.values()))['photographs']:.0f})"
+        figure = beside(title, {arm: _values(cell) for arm, cell in arms.items()})
+        found[f"real_{subset_name(fraction)}"] = figure
+    panels = {measure: lines for measure in OVER if (lines := _lines(report, measure))}
+    if panels:
+        found[OVER_NAME] = over_photographs(panels)
+    for name, one in report["bins"].items():
+        rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= 10][:MOST_BARS]
+        if rows:
+            title = f"recall: {name}"
+            bars = [
+                (f"{row['field']}: {row['bin']} (n {row['labels']})", row["difference"], *row["interval"])
+                for row in rows
+            ]
+            found[_bins_name(name)] = bin_changes(title, bars)
+    return {name: (png(figure), svg(figure)) for name, figure in found.items()}
+
+
+def blocks(report: Record) -> list[Block]:
+    """All that the report tells, in order."""
+    return [
+        Items(report["summary"]),
+        *_setting(report),
+        Heading("Over the number of photographs"),
+        Chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands"),
+        Words(report["sureness"]),
+        Heading("What the synthetic images are worth"),
+        *_worth(report),
+        Heading("At each share of the photographs"),
+        Words("As the paper's Figures 5 to 9. Counts are means over seeds; lines on bars are 95 % intervals."),
+        *_at_each(report),
+        Heading("Pairs of arms"),
+        *_pairs(report),
+        Heading("Where"),
+        *_where(report),
+        Heading("Beside the paper"),
+        *_paper(report),
+        Heading("All runs"),
+        *_runs(report),
+    ]
+
+
+def markdown(told: Sequence[Block]) -> str:
+    """The report as Markdown; charts lie beside it."""
+    parts = [f"# {TITLE}"]
+    for block in told:
+        match block:
+            case Heading(text):
+                parts.append(f"## {text}")
+            case Words(text):
+                parts.append(text)
+            case Items(texts):
+                parts.append("\n".join(f"- {text}" for text in texts))
+            case Table(header, rows, title):
+                lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+                cells = "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
+                parts.append(f"{title}:\n\n{cells}" if title else cells)
+            case Chart(name, says):
+                parts.append(f"![{says}]({name}.png)")
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def html(told: Sequence[Block], charts: Mapping[str, bytes]) -> str:
+    """The report as one page that fetches nothing."""
+    sections: list[tuple[str, list[str]]] = [("In short", [])]
+    for block in told:
+        match block:
+            case Heading(text):
+                sections.append((text, []))
+            case Words(text):
+                sections[-1][1].append(words(text))
+            case Items(texts):
+                sections[-1][1].append(items(texts))
+            case Table(header, rows, title):
+                made = table(header, rows)
+                sections[-1][1].append(folded(title, made) if title else made)
+            case Chart(name, says):
+                sections[-1][1].append(chart(charts[name], says))
+    return page(TITLE, *(section(heading, *parts) for heading, parts in sections))
+
+
+def _setting(report: Record) -> list[Block]:
+    study = report["study"]
+    train, sets = study["train"], study["datasets"]
+    images = ", ".join(f"{one['images']} in {name}" for name, one in sets.items())
+    threshold = study["threshold"]
+    how = (
+        "that of its best F1 on the validation photographs" if threshold == "validation" else f"{threshold:g}, as given"
+    )
+    twice = " (matched: twice as many)" if "matched" in study["arms"] else ""
+    told: list[Block] = [
+        Words(
+            f"{study['runs']} trainings of {train['model']} on {train['budget']:,} draws each{twice}, seeds "
+            f"{', '.join(map(str, study['seeds']))}. Images: {images}. Classes: {', '.join(study['classes'])}. A "
+            f"detection counts from a confidence of {how}; it is true at an IoU of {study['iou']:g} with a label of "
+            "its class."
+        )
+    ]
+    if report["missing"]:
+        told.append(Words("Runs that are missing here:"))
+        told.append(Items([f"{name}: {reason}" for name, reason in report["missing"].items()]))
+    return told
+
+
+def _worth(report: Record) -> list[Block]:
+    told: list[Block] = [
+        Words(
+            "So many more photographs the real arm needs to be as good. Between two shares its curve is taken for a "
+            "straight line over the logarithm of their number; nothing is said beyond the photographs that there are."
+        )
+    ]
+    found = report["worth"]
+    return (
+        [*told, Items([one["words"] for one in found])]
+        if found
+        else [Words("Two shares of the photographs at least are needed, and an arm with synthetic images.")]
+    )
+
+
+def _at_each(report: Record) -> list[Block]:
+    told: list[Block] = []
+    for fraction in _fractions(report):
+        mine = [cell for cell in report["cells"] if cell["fraction"] == fraction]
+        arms = " beside ".join(cell["arm"] for cell in mine)
+        told.append(Chart(f"real_{subset_name(fraction)}", f"{arms} at {100 * fraction:g} % of the photographs"))
+    rows = [
+        [cell["name"], *(_count(cell[key]) for key in ("tp", "fp", "fn")),
+         *(_ranged(cell[key], cell["intervals"][key]) for key in ("precision", "recall", "f1", "mean_iou",
+           "mean_confidence", "ap50", "ap"))]
+        for cell in report["cells"]
+    ]  # fmt: skip
+    header = [
+        "",
+        "TP",
+        "FP",
+        "FN",
+        *(TITLES[key] for key in ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")),
+    ]
+    return [*told, Table(header, rows, "all figures")]
+
+
+def _pairs(report: Record) -> list[Block]:
+    told: list[Block] = [
+        Words("Both are judged by the same drawings of the test pictures. An interval that holds 0 shows nothing.")
+    ]
+    for pair in report["pairs"]:
+        said = [one["words"] for key, one in pair["measures"].items() if key in ("f1", "recall", "precision", "ap50")]
+        told.append(Items(said))
+    return told
+
+
+def _where(report: Record) -> list[Block]:
+    told: list[Block] = [
+        Words(
+            "Recall in the bins of `hulldown evaluate`, mixed minus real, with intervals from the drawings of test "
+            "pictures; of many bins a few look shown by chance. Only bins of ten labels or more whose interval holds "
+            "no 0 are named."
+        )
+    ]
+    for name, one in report["bins"].items():
+        told += [Words(f"{name}:"), Items(one["words"] or ["no bin with a difference that is shown"])]
+        if any(row["interval"] is not None and row["labels"] >= 10 for row in one["rows"]):
+            told.append(Chart(_bins_name(name), f"differences of recall in bins, {name}"))
+        rows = [
+            [f"{row['field']}: {row['bin']}", str(row["labels"]), *(_number(value) for value in row["recall"]),
+             _ranged(row["difference"], row["interval"], signed=True)]
+            for row in one["rows"]
+        ]  # fmt: skip
+        told.append(Table(["bin", "labels", "recall, real", "recall, mixed", "difference"], rows, f"all bins, {name}"))
+    return told
+
+
+def _paper(report: Record) -> list[Block]:
+    mine = {(cell["fraction"], cell["arm"]): cell for cell in report["cells"]}
+    rows = []
+    for fraction, arm in [(fraction, arm) for fraction in PAPER for arm in ("real", "mixed")]:
+        cell = mine.get((fraction, arm))
+        row = [f"{arm} at {100 * fraction:g} %"]
+        for key in ("precision", "recall", "f1"):
+            row += [_number(paper_figure(fraction, arm, key)), _number(cell[key] if cell else None)]
+        rows.append(row)
+    header = ["", *(f"{TITLES[key]}, {whose}" for key in ("precision", "recall", "f1") for whose in ("paper", "here"))]
+    return [
+        Words(
+            f"The paper's figures are of RF-DETR medium, {PHOTOGRAPHS} photographs, as many synthetic images, 25,000 "
+            f"draws, and 320 test photographs with {LABELS:,} labels, of one training each and without intervals; as "
+            "far as its text gives them. Other data, another model and another budget give other figures: what can be "
+            "compared is whether and where the difference between the arms changes its sign."
+        ),
+        Table(header, rows),
+    ]
+
+
+def _runs(report: Record) -> list[Block]:
+    rows = [
+        [one["name"], str(one["photographs"]), *(_count(one["drawn"].get(key, 0)) for key in ("real", "synthetic")),
+         _number(one["threshold"]), *(_number(one[key]) for key in ("precision", "recall", "f1", "ap50", "ap")),
+         _count(report["times"].get(one["name"]))]
+        for one in report["runs"]
+    ]  # fmt: skip
+    header = [
+        "run",
+        "photographs",
+        "draws, real",
+        "draws, synthetic",
+        "threshold",
+        "precision",
+        "recall",
+        "F1",
+        "AP50",
+        "AP",
+        "seconds",
+    ]
+    return [Table(header, rows)]
+
+
+def _fractions(report: Record) -> list[float]:
+    found = [cell["fraction"] for cell in report["cells"] if cell["fraction"] is not None]
+    return [fraction for fraction, _ in groupby(sorted(found))]
+
+
+def _values(cell: Record) -> dict[str, tuple[float | None, Sequence[float] | None]]:
+    return {key: (cell[key], cell["intervals"].get(key)) for key in TITLES}
+
+
+def _lines(report: Record, measure: str) -> list[Line]:
+    lines = []
+    for arm in COLOURS:
+        mine = sorted((cell for cell in report["cells"] if cell["arm"] == arm), key=lambda cell: cell["photographs"])
+        if not mine:
+            continue
+        ends = np.array([cell["intervals"][measure] or [np.nan, np.nan] for cell in mine])
+        lines.append(
+            Line(
+                arm=arm,
+                photographs=np.array([float(cell["photographs"]) for cell in mine]),
+                values=np.array([np.nan if cell[measure] is None else cell[measure] for cell in mine]),
+                low=ends[:, 0], high=ends[:, 1],
+                points=[[np.nan if one is None else one for one in cell["of_seeds"][measure]] for cell in mine],
+            )
+        )  # fmt: skip
+    return lines
+
+
+def _bins_name(name: str) -> str:
+    return "bins_" + "".join(c if c.isalnum() else "_" for c in name.replace(" %", "").replace(" at ", "_"))
+
+
+def _number(value: float | int | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _count(value: float | int | None) -> str:
+    return "–" if value is None or math.isnan(value) else f"{value:,.0f}"
+
+
+def _ranged(value: float | int | None, ends: Sequence[float] | None, *, signed: bool = False) -> str:
+    sign = "+" if signed else ""
+    if value is None or ends is None:
+        return "–" if value is None else f"{value:{sign}.3f}"
+    return f"{value:{sign}.3f} ({ends[0]:{sign}.3f} to {ends[1]:{sign}.3f})"

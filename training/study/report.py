@@ -1,0 +1,225 @@
+"""From a study's folder to its report: report.json for programs, report.md and report.html for people, charts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from geometry.errors import HulldownError
+from geometry.files import replacing
+from training.detector import RUN_NAME
+from training.evaluate import Threshold, best_threshold, evaluate
+from training.labels import Labels, read_labels
+from training.predictions import read_predictions
+from training.report_files import plain
+from training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
+from training.study.page import Block, blocks, charts_of, html, markdown
+from training.study.results import (
+    COMPARED,
+    COUNTS,
+    MEASURES,
+    Cell,
+    Difference,
+    Judged,
+    Worth,
+    bin_differences,
+    cell_interval,
+    cells,
+    difference,
+    judged,
+    mean,
+    pairs,
+    worth,
+)
+from training.study.runs import is_finished, predictions_path, read_failures
+from training.study.words import bin_words, difference_words, summary, sureness, worth_words
+
+WORTH_BY = ("f1", "recall", "ap50")
+
+
+def write_report(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+    """Compare the finished runs of a study and write what came out into its folder.
+
+    Parameters
+    ----------
+    study
+        Folder of `run_study`, finished or not.
+    progress
+        Told (runs judged, all).
+
+    Returns
+    -------
+    What report.json holds.
+
+    Raises
+    ------
+    HulldownError
+        If it is no study, no run is finished, or test pictures are not as they were.
+    """
+    study = Path(study)
+    manifest = read_manifest(study)
+    finished = [run for run in manifest.runs if is_finished(study, manifest, run)]
+    if not finished:
+        raise HulldownError("no run is finished", path=study, remedy="run `hulldown study run` first")
+    labels = read_labels(manifest.datasets["test"].folder)
+    valid = read_labels(manifest.datasets["valid"].folder) if "valid" in manifest.datasets else None
+    runs = []
+    for done, run in enumerate(finished, start=1):
+        runs.append(_judge(study, manifest, run, labels, valid))
+        if progress is not None:
+            progress(done, len(finished))
+    found = _compared(manifest, runs)
+    failures = read_failures(study)
+    report = {
+        **found,
+        "missing": {run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
+        "times": {run.name: _time(study, run) for run in finished},
+    }
+    drawn = charts_of(report)
+    for name, (as_png, as_svg) in drawn.items():
+        _write(study / f"{name}.png", as_png)
+        _write(study / f"{name}.svg", as_svg)
+    told: list[Block] = blocks(report)
+    _write(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
+    _write(study / "report.md", markdown(told).encode())
+    _write(study / "report.html", html(told, {name: as_svg for name, (_, as_svg) in drawn.items()}).encode())
+    return report
+
+
+def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, valid: Labels | None) -> Judged:
+    """A run's figures at its threshold."""
+    config = manifest.config
+    path = predictions_path(study, manifest, run, "test")
+    threshold = Threshold(config.threshold, "given")
+    if valid is not None:
+        looked = read_predictions(predictions_path(study, manifest, run, "valid"), valid)
+        best = best_threshold(valid, looked, iou=config.iou)
+        # A detector that has found nothing there will find nothing anywhere.
+        threshold = Threshold(1.0 if best is None else best, "validation")
+    predictions = read_predictions(path, labels, name=run.name)
+    return judged(run, evaluate(labels, predictions, threshold=threshold, iou=config.iou))
+
+
+def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
+    """Everything that is computed from detections and labels alone: the same study gives the same."""
+    found = cells(runs)
+    compared = [(first, second, _differences(first, second)) for first, second in pairs(found)]
+    real = [cell for cell in found if cell.arm == "real"]
+    others = [cell for cell in found if cell.arm != "real"]
+    worths = [one for cell in others for measure in WORTH_BY if (one := worth(real, cell, measure)) is not None]
+    against_real = [(first, second) for first, second in pairs(found) if first.arm == "real" and second.arm == "mixed"]
+    bins = {f"{second.name} minus {first.name}": bin_differences(first, second) for first, second in against_real}
+    count = sum(len(by_measure) for _, _, by_measure in compared)
+    largest = max(real, key=lambda cell: cell.photographs, default=None)
+    return plain({
+        "study": _described(manifest),
+        "summary": summary(
+            [(first, second, by_measure["f1"]) for first, second, by_measure in compared if "f1" in by_measure], largest
+        ),
+        "sureness": sureness(len(manifest.config.seeds), manifest.datasets["test"].images, count),
+        "cells": [_cell_record(cell) for cell in found],
+        "pairs": [
+            {
+                "first": first.name, "second": second.name, "fraction": second.fraction,
+                "measures": {
+                    key: {
+                        "difference": one.value, "interval": _ends(one.ends),
+                        "words": difference_words(first, second, key, one),
+                    }
+                    for key, one in by_measure.items()
+                },
+            }
+            for first, second, by_measure in compared
+        ],
+        "worth": [_worth_record(one) for one in worths],
+        "bins": {
+            name: {
+                "words": bin_words(rows),
+                "rows": [
+                    {
+                        "field": row.field, "bin": row.bin, "labels": row.labels, "recall": list(row.recall),
+                        "difference": row.change.value, "interval": _ends(row.change.ends),
+                    }
+                    for row in rows
+                ],
+            }
+            for name, rows in bins.items()
+        },
+        "runs": [_run_record(one) for one in runs],
+    })  # fmt: skip
+
+
+def _differences(first: Cell, second: Cell) -> dict[str, Difference]:
+    found = {measure: difference(first, second, measure) for measure in COMPARED}
+    return {measure: one for measure, one in found.items() if one is not None}
+
+
+def _described(manifest: Manifest) -> dict[str, Any]:
+    config, train = manifest.config, manifest.config.train
+    return {
+        "classes": list(manifest.classes),
+        "datasets": {name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
+        "arms": list(config.arms),
+        "fractions": list(config.fractions),
+        "seeds": list(config.seeds),
+        "threshold": "validation" if config.valid is not None else config.threshold,
+        "iou": config.iou,
+        "train": train.model_dump(mode="json", exclude={"seed", "weights"}),
+        "runs": len(manifest.runs),
+    }
+
+
+def _cell_record(cell: Cell) -> dict[str, Any]:
+    return {
+        "arm": cell.arm,
+        "fraction": cell.fraction,
+        "name": cell.name,
+        "photographs": cell.photographs,
+        "seeds": sorted(cell.judged),
+        **{key: mean(cell, key) for key in (*COUNTS, *MEASURES)},
+        "intervals": {key: _ends(cell_interval(cell, key)) for key in MEASURES},
+        "of_seeds": {key: [cell.judged[seed].values[key] for seed in sorted(cell.judged)] for key in MEASURES},
+    }
+
+
+def _worth_record(one: Worth) -> dict[str, Any]:
+    return {
+        "arm": one.cell.arm, "name": one.cell.name, "fraction": one.cell.fraction, "measure": one.measure,
+        "photographs": _finite(one.images), "interval": [_finite(float(end)) for end in one.ends],
+        "words": worth_words(one),
+    }  # fmt: skip
+
+
+def _run_record(one: Judged) -> dict[str, Any]:
+    run = one.run
+    return {
+        "name": run.name, "arm": run.arm, "fraction": run.fraction, "seed": run.seed, "folder": run.folder,
+        "photographs": run.photographs, "drawn": dict(run.drawn), "threshold": one.evaluation.threshold.value,
+        **one.values,
+    }  # fmt: skip
+
+
+def _time(study: Path, run: PlannedRun) -> float | None:
+    """Seconds of a run's training, of its last process where it was killed."""
+    found = json.loads((study / RUNS_NAME / run.folder / RUN_NAME).read_text(encoding="utf-8"))
+    seconds = found.get("figures", {}).get("seconds")
+    return None if seconds is None else round(float(seconds), 1)
+
+
+def _ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
+    return None if np.isnan(ends).any() else [float(end) for end in ends]
+
+
+def _finite(value: float) -> float | None:
+    """None for more than there are."""
+    return None if np.isinf(value) else value
+
+
+def _write(path: Path, content: bytes) -> None:
+    with replacing(path) as file:
+        file.write(content)

@@ -1,0 +1,318 @@
+"""What the runs of a study say together: arms with intervals, pairs of arms, what synthetic images are worth, where.
+
+Every run is judged by the same test pictures, which are drawn again with the same drawings for all: what is hard for
+every detector cancels out of a difference. Seeds are drawn again too, together with the test pictures, so that an
+interval holds what another test set and, of several seeds, other trainings would give.
+
+References
+----------
+Efron and Tibshirani, An Introduction to the Bootstrap, 1993, sections 8 and 13.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from training.bootstrap import interval, resampled_sums
+from training.evaluate import Evaluation
+from training.metrics import SUMS, figures, ratio
+from training.study.config import Arm
+from training.study.manifest import PlannedRun
+
+COUNTS = ("tp", "fp", "fn")
+MEASURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")
+COMPARED = ("f1", "recall", "precision", "ap50", "ap", "mean_iou", "mean_confidence")
+ENOUGH = 10  # labels in a bin that something is said of
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judged:
+    """A finished run and its figures on the test pictures.
+
+    Parameters
+    ----------
+    run
+        The run.
+    evaluation
+        All that was found out about it.
+    values
+        Each of `COUNTS` and `MEASURES`.
+    resampled
+        Measure -> (r,) of every drawing of test pictures; what has no drawings is missing.
+    """
+
+    run: PlannedRun
+    evaluation: Evaluation
+    values: Mapping[str, float]
+    resampled: Mapping[str, Float[np.ndarray, " r"]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cell:
+    """An arm at a fraction: its runs of all seeds.
+
+    Parameters
+    ----------
+    arm, fraction
+        Which.
+    photographs
+        That a run of it may use, the mean over seeds.
+    judged
+        Its runs, by seed.
+    """
+
+    arm: Arm
+    fraction: float | None
+    photographs: float
+    judged: Mapping[int, Judged]
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        return self.arm if self.fraction is None else f"{self.arm} at {100 * self.fraction:.10g} %"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Difference:
+    """Second minus first, of one measure.
+
+    Parameters
+    ----------
+    value
+        The mean over seeds.
+    ends
+        (2,) its interval; nan where there is none.
+    """
+
+    value: float
+    ends: Float[np.ndarray, "2"]
+
+    @property
+    def shown(self) -> bool:
+        """Whether the interval holds no 0."""
+        return bool(self.ends[0] > 0.0 or self.ends[1] < 0.0)
+
+
+def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
+    """A run with its figures."""
+    sums = evaluation.sums.sum(axis=0)
+    resampled = dict(figures(evaluation.resampled.sum(axis=1)))
+    if evaluation.ap50_resampled is not None:
+        resampled["ap50"] = _mean_over_classes(evaluation.ap50_resampled)
+    values = {key: float(sums[SUMS.index(key)]) for key in COUNTS}
+    values |= {key: float(value) for key, value in figures(sums).items() if key in MEASURES}
+    values |= {key: float(evaluation.average.summary[key]) for key in ("ap50", "ap")}
+    return Judged(run, evaluation, values, {key: resampled[key] for key in MEASURES if key in resampled})
+
+
+def cells(runs: Sequence[Judged]) -> list[Cell]:
+    """The runs by arm and fraction, in the order of the study."""
+    groups: dict[tuple[Arm, float | None], dict[int, Judged]] = {}
+    for one in runs:
+        groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
+    return [
+        Cell(arm, fraction, float(np.mean([one.run.photographs for one in mine.values()])), mine)
+        for (arm, fraction), mine in groups.items()
+    ]
+
+
+def mean(cell: Cell, measure: str) -> float:
+    """A count or measure, the mean over seeds; nan if a run does not define it."""
+    return float(np.mean([one.values[measure] for one in cell.judged.values()]))
+
+
+def drawings(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"] | None:
+    """The mean over seeds that are drawn again, of every drawing of test pictures; None where there are none.
+
+    Parameters
+    ----------
+    cell, measure
+        Of what.
+    seeds
+        Those to draw from; two cells with the same seeds get the same drawings.
+    """
+    if any(measure not in cell.judged[seed].resampled for seed in seeds):
+        return None
+    each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
+    drawn = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
+    return each[drawn, np.arange(each.shape[1])].mean(axis=0)
+
+
+def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
+    """The interval of a measure; nan where there is none."""
+    found = drawings(cell, measure, sorted(cell.judged))
+    return np.full(2, np.nan) if found is None else interval(found)
+
+
+def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
+    """Second minus first over the seeds that both have; None where they share none."""
+    seeds = sorted(set(first.judged) & set(second.judged))
+    if not seeds:
+        return None
+    value = float(np.mean([second.judged[s].values[measure] - first.judged[s].values[measure] for s in seeds]))
+    before, after = (drawings(cell, measure, seeds) for cell in (first, second))
+    ends = np.full(2, np.nan) if before is None or after is None else interval(after - before)
+    return Difference(value, ends)
+
+
+def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
+    """Which cells are compared: each with real at its fraction, synthetic at the largest; the later arms with mixed."""
+    by_key = {(cell.arm, cell.fraction): cell for cell in found}
+    fractions = [cell.fraction for cell in found if cell.fraction is not None]
+    whole = max(fractions, default=None)
+    wanted: list[tuple[Cell | None, Cell]] = []
+    for cell in found:
+        if cell.arm != "real":
+            wanted.append((by_key.get(("real", whole if cell.fraction is None else cell.fraction)), cell))
+        if cell.arm in ("matched", "balanced", "pretrain"):
+            wanted.append((by_key.get(("mixed", cell.fraction)), cell))
+    return [(first, second) for first, second in wanted if first is not None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Worth:
+    """How many more photographs a cell is worth than it has, by a measure.
+
+    Parameters
+    ----------
+    cell, measure
+        Of what.
+    images
+        Photographs that the real arm needs to be as good, minus those that the cell has; inf: more than there are.
+    ends
+        (2,) its interval.
+    most
+        What there are beyond the cell's own: nothing above it can be told.
+    """
+
+    cell: Cell
+    measure: str
+    images: float
+    ends: Float[np.ndarray, "2"]
+    most: float
+
+
+def worth(real: Sequence[Cell], cell: Cell, measure: str) -> Worth | None:
+    """What a cell's synthetic images are worth in photographs; None where too little is known.
+
+    Parameters
+    ----------
+    real
+        The cells of the real arm, at least two.
+    cell
+        Of an arm with synthetic images.
+    measure
+        Such as ``"f1"``.
+    """
+    seeds = sorted(set(cell.judged).intersection(*(set(one.judged) for one in real)))
+    ordered = sorted(real, key=lambda one: one.photographs)
+    curves = [drawings(one, measure, seeds) for one in (*ordered, cell)] if len(real) > 1 and seeds else [None]
+    known = [curve for curve in curves if curve is not None]
+    if len(known) < len(curves):
+        return None
+    counts = np.array([one.photographs for one in ordered])
+    values = np.array([[np.mean([one.judged[s].values[measure] for s in seeds])] for one in (*ordered, cell)])
+    own = cell.photographs if cell.fraction is not None else 0.0
+    at = needed(counts, values[:-1], values[-1])[0] - own
+    of_drawings = needed(counts, np.stack(known[:-1]), known[-1]) - own
+    # Where a drawing needs more than there are, it is infinite: ends are drawings themselves, never between two.
+    ends = np.quantile(of_drawings, [0.025, 0.975], method="inverted_cdf")
+    return Worth(cell, measure, float(at), ends, float(counts[-1] - own))
+
+
+def needed(
+    counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
+) -> Float[np.ndarray, " r"]:
+    """The fewest photographs with which a curve reaches what is wanted; inf where it never does.
+
+    Between two fractions a curve is a straight line over the logarithm of the count, and below the least over the count
+    itself, from nothing. Where it falls, more photographs are taken to be no worse.
+
+    Parameters
+    ----------
+    counts
+        (n,) photographs, rising.
+    curve
+        (n, r) what so many give, of each drawing.
+    wanted
+        (r,) what is to be reached.
+
+    Examples
+    --------
+    >>> needed(np.array([10.0, 100.0]), np.array([[0.2, 0.2, 0.2], [0.4] * 3]), np.array([0.1, 0.3, 0.5])).round(1)
+    array([ 5. , 31.6,  inf])
+    """
+    rising = np.maximum.accumulate(np.nan_to_num(curve), axis=0)
+    wanted = np.nan_to_num(wanted)
+    first = (rising >= wanted).argmax(axis=0)  # the fraction that reaches it, if one does
+    drawing = np.arange(len(wanted))
+    after, before = rising[first, drawing], np.where(first > 0, rising[first - 1, drawing], 0.0)
+    part = np.where(after > before, (wanted - before) / np.where(after > before, after - before, 1.0), 1.0)
+    between = counts[first - 1] * (counts[first] / counts[first - 1]) ** part
+    found = np.where(first > 0, between, counts[0] * part)
+    return np.where((rising >= wanted).any(axis=0), found, np.inf)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BinDifference:
+    """How much more of a bin's labels the second finds than the first.
+
+    Parameters
+    ----------
+    field, bin
+        Titles of what the bin is about, and of the bin.
+    labels
+        How many there are.
+    recall
+        Of first and second, the mean over seeds.
+    change
+        Their difference.
+    """
+
+    field: str
+    bin: str
+    labels: int
+    recall: tuple[float, float]
+    change: Difference
+
+
+def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
+    """Second minus first in each bin of what is known about labels, test pictures drawn again."""
+    seeds = sorted(set(first.judged) & set(second.judged))
+    found = []
+    evaluation = first.judged[seeds[0]].evaluation
+    labels = evaluation.labels
+    for field in [one.field for one in evaluation.bins if len(one.field.bins) > 1]:
+        known = (field.of_label >= 0) & ~labels.crowd
+        hits = [
+            np.mean([cell.judged[s].evaluation.seen.found[known] for s in seeds], axis=0, dtype=np.float64)
+            for cell in (first, second)
+        ]
+        position = labels.positions()[labels.image[known]]
+        cell_of = position * len(field.bins) + field.of_label[known]
+        size = evaluation.positions * len(field.bins)
+        sums = np.stack(
+            [np.bincount(cell_of, weights=weight, minlength=size) for weight in (*hits, np.ones(len(cell_of)))], axis=1
+        ).reshape(evaluation.positions, len(field.bins), 3)
+        again, total = resampled_sums(sums), sums.sum(axis=0)
+        change = interval(ratio(again[:, :, 1] - again[:, :, 0], again[:, :, 2]))
+        recalls = ratio(total[:, :2], total[:, 2:])
+        found += [
+            BinDifference(
+                field.title, name, int(total[b, 2]), (float(recalls[b, 0]), float(recalls[b, 1])),
+                Difference(float(recalls[b, 1] - recalls[b, 0]), change[:, b]),
+            )
+            for b, name in enumerate(field.bins)
+            if total[b, 2] > 0
+        ]  # fmt: skip
+    return found
+
+
+def _mean_over_classes(each: Float[np.ndarray, "r c"]) -> Float[np.ndarray, " r"]:
+    """As COCO takes it: over the classes that have labels; nan where none has."""
+    known = ~np.isnan(each)
+    return ratio(np.where(known, each, 0.0).sum(axis=1), known.sum(axis=1))

@@ -1,0 +1,312 @@
+"""The runs of a study one after the other, each in a process of its own; one that fails leaves the others alone.
+
+`run_one` is all that a machine has to do for a run: give it the study's folder and a name.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import orjson
+from filelock import FileLock, Timeout
+
+from geometry.errors import ConfigError, HulldownError
+from geometry.files import replacing
+from training.run_folder import LOCK_NAME, RunFolder
+from training.study.manifest import (
+    LOGS_NAME,
+    MANIFEST_NAME,
+    RUNS_NAME,
+    Manifest,
+    PlannedRun,
+    SettledStudy,
+    draws_path,
+    read_manifest,
+    write_manifest,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+FAILURES_NAME = "failures.json"
+JUDGED = ("test", "valid")
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How runs are run; nothing of it changes what comes out on one machine.
+
+    Parameters
+    ----------
+    device
+        ``"auto"``, ``"cpu"`` or ``"gpu"``.
+    workers
+        Processes of each run that read and augment pictures; None: as many as suit the machine.
+    environment
+        Variables of the run's process, beside those of this one.
+    """
+
+    device: str = "auto"
+    workers: int | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+# Runs one run by its name; the reason why it failed, None if it did not. It is given up once the event is set.
+Launch = Callable[[Path, str, Options, Progress, threading.Event], str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What became of the runs of a study.
+
+    Parameters
+    ----------
+    finished
+        Names of those that were run now.
+    already
+        Those that were finished before.
+    failed
+        Name -> reason of those that are set aside; the next call tries them again.
+    """
+
+    finished: tuple[str, ...]
+    already: tuple[str, ...]
+    failed: Mapping[str, str]
+
+
+def run_one(
+    study: Path | str, name: str, options: Options, progress: Progress = lambda what, done, total: None
+) -> None:
+    """Train one run of a study and let it look at the test and validation pictures; what was begun goes on.
+
+    Parameters
+    ----------
+    study
+        Folder of a study that has been settled.
+    name
+        Of the run, as in study.json.
+    options
+        How.
+    progress
+        Told what is done, how much of it, and all.
+
+    Raises
+    ------
+    HulldownError
+        If something cannot be used.
+    """
+    from training.predict import predict
+    from training.train import train
+
+    study = Path(study)
+    manifest = read_manifest(study)
+    run = manifest.run(name)
+    folder = study / RUNS_NAME / run.folder
+    train(
+        {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
+        drawn=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
+    )  # fmt: skip
+    device = {"gpu": "cuda"}.get(options.device, options.device)
+    for which in JUDGED:
+        if which in manifest.datasets and not (found := predictions_path(study, manifest, run, which)).exists():
+            looking = partial(progress, f"looking at {which}")
+            predict(folder, manifest.datasets[which].folder, found, device=device, progress=looking)
+
+
+def predictions_path(study: Path, manifest: Manifest, run: PlannedRun, which: str) -> Path:
+    """The file of a run's detections in the test or validation pictures; other pictures have another file."""
+    return study / RUNS_NAME / run.folder / f"{which}-{manifest.datasets[which].sha256[:10]}.json"
+
+
+def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
+    """Whether all that the report needs of a run is there."""
+    return RunFolder(study / RUNS_NAME / run.folder).finished() is not None and all(
+        predictions_path(study, manifest, run, which).exists() for which in JUDGED if which in manifest.datasets
+    )
+
+
+def run_study(
+    settled: SettledStudy,
+    out: Path | str,
+    *,
+    options: Options,
+    launch: Launch | None = None,
+    progress: Progress = lambda what, done, total: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Done:
+    """Run what is not finished, one run at a time, or one on each GPU.
+
+    Parameters
+    ----------
+    settled
+        The runs.
+    out
+        The study's folder; made if it is not there.
+    options
+        How each is run.
+    launch
+        What runs one; None: a process of its own.
+    progress
+        Told what is done, how much of it, and all.
+    say
+        Told a line now and then.
+
+    Raises
+    ------
+    HulldownError
+        If the folder holds something else, or another process is running the study.
+    """
+    out, manifest = Path(out), settled.manifest
+    if out.exists() and not (out / MANIFEST_NAME).exists():
+        strangers = [path.name for path in out.iterdir() if path.name != LOCK_NAME] if out.is_dir() else [out.name]
+        if strangers:
+            raise ConfigError(f"holds {strangers[0]} and no study", path=out, remedy="name a new or an empty folder")
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(out / LOCK_NAME, timeout=0):
+            write_manifest(settled, out)
+            return _run_all(manifest, out, options, launch or in_a_process, progress, say)
+    except Timeout:
+        raise HulldownError(
+            "another process is running this study", path=out, remedy="wait until it has ended, or name another folder"
+        ) from None
+
+
+def _run_all(
+    manifest: Manifest, out: Path, options: Options, launch: Launch, progress: Progress, say: Callable[[str], None]
+) -> Done:
+    already = [run.name for run in manifest.runs if is_finished(out, manifest, run)]
+    left = [run.name for run in manifest.runs if run.name not in already]
+    if already:
+        say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
+    slots: queue.SimpleQueue[Options] = queue.SimpleQueue()
+    places = gpu_places(options)
+    for place in places:
+        slots.put(place)
+    finished: list[str] = []
+    failed: dict[str, str] = {}
+    one_tells, stop = threading.Lock(), threading.Event()
+
+    def run(name: str) -> None:
+        title = f"{name} ({len(already) + len(finished) + len(failed) + 1} of {len(manifest.runs)})"
+
+        def show(what: str, done: int, total: int) -> None:
+            progress(f"{title}: {what}", done, total)
+
+        place = slots.get()
+        # Bars of several runs at once would take turns.
+        reason = launch(out, name, place, show if len(places) == 1 else _unseen, stop)
+        slots.put(place)
+        if stop.is_set():
+            return
+        with one_tells:
+            if reason is None:
+                finished.append(name)
+                say(f"{name}: finished ({len(already) + len(finished)} of {len(manifest.runs)} are)")
+            else:
+                failed[name] = reason
+                say(f"{name}: set aside: {reason}")
+            _write_failures(out, failed)
+
+    _write_failures(out, failed)
+    if len(places) == 1:
+        for name in left:
+            run(name)
+        return Done(tuple(finished), tuple(already), failed)
+    with ThreadPoolExecutor(len(places)) as pool:
+        try:
+            for future in [pool.submit(run, name) for name in left]:
+                future.result()
+        except BaseException:  # Ctrl-C above all
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return Done(tuple(finished), tuple(already), failed)
+
+
+def _unseen(what: str, done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
+def gpu_places(options: Options) -> list[Options]:
+    """The options of each run that can go on at the same time as the others: one a GPU, else one."""
+    import torch
+
+    count = torch.cuda.device_count() if options.device != "cpu" else 0
+    if count < 2:
+        return [options]
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = visible.split(",") if visible else [str(i) for i in range(count)]
+    return [
+        Options(options.device, options.workers, {**options.environment, "CUDA_VISIBLE_DEVICES": name})
+        for name in names[:count]
+    ]
+
+
+def in_a_process(study: Path, name: str, options: Options, progress: Progress, stop: threading.Event) -> str | None:
+    """`run_one` in a process of its own, which ends when this one does, however it ends."""
+    command = [sys.executable, "-P", "-m", "training.study.worker", str(study), name, "--device", options.device]
+    if options.workers is not None:
+        command += ["--workers", str(options.workers)]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    log = study / LOGS_NAME / f"{name}.txt"
+    log.parent.mkdir(exist_ok=True)
+    reason = None
+    with (
+        log.open("wb") as errors,
+        subprocess.Popen(
+            command, env={**os.environ, **options.environment, "PYTHONPATH": path}, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
+        ) as child,
+    ):  # fmt: skip
+        threading.Thread(target=_end_with, args=(child, stop), daemon=True).start()
+        try:
+            for line in child.stdout or ():
+                try:
+                    told = json.loads(line)
+                except ValueError:
+                    continue  # what a library prints
+                if "failed" in told:
+                    reason = str(told["failed"])
+                else:
+                    progress(told["what"], told["done"], told["total"])
+        except BaseException:  # Ctrl-C above all
+            child.kill()
+            raise
+    if child.returncode == 0:
+        return None
+    if reason is not None:
+        return reason
+    said = log.read_text(errors="replace").strip().split("\n")[-1]
+    how = f"ended by signal {-child.returncode}" if child.returncode < 0 else f"exit code {child.returncode}"
+    return f"{how}: {said[:500]}" if said else how
+
+
+def _end_with(child: subprocess.Popen[bytes], stop: threading.Event) -> None:
+    """End a run's process when the study is stopped."""
+    while child.poll() is None:
+        if stop.wait(0.2):
+            child.kill()
+            return
+
+
+def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
+    with replacing(out / FAILURES_NAME) as file:
+        file.write(orjson.dumps(dict(failed), option=orjson.OPT_INDENT_2) + b"\n")
+
+
+def read_failures(out: Path) -> dict[str, str]:
+    """Name -> reason of the runs that were set aside the last time."""
+    try:
+        return {str(name): str(reason) for name, reason in orjson.loads((out / FAILURES_NAME).read_bytes()).items()}
+    except (FileNotFoundError, ValueError):
+        return {}

@@ -1,0 +1,108 @@
+"""What a study shows, in sentences that claim no more than the intervals hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from training.study.results import ENOUGH, BinDifference, Cell, Difference, Worth, mean
+
+TITLES = {
+    "tp": "TP",
+    "fp": "FP",
+    "fn": "FN",
+    "precision": "precision",
+    "recall": "recall",
+    "f1": "F1",
+    "mean_iou": "mean IoU",
+    "mean_confidence": "mean confidence",
+    "ap50": "AP50",
+    "ap": "AP",
+}
+MOST_BINS = 3  # that are told of, on each side
+
+
+def difference_words(first: Cell, second: Cell, measure: str, found: Difference) -> str:
+    """A pair of arms by one measure.
+
+    Parameters
+    ----------
+    first, second
+        Whose.
+    measure
+        By what.
+    found
+        Second minus first.
+    """
+    title = TITLES[measure]
+    if np.isnan(found.ends).any():
+        return (
+            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, without an interval: nothing says how sure "
+            "that is."
+        )
+    ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
+    if found.shown:
+        how = "higher" if found.ends[0] > 0 else "lower"
+        return f"{second.name} has a {how} {title} than {first.name}: {ends}."
+    return (
+        f"Between {second.name} and {first.name} no difference of {title} is shown: {ends}. It may be "
+        f"{abs(found.ends[0]):.3f} worse or {abs(found.ends[1]):.3f} better."
+    )
+
+
+def worth_words(found: Worth) -> str:
+    """What synthetic images are worth in photographs."""
+    name, title = found.cell.name, TITLES[found.measure]
+    if np.isinf(found.images):
+        much = f"more than the {found.most:.0f} further photographs that there are"
+    elif found.images < 0:
+        much = f"minus {-found.images:.0f} photographs: fewer of them alone are as good"
+    else:
+        much = f"{found.images:.0f} photographs"
+    low, high = found.ends
+    ends = f"{_photographs(low)} to {_photographs(high) if np.isfinite(high) else f'more than {found.most:.0f}'}"
+    return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {ends})."
+
+
+def bin_words(found: Sequence[BinDifference]) -> list[str]:
+    """The bins in which most more, and most fewer, labels are found, of those whose interval holds no 0."""
+    sure = sorted(
+        (one for one in found if one.change.shown and one.labels >= ENOUGH), key=lambda one: -one.change.value
+    )
+    gained = [one for one in sure if one.change.value > 0][:MOST_BINS]
+    lost = [one for one in reversed(sure) if one.change.value < 0][:MOST_BINS]
+    return [
+        f"{one.field} {one.bin}: recall {one.recall[0]:.2f} to {one.recall[1]:.2f}, {one.change.value:+.2f} "
+        f"({one.change.ends[0]:+.2f} to {one.change.ends[1]:+.2f}), {one.labels} labels"
+        for one in (*gained, *lost)
+    ]
+
+
+def sureness(seeds: int, images: int, compared: int) -> str:
+    """What the intervals hold, and what they do not."""
+    trainings = (
+        "There is one seed only, so that they say nothing of what another training would give."
+        if seeds == 1
+        else f"The {seeds} seeds are drawn again too, as far as so few say what another training would give."
+    )
+    return (
+        f"Intervals are the middle 95 % of 2,000 drawings of the {images} test pictures. {trainings} Of {compared} "
+        f"differences with such intervals, about {max(1, round(0.05 * compared))} would look shown by chance alone if "
+        "none was there."
+    )
+
+
+def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None) -> list[str]:
+    """The few sentences that a reader should take away."""
+    lines = [difference_words(first, second, "f1", found) for first, second, found in measured]
+    if real is not None and mean(real, "ap50") < 0.5:
+        lines.append(
+            f"{real.name} reaches an AP50 of {mean(real, 'ap50'):.2f} only: a study whose best photographs teach so "
+            "little shows nothing of what synthetic images add. Give it a larger budget, or clearer pictures."
+        )
+    return lines
+
+
+def _photographs(value: float) -> str:
+    return "infinity" if np.isinf(value) else f"{value:.0f}"

@@ -1,0 +1,47 @@
+"""`python -m training.study.worker STUDY NAME`: one run of a study; a line of JSON on stdout for what is done."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+
+from geometry.errors import HulldownError
+from training.study.runs import Options, run_one
+
+
+def main() -> int:
+    """Run what the command line asks for; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m training.study.worker", description=__doc__)
+    parser.add_argument("study", type=Path)
+    parser.add_argument("name")
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--workers", type=int)
+    arguments = parser.parse_args()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    from training.extra import require_extra
+
+    try:
+        require_extra()
+        run_one(arguments.study, arguments.name, Options(arguments.device, arguments.workers), _tell)
+    except HulldownError as error:
+        print(json.dumps({"failed": str(error)}), flush=True)
+        return 1
+    return 0
+
+
+def _tell(what: str, done: int, total: int) -> None:
+    print(json.dumps({"what": what, "done": done, "total": total}), flush=True)
+
+
+def _end_with_parent() -> None:
+    """Nobody writes to stdin: it ends when the process that started this one has gone, even by kill -9."""
+    sys.stdin.buffer.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,152 @@
+"""The verb study: init, run, report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import HulldownError
+from geometry.files import replacing
+from verbs.arguments import AddVerb
+from verbs.terminal import DONE, FOUND, STDOUT, make_room, print_json, progress_bar, progress_bars, say, warn
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from training.study.config import study_text
+
+    output = arguments.output
+    if output.exists():
+        raise HulldownError("is there already", path=output, remedy="delete it or name another file")
+    make_room(output)
+    named = {key: getattr(arguments, key) for key in ("real", "synthetic", "test", "valid")}
+    lost = [folder for folder in named.values() if folder is not None and not folder.is_dir()]
+    if lost:
+        raise HulldownError("no such folder", path=lost[0], remedy="name the folder of a COCO dataset")
+    folders = {key: _seen_from(output.parent, folder) for key, folder in named.items() if folder is not None}
+    with replacing(output) as file:
+        file.write(study_text(**folders).encode())
+    say(f"wrote {output}; next: hulldown study run {output} -o STUDY --dry-run")
+    return DONE
+
+
+def _seen_from(start: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
+    except ValueError:  # another drive
+        return folder.resolve().as_posix()
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from training.extra import require_extra
+    from training.study.config import load_study
+
+    config = load_study(arguments.config)
+    require_extra()
+    from training.augment import changed_table
+    from training.study.manifest import settle
+    from training.study.runs import Options, run_study
+    from training.train import usable_weights
+
+    changed_table(config.train.augmentation)
+    with progress_bar("checking pictures") as advance:
+        settled = settle(config, progress=advance)
+    for line in settled.warnings:
+        warn(line)
+    options = Options(arguments.device, arguments.workers)
+    if arguments.dry_run:
+        return _dry_run(arguments, settled, options)
+    usable_weights(config.train)
+    with progress_bars() as advance:
+        done = run_study(settled, arguments.output, options=options, progress=advance, say=say)
+    if arguments.json:
+        print_json(dataclasses.asdict(done))
+    for name, reason in done.failed.items():
+        warn(f"{name} was set aside: {reason}")
+    say(
+        f"{len(done.finished) + len(done.already)} of {len(settled.manifest.runs)} runs are finished; "
+        f"next: hulldown study report {arguments.output}"
+    )
+    return FOUND if done.failed else DONE
+
+
+def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
+    from rich.table import Table
+
+    from training.study.estimate import hours, overview, seconds_per_step
+    from training.study.runs import gpu_places
+
+    rows = overview(arguments.output, settled.manifest)
+    seconds = seconds_per_step(arguments.output, settled.manifest, options, say=say)
+    left = hours(rows, seconds, len(gpu_places(options)))
+    if arguments.json:
+        print_json({"runs": rows, "seconds_per_step": seconds, "hours": left})
+        return DONE
+    table = Table("run", "photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
+    for row in rows:
+        per_image = (row["draws_per_photograph"], row["draws_per_synthetic_image"])
+        cells = (
+            row["photographs"],
+            row["synthetic_images"],
+            row["draws"],
+            *(f"{n:.1f}" if n else "–" for n in per_image),
+        )
+        table.add_row(row["name"], *map(str, cells), row["state"])
+    STDOUT.print(table)
+    say(f"about {left:.1f} hours of training left, at {seconds:.2g} seconds a step; nothing was written")
+    return DONE
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from training.study.report import write_report
+
+    with progress_bar("evaluating") as advance:
+        found = write_report(arguments.study, progress=advance)
+    if arguments.json:
+        print_json(found)
+    for line in found["summary"]:
+        say(line)
+    say(f"look at {arguments.study / 'report.html'}")
+    return DONE
+
+
+def add(verb: AddVerb) -> None:
+    """Add this verb to the command."""
+    does = "measure what synthetic images are worth where photographs are few"
+    study = verb("study", _report, does, "Trains one detector after the other, as the paper does, and compares them.")
+    steps = study.add_subparsers(required=True, metavar="STEP")
+
+    sub = steps.add_parser("init", help="write a config", description="Writes a commented config of a study.")
+    sub.set_defaults(run=_init, resumes=False)
+    for key, text in {
+        "real": "photographs to train on", "synthetic": "rendered images to train on",
+        "test": "photographs to judge by",
+    }.items():  # fmt: skip
+        sub.add_argument(f"--{key}", type=Path, metavar="DIR", required=True, help=text)
+    sub.add_argument("--valid", type=Path, metavar="DIR", help="photographs to choose thresholds of confidence on")
+    sub.add_argument("-o", "--output", type=Path, metavar="CONFIG", required=True, help="such as study.toml")
+
+    sub = steps.add_parser(
+        "run", help="train and judge what is not finished",
+        description="Reads a config and its datasets; writes a folder of runs. The same command goes on with what was "
+        "stopped; finished runs are skipped; one that fails is set aside with its reason.",
+    )  # fmt: skip
+    sub.set_defaults(run=_run, resumes=True)
+    sub.add_argument("config", type=Path, metavar="CONFIG", help="see docs/study.md")
+    sub.add_argument("-o", "--output", type=Path, metavar="STUDY", required=True, help="the study's folder")
+    sub.add_argument("--dry-run", action="store_true", help="show runs, draws and hours, and write nothing")
+    sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
+    sub.add_argument(
+        "--workers", type=int, help="processes of a run that augment pictures (default: the cores but one)"
+    )
+    sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
+
+    sub = steps.add_parser(
+        "report", help="compare the arms",
+        description="Reads a study, finished or not; writes report.html, report.md, report.json and charts into it.",
+    )  # fmt: skip
+    sub.set_defaults(run=_report, resumes=False)
+    sub.add_argument("study", type=Path, metavar="STUDY", help="folder of `hulldown study run`")
+    sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
