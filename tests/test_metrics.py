@@ -3,10 +3,11 @@ import pytest
 
 from tests.detections import dataset, loaded, random_case, results
 from tests.test_matching import official as official_matching
-from training.average_precision import SUMMARY, official
+from training.average_precision import SUMMARY, at_one_iou, official
 from training.bootstrap import difference_intervals, figure_intervals, interval, resampled_sums, resamples, wilson
 from training.matching import match, overlapping
 from training.metrics import confusion, curves, figures, outcomes, sums_by
+from training.resampled_precision import IOUS, drawn_averages, weighted_averages
 from training.tide import CAUSES, errors, mean_ap
 
 
@@ -124,6 +125,49 @@ def test_ap50_on_arrays_is_pycocotools_own(seed):
     wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
     mine = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
     assert mine == pytest.approx(official(labels, predictions).summary["ap50"], abs=1e-12)
+
+
+def averages(labels, predictions, position, weights):
+    """AP, AP50 and AP75 of each class where each position counts as often as `weights` says."""
+    pairs = overlapping(labels, predictions)
+    matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
+    return drawn_averages(labels, predictions, matchings, position, weights)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_average_precision_on_arrays_is_pycocotools_own_of_each_class(seed):
+    labels, predictions = loaded(*random_case(seed, crowds=0.5))
+    mine = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
+    theirs = official(labels, predictions)
+    assert np.allclose(mine.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_position_drawn_thrice_counts_as_three_images_like_it(seed):
+    coco, found = random_case(seed, images=6, ties=False)
+    times = np.array([3, 0, 1, 1, 2, 0])
+    copies = [i + 1 for i in np.repeat(np.arange(6), times)]
+    many = dataset([], images=len(copies), classes=("a", "b", "c"))
+    many["annotations"] = [
+        {**box, "image_id": k} for k, i in enumerate(copies, 1) for box in coco["annotations"] if box["image_id"] == i
+    ]
+    for k, box in enumerate(many["annotations"], 1):
+        box["id"] = k
+    repeated = [{**one, "image_id": k} for k, i in enumerate(copies, 1) for one in found if one["image_id"] == i]
+    labels, predictions = loaded(coco, found)
+    mine = averages(labels, predictions, np.arange(6), np.stack([np.ones(6), times]))[1]
+    theirs = official(*loaded(many, repeated))
+    assert np.allclose(mine.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+
+
+@pytest.mark.parametrize("labels", [1, 7, 100])
+def test_recalls_that_rounding_puts_on_an_edge_are_those_of_a_division(labels):
+    """0.07 of 100 labels is 7.000000000000001 of them: the seventh reaches it all the same."""
+    true = np.random.default_rng(labels).random(3 * labels) < 0.3
+    true &= np.cumsum(true) <= labels
+    every = np.ones((1, len(true)), dtype=bool)
+    found = weighted_averages(true[None], every, np.ones((1, len(true))), np.array([float(labels)]))
+    assert found[0, 0] == at_one_iou(true, float(labels))
 
 
 def test_average_precision_is_what_the_summary_says_and_of_each_class():

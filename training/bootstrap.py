@@ -11,7 +11,7 @@ Wilson, Probable inference, the law of succession, and statistical inference, JA
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -82,14 +82,3 @@ def wilson(part: Float[np.ndarray, " n"], whole: Float[np.ndarray, " n"]) -> Flo
     middle = (share + scale / 2.0) / (1.0 + scale)
     reach = np.sqrt(share * (1.0 - share) * scale + scale * scale / 4.0) / (1.0 + scale)
     return np.clip(np.stack([middle - reach, middle + reach]), 0.0, 1.0)
-
-
-def resampled(
-    figure: Callable[[Float[np.ndarray, " groups"]], Float[np.ndarray, " c"]],
-    groups: int,
-    *,
-    times: int = RESAMPLES,
-    seed: int = 0,
-) -> Float[np.ndarray, "r c"]:
-    """Figures that are no ratios of sums, of each drawing: `figure` is told how often each group counts."""
-    return np.array([figure(row) for weights in resamples(groups, times=times, seed=seed) for row in weights])

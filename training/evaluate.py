@@ -7,18 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from training.average_precision import AveragePrecision, at_one_iou, official
+from training.average_precision import AveragePrecision, official
 from training.bins import BinFigures, figures_of
-from training.bootstrap import difference_intervals, figure_intervals, interval, resampled, resampled_sums
+from training.bootstrap import difference_intervals, figure_intervals, interval, resampled_sums
 from training.fields import fields
 from training.labels import Labels
 from training.matching import Matching, Pairs, match, overlapping
 from training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_by
 from training.predictions import Predictions
+from training.resampled_precision import AVERAGES, IOUS, resampled_averages
 from training.tide import BACKGROUND, Errors, errors
 
 FOREGROUND = 0.5  # the IoU of AP50 and of the causes of errors, whatever that of the counts
-MOST_RESAMPLED = 100_000  # detections up to which AP50 gets an interval: its resampling goes through all, 2,000 times
+MOST_RESAMPLED = 100_000  # detections up to which AP gets intervals: its resampling goes through all, 2,000 times
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +59,8 @@ class Evaluation:
         (r, c, 6) the same of every drawing of positions.
     average
         AP and AR by pycocotools.
-    ap50_resampled
-        (r, c) AP50 of every drawing; None beyond `MOST_RESAMPLED` detections.
+    averages_resampled
+        (r, c, 3) `resampled_precision.AVERAGES` of every drawing; None beyond `MOST_RESAMPLED` detections.
     errors
         Causes, at an IoU of 0.5.
     curves
@@ -82,7 +83,7 @@ class Evaluation:
     sums: Float[np.ndarray, "c 6"]
     resampled: Float[np.ndarray, "r c 6"]
     average: AveragePrecision
-    ap50_resampled: Float[np.ndarray, "r c"] | None
+    averages_resampled: Float[np.ndarray, "r c 3"] | None
     errors: Errors
     curves: Curves
     class_curves: tuple[Curves, ...]
@@ -92,15 +93,15 @@ class Evaluation:
     def intervals(self) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes."""
         found = figure_intervals(self.resampled.sum(axis=1))
-        if self.ap50_resampled is not None:
-            found["ap50"] = interval(_mean(self.ap50_resampled))
+        if self.averages_resampled is not None:
+            found |= _named(interval(_mean(self.averages_resampled)))
         return found
 
     def class_intervals(self, label: int) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures of one class."""
         found = figure_intervals(self.resampled[:, label])
-        if self.ap50_resampled is not None:
-            found["ap50"] = interval(self.ap50_resampled[:, label])
+        if self.averages_resampled is not None:
+            found |= _named(interval(self.averages_resampled[:, label]))
         return found
 
 
@@ -161,7 +162,7 @@ def evaluate(labels: Labels, predictions: Predictions, *, threshold: Threshold, 
         sums=sums.sum(axis=0),
         resampled=resampled_sums(sums),
         average=official(labels, predictions),
-        ap50_resampled=_resampled_ap50(labels, predictions, at_half, position, positions),
+        averages_resampled=_averages(labels, predictions, pairs, position),
         errors=errors(labels, predictions, pairs, at_half),
         curves=curves(labels, predictions, matching),
         class_curves=tuple(curves(labels, predictions, matching, label=c) for c in range(classes)),
@@ -189,35 +190,30 @@ def compare(first: Evaluation, second: Evaluation) -> Comparison:
     before, after = (figures(one.sums.sum(axis=0)) for one in (first, second))
     difference = {key: float(after[key] - before[key]) for key in before}
     ends = difference_intervals(first.resampled.sum(axis=1), second.resampled.sum(axis=1))
-    difference |= {key: second.average.summary[key] - first.average.summary[key] for key in ("ap", "ap50", "ap75")}
-    if first.ap50_resampled is not None and second.ap50_resampled is not None:
-        ends["ap50"] = interval(_mean(second.ap50_resampled) - _mean(first.ap50_resampled))
+    difference |= {key: second.average.summary[key] - first.average.summary[key] for key in AVERAGES}
+    if first.averages_resampled is not None and second.averages_resampled is not None:
+        ends |= _named(interval(_mean(second.averages_resampled) - _mean(first.averages_resampled)))
     return Comparison(first.predictions.name, second.predictions.name, difference, ends)
 
 
-def _mean(each: Float[np.ndarray, "r c"]) -> Float[np.ndarray, " r"]:
+def _averages(
+    labels: Labels, predictions: Predictions, pairs: Pairs, position: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "r c 3"] | None:
+    """AP, AP50 and AP75 of every drawing of positions."""
+    if len(predictions.score) > MOST_RESAMPLED:
+        return None
+    among = pairs.where(pairs.iou >= IOUS[0])
+    matchings = [match(labels, predictions, among, iou=iou) for iou in IOUS]
+    return resampled_averages(labels, predictions, matchings, position)
+
+
+def _mean(each: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r 3"]:
     """The mean over classes that have labels, as COCO takes it; nan where none has."""
     known = ~np.isnan(each)
     counts = known.sum(axis=1)
     total = np.where(known, each, 0.0).sum(axis=1)
-    return np.divide(total, counts, out=np.full(len(each), np.nan), where=counts > 0)
+    return np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
 
 
-def _resampled_ap50(
-    labels: Labels, predictions: Predictions, matching: Matching, position: Int[np.ndarray, " n"], positions: int
-) -> Float[np.ndarray, "r c"] | None:
-    """AP50 of each class of every drawing of positions."""
-    counted = np.flatnonzero(~matching.ignored)
-    if len(counted) > MOST_RESAMPLED or not positions:
-        return None
-    order = counted[np.argsort(-predictions.score[counted], kind="stable")]
-    classes = range(len(predictions.class_names))
-    mine = [order[predictions.label[order] == c] for c in classes]
-    true = [matching.box[rows] >= 0 for rows in mine]
-    where = [position[predictions.image[rows]] for rows in mine]
-    wanted = [position[labels.image[(labels.label == c) & ~labels.crowd]] for c in classes]
-
-    def each(weight: Float[np.ndarray, " p"]) -> Float[np.ndarray, " c"]:
-        return np.array([at_one_iou(true[c], float(weight[wanted[c]].sum()), weight=weight[where[c]]) for c in classes])
-
-    return resampled(each, positions)
+def _named(ends: Float[np.ndarray, "2 3"]) -> dict[str, Float[np.ndarray, "2"]]:
+    return {key: ends[:, k] for k, key in enumerate(AVERAGES)}

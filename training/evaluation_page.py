@@ -29,7 +29,7 @@ FIGURES = {
     "ap50": "AP50",
     "ap75": "AP75",
 }
-COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50")
+COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
 MEANINGS = {
     "class": "in the right place, of the wrong class",
     "localisation": "of the right class, overlapping too little",
@@ -85,7 +85,7 @@ def comparison_page(
     changes = [
         [f"{FIGURES[key]}: {one.second} minus {one.first}", _signed(one.difference[key]), _change(one, key)]
         for one in compared
-        for key in (*COMPARED, "ap")
+        for key in COMPARED
     ]
     return page(
         f"{len(evaluations)} detectors on {first.labels.path}",

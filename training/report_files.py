@@ -14,11 +14,11 @@ from jaxtyping import Float
 from training.bins import BinFigures, worst
 from training.evaluate import Comparison, Evaluation
 from training.metrics import FIGURES, figures
+from training.resampled_precision import AVERAGES
 from training.tide import CAUSES
 
 DIGITS = 6
 COUNTS = ("tp", "fp", "fn")
-AVERAGES = ("ap", "ap50", "ap75")
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "iou")
 CURVE_POINTS = 200
 
