@@ -5,6 +5,7 @@ Independent of what the jobs do: a job is a JSON object, and so is its answer.
 
 from __future__ import annotations
 
+import platform
 import queue
 import time
 from collections import deque
@@ -112,6 +113,8 @@ class Pool:
         Asked several times a second whether to give up now.
     confinement
         What the workers may read and write; None for everything.
+    share
+        How many pools like this use the machine at the same time.
     """
 
     def __init__(
@@ -125,17 +128,20 @@ class Pool:
         say: Callable[[str], None] = lambda line: None,
         stopping: Callable[[], bool] = lambda: False,
         confinement: Confinement | None = None,
+        share: int = 1,
     ) -> None:
         if workers is not None and workers < 1:
             raise ValueError(f"workers: expected at least 1, got {workers}")
         self.restarts = 0
         self.devices: set[str] = set()
+        self.systems = {platform.platform(terse=True)}
         self.blender_version = ""
         self._logs, self._device, self._limits = logs, device, limits
         self._command = worker_command(blender)
         # The doctor looks at the bpy module only.
         self._remedy = "run `hulldown doctor`" if blender is None else f"see whether `{blender} --background` starts"
         self._say, self._stopping, self._confinement = say, stopping, confinement
+        self._share = share
         self._took: list[float] = []  # seconds of the first jobs
         self._one_per_gpu = workers is None
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
@@ -197,8 +203,8 @@ class Pool:
             raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
         elif "ready" in answer:
             self.blender_version = answer["ready"]
-            cores = psutil.cpu_count() or 1
-            threads = 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
+            processes = len(self._workers) * self._share
+            threads = 0 if processes == 1 else max(1, (psutil.cpu_count() or 1) // processes)
             process.send(to_json(StartJob(self._device, worker.number, threads)))
         elif answer.get("done") == "start":
             self._started(worker, answer)
@@ -284,7 +290,7 @@ class Pool:
     def _memory_limit(self) -> float:
         if self._limits.memory_bytes is not None:
             return float(self._limits.memory_bytes)
-        return 0.9 * float(psutil.virtual_memory().total) / len(self._workers)
+        return 0.9 * float(psutil.virtual_memory().total) / (len(self._workers) * self._share)
 
     def _lost(self, worker: _Worker, reason: str) -> None:
         """The worker is dead or shall be: blame its job, if it has one."""

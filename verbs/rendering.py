@@ -41,6 +41,7 @@ def _render(arguments: argparse.Namespace) -> int:
             limit=arguments.limit,
             share=arguments.share,
             blender=arguments.blender,
+            scheduler=_scheduler(arguments),
             limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
             read_limits=read_limits(arguments),
             cache=arguments.cache,
@@ -58,6 +59,25 @@ def _render(arguments: argparse.Namespace) -> int:
         say("stopped; the same command goes on from here")
         return STOPPED
     return DONE if report.complete else FOUND
+
+
+def _scheduler(arguments: argparse.Namespace) -> Any:
+    """The cluster to render on; None without."""
+    from render.scheduler import Scheduler
+
+    if arguments.scheduler is None:
+        return None
+    if alone := next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None):
+        raise HulldownError(
+            f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
+        )
+    return Scheduler(
+        arguments.scheduler,
+        shared_disk=arguments.shared_disk,
+        tls_ca=arguments.tls_ca_file,
+        tls_cert=arguments.tls_cert,
+        tls_key=arguments.tls_key,
+    )
 
 
 def _join(arguments: argparse.Namespace) -> int:
@@ -163,6 +183,14 @@ def add(verb: AddVerb) -> None:
         "--share", type=one_of_shares, default=(1, 1), metavar="K/N",
         help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
     )  # fmt: skip
+    sub.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="render on the workers of a Dask cluster: tcp://HOST:8786, or the file of its scheduler (.json)",
+    )  # fmt: skip
+    sub.add_argument("--shared-disk", action="store_true", help="they see DATASET too: write pictures into it")
+    sub.add_argument("--tls-ca-file", type=Path, metavar="PEM", help="for --scheduler tls://HOST:8786")
+    sub.add_argument("--tls-cert", type=Path, metavar="PEM", help="the same")
+    sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
     sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
     sub.add_argument(
         "--image-timeout", type=positive, metavar="SECONDS",
