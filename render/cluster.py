@@ -1,19 +1,13 @@
-"""Rows rendered by the workers of a Dask cluster, in place of a `render.pool.Pool`; the only module that knows Dask.
+"""Rows rendered by the workers of a cluster, in place of a `render.pool.Pool`.
 
-The client deals out the rows itself, as they are needed: a parcel of neighbours is a task for one worker alone,
-and no worker has more than two. So there is nothing for Dask to steal, and no task counts how many workers were lost:
-the client sees that one is gone and gives its rows to others. Dask's `allow_other_workers` would do that too, but on
-workers without the resource that rendering needs as well.
+The client deals the rows out itself, as they are needed: a parcel of neighbours is a task, no worker has more than two,
+and each keeps to its own part of the plan as long as it can, so that it seldom has to load a file.
 """
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import math
 import queue
-import time
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,59 +15,60 @@ from types import TracebackType
 from typing import Any
 
 import msgspec
-from distributed import Client, Future, Security, get_worker
 
 from geometry.errors import HulldownError
 from render.jobs import RenderAssets
-from render.kept import note
+from render.kept import note, pieces
 from render.messages import RenderJob
 from render.node import keep_piece, render_parcel
-from render.parcels import (
-    PIECE,
-    Answer,
-    AssetNote,
-    FileNote,
-    Order,
-    Parcel,
-    Piece,
-    decode_answer,
-    encode,
-    named_files,
-    versions,
-)
+from render.parcels import Answer, AssetNote, Order, Parcel, Piece, decode_answer, encode, named_files, versions
 from render.pool import POLL_S, Limits, Stopped
 from render.scheduler import Scheduler
 from render.shares import Shares
+from render.tasks import Task, Tasks, scratch
 
 RESOURCE = "render"  # what `dask worker --resources "render=1"` says that a worker may do
 IN_FLIGHT = 2  # parcels a worker has: one that it renders, and the next
 FEWEST, MOST = 4, 16  # rows of a parcel, but for the end of a plan
 PARCEL_S = 10.0  # that a parcel should take
-LOOK_S = 1.0  # how often is asked which workers there are
-GONE_S = 15.0  # how long a scheduler may be out of reach
 STRIKES = 3  # images that a worker fails at and others do not, until it gets no more
 
 
 @dataclass(eq=False, slots=True)
-class _Flight:
-    """A task on its way: rows to render by their positions, or a piece of a file."""
-
-    future: Future
-    positions: Sequence[int] = ()
-
-
-@dataclass(eq=False, slots=True)
 class _Node:
-    """A worker of the cluster."""
+    """A worker of the cluster.
+
+    Parameters
+    ----------
+    address
+        Dask's.
+    parcels
+        Tasks and the positions of their rows, the oldest first, which is the one that it renders.
+    pieces
+        Of files that it lacks and is being sent.
+    sending
+        The task of such a piece.
+    sent
+        The files, by their SHA-256.
+    row_s
+        Seconds that an image takes.
+    strikes
+        Images that it has failed at and another has not.
+    refused
+        Whether it gets no more.
+    open
+        Whether it takes tasks.
+    """
 
     address: str
-    flights: list[_Flight] = field(default_factory=list)  # the oldest first, which is the one that it renders
-    pieces: Iterator[Piece] | None = None  # of files that it lacks
+    parcels: dict[Task, Sequence[int]] = field(default_factory=dict)
+    pieces: Iterator[Piece] | None = None
+    sending: Task | None = None
     sent: set[str] = field(default_factory=set)
-    row_s: float = math.inf  # how long an image takes
+    row_s: float = math.inf
     strikes: int = 0
     refused: bool = False
-    open: bool = True  # whether it takes tasks
+    open: bool = True
 
 
 class ClusterPool:
@@ -108,7 +103,7 @@ class ClusterPool:
         assets: RenderAssets,
         *,
         shared: Path,
-        device: str = "auto",
+        device: str,
         limits: Limits,
         say: Callable[[str], None],
         stopping: Callable[[], bool],
@@ -117,20 +112,18 @@ class ClusterPool:
         self.devices: set[str] = set()
         self.systems: set[str] = set()
         self.blender_version = ""
-        self._scheduler, self._device, self._limits = scheduler, device, limits
+        self._address, self._device, self._limits = scheduler.address, device, limits
         self._shared = shared if scheduler.shared_disk else None
         self._say, self._stopping = say, stopping
         self._references = _references(assets)
-        self._notes: dict[str, AssetNote] = {}
+        self._notes: dict[str, AssetNote] = {}  # by path
         self._files: dict[str, str] = {}  # path by SHA-256
         self._nodes: dict[str, _Node] = {}
-        self._refusals: dict[str, str] = {}
-        self._events: queue.SimpleQueue[tuple[_Node, _Flight, bytes | BaseException]] = queue.SimpleQueue()
-        self._looked = self._reached = 0.0
+        self._refusal = ("", "")  # the last: address and reason
         self._told = -1
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is said below
-        self._client = _connect(scheduler)
-        self._say(f"dashboard: {self._client.dashboard_link}")
+        self._tasks = Tasks(scheduler, RESOURCE)
+        if dashboard := self._tasks.dashboard:
+            self._say(f"dashboard: {dashboard}")
 
     def run(
         self,
@@ -146,97 +139,64 @@ class ClusterPool:
         self._lost: dict[int, list[str]] = {}  # by position, the workers that went while they rendered it
         self._outputs: dict[int, str] = {}
         self._left, self._failed_in_a_row = len(jobs), 0
-        self._reached = time.monotonic()
         while self._left:
             if self._stopping():
                 raise Stopped
             self._look()
-            for node in self._nodes.values():
-                self._feed(node)
+            if self._tasks.connected:
+                for usable in self._usable():
+                    self._feed(usable)
             try:
-                node, flight, outcome = self._events.get(timeout=POLL_S)
+                task, outcome = self._tasks.events.get(timeout=POLL_S)
             except queue.Empty:
                 continue
-            if flight in node.flights:  # and not one that was taken away from its worker
-                node.flights.remove(flight)
-                self._hear(node, flight, outcome)
+            node = self._nodes.get(task.worker)
+            if node is None:
+                continue
+            if task in node.parcels:  # and not one that was taken away from its worker
+                self._hear(node, task, node.parcels.pop(task), outcome)
+            elif task is node.sending:
+                node.sending = None
+                if isinstance(outcome, BaseException) and self._tasks.failed(task):
+                    self._refuse(node, f"cannot keep a file: {type(outcome).__name__}: {outcome}")
 
     def _look(self) -> None:
         """See which workers there are."""
-        now = time.monotonic()
-        if self._client.status == "running":
-            self._reached = now
-        elif self._client.status == "closed" or now - self._reached > GONE_S:
-            raise HulldownError(
-                "the scheduler is out of reach",
-                path=self._scheduler.address,
-                remedy="start one, and run the same command with its address, which goes on from here",
-            )
-        if self._client.status != "running" or now < self._looked + LOOK_S:
+        if (workers := self._tasks.workers()) is None:
             return
-        self._looked = now
-        workers = self._client.scheduler_info()["workers"]
-        able = {address: info for address, info in workers.items() if info["resources"].get(RESOURCE, 0) >= 1}
-        for address, info in able.items():
-            node = self._nodes.setdefault(address, _Node(address))
-            node.open = info["status"] == "running"
-        for address in self._nodes.keys() - able.keys():
+        for address, is_open in workers.items():
+            self._nodes.setdefault(address, _Node(address)).open = is_open
+        for address in self._nodes.keys() - workers.keys():
             self._drop(self._nodes.pop(address))
-        rendering = len(self._usable())
-        if rendering != self._told:
-            self._told = rendering
-            self._say(f"{rendering} workers render" if rendering != 1 else "1 worker renders")
-        if self._nodes and not rendering and all(node.refused for node in self._nodes.values()):
-            address, why = list(self._refusals.items())[-1]
-            raise HulldownError(f"no worker can render; the last to be refused {why}", path=address)
+        n = len(self._usable())
+        if n != self._told:
+            self._told = n
+            self._say({0: "waiting for workers", 1: "1 worker renders"}.get(n, f"{n} workers render"))
+        if self._nodes and all(node.refused for node in self._nodes.values()):
+            address, why = self._refusal
+            raise HulldownError(f"is refused as all workers are: it {why}", path=address)
 
     def _usable(self) -> list[_Node]:
         return [node for node in self._nodes.values() if node.open and not node.refused]
 
     def _feed(self, node: _Node) -> None:
-        if node.refused or not node.open or self._client.status != "running":
+        """Give a worker what it can do next: a piece of a file that it lacks, or rows."""
+        if node.sending is not None:
             return
         if node.pieces is not None:
-            if not node.flights:
-                piece = next(node.pieces, None)
-                if piece is not None:
-                    self._send(node, (), keep_piece, encode(piece))
-                    return
-                node.pieces = None
-            else:
+            if (piece := next(node.pieces, None)) is not None:
+                node.sending = self._tasks.submit(node.address, keep_piece, encode(piece))
                 return
-        while len(node.flights) < IN_FLIGHT:
-            usable = self._usable()
-            end = math.ceil(self._left / (IN_FLIGHT * len(usable)))
+            node.pieces = None
+        while len(node.parcels) < IN_FLIGHT:
+            usable = len(self._usable())
+            end = math.ceil(self._left / (IN_FLIGHT * usable))
             most = min(max(FEWEST, min(MOST, math.ceil(PARCEL_S / node.row_s))), end)
-            positions = self._shares.take(node.address, most, only=len(usable) == 1)
+            positions = self._shares.take(node.address, most, only=usable == 1)
             if not positions:
                 return
-            self._send(node, positions, _render_here, encode(versions()), encode(self._parcel(positions)))
-
-    def _send(self, node: _Node, positions: Sequence[int], function: Callable[..., Any], *data: bytes) -> None:
-        future = self._client.submit(
-            function,
-            *data,
-            key=f"hulldown-{uuid.uuid4().hex}",
-            workers=[node.address],
-            allow_other_workers=False,
-            resources={RESOURCE: 1},
-            pure=False,
-        )
-        flight = _Flight(future, positions)
-        node.flights.append(flight)
-        assert self._client.loop is not None
-        self._client.loop.add_callback(self._listen, node, flight)
-
-    async def _listen(self, node: _Node, flight: _Flight) -> None:
-        """Pass on how a task has ended; runs in Dask's own thread."""
-        outcome: bytes | BaseException
-        try:
-            outcome = await self._client.gather(flight.future, asynchronous=True)
-        except (Exception, asyncio.CancelledError) as error:
-            outcome = error
-        self._events.put((node, flight, outcome))
+            parcel = encode(self._parcel(positions))
+            node.parcels[self._tasks.submit(node.address, _render_here, encode(versions()), parcel)] = positions
 
     def _parcel(self, positions: Sequence[int]) -> Parcel:
         orders = []
@@ -264,15 +224,13 @@ class ClusterPool:
             self._notes[path], self._files[file.sha256] = AssetNote(file, references), path
         return self._notes[path]
 
-    def _hear(self, node: _Node, flight: _Flight, outcome: bytes | BaseException) -> None:
-        """A task has ended, well or not."""
+    def _hear(self, node: _Node, task: Task, positions: Sequence[int], outcome: bytes | BaseException) -> None:
+        """A parcel has come back, rendered or not."""
         if not isinstance(outcome, BaseException):
-            if flight.positions:
-                self._take_in(node, flight.positions, decode_answer(outcome))
+            self._take_in(node, positions, decode_answer(outcome))
             return
-        if flight.positions:
-            self._shares.give_back(flight.positions)
-        if self._client.status == "running" and not flight.future.cancelled():
+        self._shares.give_back(positions)
+        if self._tasks.failed(task):
             self._refuse(node, f"fails: {type(outcome).__name__}: {outcome}")
 
     def _take_in(self, node: _Node, positions: Sequence[int], answer: Answer) -> None:
@@ -286,7 +244,7 @@ class ClusterPool:
                 self._refuse(node, f"does not keep {self._files[min(again)]}, which it was sent")
             elif node.pieces is None:
                 node.sent |= {*answer.lacking}
-                node.pieces = _pieces([self._notes[self._files[sha256]].file for sha256 in answer.lacking])
+                node.pieces = pieces([self._notes[self._files[sha256]].file for sha256 in answer.lacking])
             return
         self.restarts += answer.restarts
         self.blender_version = answer.blender
@@ -351,7 +309,7 @@ class ClusterPool:
         if self._failed_in_a_row >= self._limits.give_up_after:
             raise HulldownError(
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: {reasons[-1]}",
-                path=self._scheduler.address,
+                path=self._address,
                 remedy="mend the cause and run again, which goes on from here",
             )
 
@@ -359,17 +317,16 @@ class ClusterPool:
         """A worker gets no more rows."""
         if not node.refused:
             node.refused = True
-            self._refusals[node.address] = why
+            self._refusal = node.address, why
             self._say(f"{node.address}: gets no images: it {why}")
         self._shares.leave(node.address)
 
     def _drop(self, node: _Node) -> None:
         """A worker is gone. What it was rendering is suspected a little: it is tried alone the next time but one."""
         self._shares.leave(node.address)
-        flights, node.flights = [flight for flight in node.flights if flight.positions], []
-        self._client.cancel([flight.future for flight in flights], force=True)
-        for i, flight in enumerate(flights):
-            rest = list(flight.positions)
+        self._tasks.take_back(list(node.parcels))
+        for i, positions in enumerate(node.parcels.values()):
+            rest = list(positions)
             if i == 0 and not node.refused:
                 rest = [position for position in rest if not self._suspect(position, node, alone=len(rest) == 1)]
             if rest:
@@ -395,24 +352,13 @@ class ClusterPool:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._client.status == "running":
-            self._client.cancel([flight.future for node in self._nodes.values() for flight in node.flights], force=True)
-        for node in self._nodes.values():
-            node.flights.clear()
-        self._client.close(timeout=5)
+        self._tasks.take_back([task for node in self._nodes.values() for task in node.parcels])
+        self._tasks.close()
 
 
 def _render_here(client: bytes, parcel: bytes) -> bytes:
     """What runs in a worker of the cluster."""
-    return render_parcel(client, parcel, Path(get_worker().local_directory) / "hulldown")
-
-
-def _pieces(files: Sequence[FileNote]) -> Iterator[Piece]:
-    """Files cut into pieces that Dask can swallow."""
-    for file in files:
-        with Path(file.path).open("rb") as content:
-            for offset in range(0, max(1, file.size), PIECE):
-                yield Piece(file.sha256, offset, file.size, content.read(PIECE))
+    return render_parcel(client, parcel, scratch())
 
 
 def _references(assets: RenderAssets) -> dict[str, tuple[str, ...]]:
@@ -420,22 +366,3 @@ def _references(assets: RenderAssets) -> dict[str, tuple[str, ...]]:
     files = [(vehicle.tidy, vehicle.files) for vehicle in assets.vehicles.values()]
     files += [(scenery.path, scenery.files) for scenery in assets.sceneries.values()]
     return {str(path.resolve()): references for path, references in files}
-
-
-def _connect(scheduler: Scheduler) -> Client:
-    tls = {"tls_ca_file": scheduler.tls_ca, "tls_client_cert": scheduler.tls_cert, "tls_client_key": scheduler.tls_key}
-    given = {key: str(path) for key, path in tls.items() if path is not None}
-    security = Security(require_encryption=True, **given) if given else None
-    address = scheduler.address
-    try:
-        if address.endswith(".json"):
-            if not Path(address).is_file():
-                raise HulldownError(
-                    "no such file", path=address, remedy="start `dask scheduler --scheduler-file` first"
-                )
-            return Client(scheduler_file=address, security=security, timeout=GONE_S, set_as_default=False)
-        return Client(address, security=security, timeout=GONE_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise HulldownError(
-            f"no Dask scheduler answers there ({error})", path=address, remedy="start one with `hulldown cluster`"
-        ) from None

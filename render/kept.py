@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from geometry.errors import AssetError
 from reading.cache import sha256
 from reading.landlock import asset_folders
-from render.parcels import AssetNote, FileNote, Piece
+from render.parcels import PIECE, AssetNote, FileNote, Piece
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a node's copies
 
@@ -101,3 +101,11 @@ def readable(paths: Iterable[Path]) -> list[Path]:
 def note(path: Path) -> FileNote:
     """A file of this machine, as others are told of it."""
     return FileNote(str(path), sha256(path), path.stat().st_size)
+
+
+def pieces(files: Iterable[FileNote]) -> Iterator[Piece]:
+    """Files of this machine, cut into pieces that can be sent."""
+    for file in files:
+        with Path(file.path).open("rb") as content:
+            for offset in range(0, max(1, file.size), PIECE):
+                yield Piece(file.sha256, offset, file.size, content.read(PIECE))

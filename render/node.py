@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 import platform
+import threading
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from geometry.errors import HulldownError
 from render.confinement import Confinement
@@ -35,6 +37,7 @@ from render.png import damage
 from render.pool import Limits, Pool
 
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
+IDLE_S = 60.0  # after which Blender is ended: it holds memory, and its threads do not quite sleep
 NEVER = 2**31  # whether an error is the cluster's or the plan's is for the client to judge
 
 
@@ -58,9 +61,10 @@ def render_parcel(client: bytes, parcel: bytes, scratch: Path) -> bytes:
     return encode(_node(scratch).render(decode_parcel(parcel)))
 
 
-def keep_piece(piece: bytes) -> None:
+def keep_piece(piece: bytes) -> bytes:
     """Add a piece to a file that this machine lacks; see `render.kept.Kept.keep`."""
     _kept().keep(decode_piece(piece))
+    return b""
 
 
 @cache
@@ -102,9 +106,20 @@ class Node:
         self._pool: Pool | None = None
         self._setting: _Setting | None = None
         self._lines: list[str] = []
+        self._busy = threading.Lock()
+        self._idle = threading.Timer(IDLE_S, self.close)
 
     def render(self, parcel: Parcel) -> Answer:
         """Render a parcel, or say what is missing for it."""
+        self._idle.cancel()
+        with self._busy:
+            answer = self._render(parcel)
+        self._idle = threading.Timer(IDLE_S, self.close)
+        self._idle.daemon = True
+        self._idle.start()
+        return answer
+
+    def _render(self, parcel: Parcel) -> Answer:
         began = time.monotonic()
         try:
             places = {asset.file.path: self._kept.place(asset) for asset in parcel.assets}
@@ -116,7 +131,7 @@ class Node:
             restarts = pool.restarts
             pictures, failures = self._run(pool, parcel, here)
         except HulldownError as error:
-            self.close()
+            self._end()
             return Answer(refused=str(error))
         lines, self._lines[:] = list(self._lines), []
         return Answer(
@@ -131,7 +146,11 @@ class Node:
         )
 
     def close(self) -> None:
-        """End Blender."""
+        """End Blender, once it is idle; the next parcel starts another."""
+        with self._busy:
+            self._end()
+
+    def _end(self) -> None:
         if self._pool is not None:
             self._pool.__exit__(None, None, None)
         self._pool = self._setting = None
@@ -145,7 +164,7 @@ class Node:
         def output(i: int) -> Path:
             return folder / f"{orders[i].index}.png"
 
-        def done(i: int, _: object) -> str | None:
+        def done(i: int, answer: Mapping[str, Any]) -> str | None:
             camera = orders[i].job.camera
             if wrong := damage(output(i), camera.width, camera.height):
                 return wrong
@@ -153,8 +172,7 @@ class Node:
             if not parcel.shared:
                 png = output(i).read_bytes()
                 output(i).unlink()
-            (device,) = pool.devices
-            pictures.append(Picture(orders[i].index, png, device))
+            pictures.append(Picture(orders[i].index, png, answer["device"]))
             return None
 
         pool.run(
@@ -174,7 +192,7 @@ class Node:
         if had is not None:
             setting = replace(setting, read=had.read | setting.read)  # so that it is not started again and again
         if self._pool is None or setting != had:
-            self.close()
+            self._end()
             self._setting = setting
             self._pool = Pool(
                 self._scratch / "logs",

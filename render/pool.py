@@ -84,6 +84,7 @@ class _Worker:
     number: int
     jobs: deque[int]
     process: WorkerProcess | None = None
+    device: str = ""
     ready: bool = False
     current: int | None = None
     began: float = 0.0
@@ -163,7 +164,8 @@ class Pool:
         message
             What to send to the worker for a job.
         done
-            Called with a job and its answer; may return why that will not do, which makes it a failed attempt.
+            Called with a job and its answer, to which the `device` is added; may return why that will not do, which
+            makes it a failed attempt.
         failed
             Called with a job and the reason of each attempt.
 
@@ -220,8 +222,9 @@ class Pool:
         worker.ready, worker.starts = True, 0
         if self._one_per_gpu and len(self._workers) < answer["devices"]:
             self._workers.extend(_Worker(i, deque()) for i in range(len(self._workers), answer["devices"]))
-        self.devices.add(answer["device"])
-        self._say(f"worker {worker.number} renders on {answer['device']}")
+        worker.device = answer["device"]
+        self.devices.add(worker.device)
+        self._say(f"worker {worker.number} renders on {worker.device}")
 
     def _finished(self, worker: _Worker, process: WorkerProcess, job: int, answer: dict[str, Any]) -> None:
         worker.current = None
@@ -232,7 +235,7 @@ class Pool:
             process.stop()
             worker.process, worker.ready = None, False
         self._feed(worker)  # it renders on while this process writes
-        if wrong := self._done(job, answer):
+        if wrong := self._done(job, {**answer, "device": worker.device}):
             self._attempt_failed(worker, job, wrong)
         else:
             self._left -= 1

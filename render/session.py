@@ -131,7 +131,9 @@ class Session:
         self._unfinished.mkdir()
         self.say("")
         try:
-            pool.run(self._todo.order, self._message, lambda index, _: self._done(index, pool), self._give_up)
+            pool.run(
+                self._todo.order, self._message, lambda index, answer: self._done(index, answer, pool), self._give_up
+            )
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
@@ -182,7 +184,7 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, pool: Renders) -> str | None:
+    def _done(self, index: int, answer: Mapping[str, Any], pool: Renders) -> str | None:
         row = self._row(index)
         picture = self._output(index)
         if wrong := damage(picture, row.width, row.height):
@@ -198,8 +200,9 @@ class Session:
         except OSError as error:
             raise unwritten(self._folder, name, error) from error
         publish(picture, self._folder, name)
+        about = {"id": run.image_offset + index + 1, "file_name": name, "device": answer["device"]}
         self._dataset.append(
-            {"id": run.image_offset + index + 1, "file_name": name, PICTURE_KEY: digest(content), **image_record(row)},
+            {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1

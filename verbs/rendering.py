@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import signal
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from verbs.arguments import (
     add_read_limits,
     at_least_one,
     one_of_shares,
+    port,
     positive,
     read_limits,
     three_shares,
@@ -63,10 +66,10 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _scheduler(arguments: argparse.Namespace) -> Any:
     """The cluster to render on; None without."""
-    from render.scheduler import Scheduler
-
     if arguments.scheduler is None:
         return None
+    from render.scheduler import Scheduler
+
     if alone := next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None):
         raise HulldownError(
             f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
@@ -78,6 +81,25 @@ def _scheduler(arguments: argparse.Namespace) -> Any:
         tls_cert=arguments.tls_cert,
         tls_key=arguments.tls_key,
     )
+
+
+def _cluster(arguments: argparse.Namespace) -> int:
+    """Runs until Ctrl-C or SIGTERM."""
+    try:
+        from render.local_cluster import local_cluster
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
+    with local_cluster(arguments.workers, port=arguments.port) as address:
+        if arguments.json:
+            print_json({"scheduler": address, "workers": arguments.workers})
+        say(f"{arguments.workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
+        say("Ctrl-C ends them")
+        threading.Event().wait()
+    return DONE
 
 
 def _join(arguments: argparse.Namespace) -> int:
@@ -198,6 +220,13 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     add_read_limits(sub)
     add_cache(sub, ".hulldown-cache beside the plan")
+
+    sub = verb(
+        "cluster", _cluster, "start a Dask cluster on this machine",
+        "Starts a scheduler and workers that `hulldown render --scheduler` renders on, until Ctrl-C; writes nothing.",
+    )  # fmt: skip
+    sub.add_argument("--workers", type=at_least_one, default=2, metavar="N", help="processes (default: 2)")
+    sub.add_argument("--port", type=port, default=8786, help="of the scheduler, on 127.0.0.1; 0: any (default: 8786)")
 
     sub = verb(
         "join", _join, "put parts of a dataset together",
