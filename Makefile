@@ -23,13 +23,13 @@ setup: $(STAMP) ## create .venv and install hulldown, Blender and the developmen
 $(STAMP): pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) '.[blender,dev]'
+	$(INSTALL) '.[blender,cluster,dev]'
 	@touch $@
 
 setup-training: $(TRAINING_STAMP) ## the same with PyTorch, RF-DETR and Albumentations: 6 GB more
 
 $(TRAINING_STAMP): $(STAMP)
-	$(INSTALL) '.[blender,dev,training,readers]'
+	$(INSTALL) '.[blender,cluster,dev,training,readers]'
 	@touch $@
 
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)

@@ -22,8 +22,9 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
 from dataset.document import COCO_NAME, read_coco
+from dataset.export import export
 from dataset.seals import PICTURE_KEY, RECORD_KEY
-from dataset.split import SPLITS, export
+from dataset.split import SPLITS
 from demo.build import FILES, build_demo_assets
 from demo.catalogue import CATEGORY
 from geometry.files import replacing

@@ -27,19 +27,21 @@ FAR = 5000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's shape, and the .blend that `reading.blender.tidy` made of its file."""
+    """A vehicle's shape, the .blend that `reading.blender.tidy` made of its file, and files that this refers to."""
 
     shape: VehicleShape
     tidy: Path
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
-    """A scenery's .blend, where its coordinates go, and its geometry."""
+    """A scenery's .blend, where its coordinates go, its geometry, and files that the .blend refers to."""
 
     path: Path
     scenery_from_file: Float[np.ndarray, "4 4"]
     scenery: Scenery
+    files: tuple[str, ...] = ()
 
     @property
     def standing(self) -> list[str]:
@@ -87,7 +89,7 @@ def render_assets(
     shapes = {**library.assets.vehicles, **library.assets.distractors}
     read = {**library.vehicles, **library.distractors}
     return RenderAssets(
-        vehicles={name: VehicleFile(shape, read[name].tidy) for name, shape in shapes.items()},
+        vehicles={name: VehicleFile(shape, read[name].tidy, read[name].files) for name, shape in shapes.items()},
         sceneries={
             entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
             for entry in config.assets.sceneries
@@ -98,10 +100,10 @@ def render_assets(
 
 def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
     """The scenery as delivered; its tidy twin, which has lost hair and volumes, where float32 fails the original."""
-    scenery = library.assets.sceneries[name]
+    scenery, read = library.assets.sceneries[name], library.sceneries[name]
     if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
-        return SceneryFile(library.sceneries[name].tidy, np.eye(4), scenery)
-    return SceneryFile(path, scenery.scenery_from_file, scenery)
+        return SceneryFile(read.tidy, np.eye(4), scenery, read.files)
+    return SceneryFile(path, scenery.scenery_from_file, scenery, read.files)
 
 
 def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path) -> RenderJob:

@@ -1,8 +1,11 @@
-"""PNG files without notes: Blender writes dates, render times and paths of this machine into its pictures."""
+"""The PNG files that Blender writes: whole or not, and without dates, render times and paths of this machine."""
 
 from __future__ import annotations
 
 import struct
+from pathlib import Path
+
+from PIL.PngImagePlugin import PngImageFile
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
@@ -34,3 +37,16 @@ def without_notes(data: bytes) -> bytes:
             kept.append(data[at:end])
         at = end
     return b"".join(kept)
+
+
+def damage(picture: Path, width: int, height: int) -> str | None:
+    """What is wrong with a picture that Blender says it has written; None if nothing is."""
+    try:
+        # Not by `Image.open`, which refuses pictures above a size.
+        with PngImageFile(picture) as image:
+            if image.size != (width, height):
+                return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
+            image.verify()
+    except (OSError, SyntaxError, ValueError) as error:
+        return f"Blender wrote a picture that cannot be read ({error})"
+    return None

@@ -5,6 +5,7 @@ Independent of what the jobs do: a job is a JSON object, and so is its answer.
 
 from __future__ import annotations
 
+import platform
 import queue
 import time
 from collections import deque
@@ -83,6 +84,7 @@ class _Worker:
     number: int
     jobs: deque[int]
     process: WorkerProcess | None = None
+    device: str = ""
     ready: bool = False
     current: int | None = None
     began: float = 0.0
@@ -112,6 +114,8 @@ class Pool:
         Asked several times a second whether to give up now.
     confinement
         What the workers may read and write; None for everything.
+    share
+        How many pools like this use the machine at the same time.
     """
 
     def __init__(
@@ -125,17 +129,20 @@ class Pool:
         say: Callable[[str], None] = lambda line: None,
         stopping: Callable[[], bool] = lambda: False,
         confinement: Confinement | None = None,
+        share: int = 1,
     ) -> None:
         if workers is not None and workers < 1:
             raise ValueError(f"workers: expected at least 1, got {workers}")
         self.restarts = 0
         self.devices: set[str] = set()
+        self.systems = {platform.platform(terse=True)}
         self.blender_version = ""
         self._logs, self._device, self._limits = logs, device, limits
         self._command = worker_command(blender)
         # The doctor looks at the bpy module only.
         self._remedy = "run `hulldown doctor`" if blender is None else f"see whether `{blender} --background` starts"
         self._say, self._stopping, self._confinement = say, stopping, confinement
+        self._share = share
         self._took: list[float] = []  # seconds of the first jobs
         self._one_per_gpu = workers is None
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
@@ -157,7 +164,8 @@ class Pool:
         message
             What to send to the worker for a job.
         done
-            Called with a job and its answer; may return why that will not do, which makes it a failed attempt.
+            Called with a job and its answer, to which the `device` is added; may return why that will not do, which
+            makes it a failed attempt.
         failed
             Called with a job and the reason of each attempt.
 
@@ -197,8 +205,8 @@ class Pool:
             raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
         elif "ready" in answer:
             self.blender_version = answer["ready"]
-            cores = psutil.cpu_count() or 1
-            threads = 0 if len(self._workers) == 1 else max(1, cores // len(self._workers))
+            processes = len(self._workers) * self._share
+            threads = 0 if processes == 1 else max(1, (psutil.cpu_count() or 1) // processes)
             process.send(to_json(StartJob(self._device, worker.number, threads)))
         elif answer.get("done") == "start":
             self._started(worker, answer)
@@ -214,8 +222,9 @@ class Pool:
         worker.ready, worker.starts = True, 0
         if self._one_per_gpu and len(self._workers) < answer["devices"]:
             self._workers.extend(_Worker(i, deque()) for i in range(len(self._workers), answer["devices"]))
-        self.devices.add(answer["device"])
-        self._say(f"worker {worker.number} renders on {answer['device']}")
+        worker.device = answer["device"]
+        self.devices.add(worker.device)
+        self._say(f"worker {worker.number} renders on {worker.device}")
 
     def _finished(self, worker: _Worker, process: WorkerProcess, job: int, answer: dict[str, Any]) -> None:
         worker.current = None
@@ -226,7 +235,7 @@ class Pool:
             process.stop()
             worker.process, worker.ready = None, False
         self._feed(worker)  # it renders on while this process writes
-        if wrong := self._done(job, answer):
+        if wrong := self._done(job, {**answer, "device": worker.device}):
             self._attempt_failed(worker, job, wrong)
         else:
             self._left -= 1
@@ -284,7 +293,7 @@ class Pool:
     def _memory_limit(self) -> float:
         if self._limits.memory_bytes is not None:
             return float(self._limits.memory_bytes)
-        return 0.9 * float(psutil.virtual_memory().total) / len(self._workers)
+        return 0.9 * float(psutil.virtual_memory().total) / (len(self._workers) * self._share)
 
     def _lost(self, worker: _Worker, reason: str) -> None:
         """The worker is dead or shall be: blame its job, if it has one."""

@@ -6,15 +6,14 @@ one picture; the next run does it again under the same name and id.
 
 from __future__ import annotations
 
-import platform
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
-from PIL.PngImagePlugin import PngImageFile
 
 from dataset.coco import CocoDataset
 from dataset.failures import read_failures, write_failures
@@ -29,8 +28,7 @@ from planning.row import Row
 from render.annotations import Segmenter, annotation_records
 from render.jobs import RenderAssets, render_job
 from render.messages import Settings, to_json
-from render.png import without_notes
-from render.pool import Pool
+from render.png import damage, without_notes
 from render.todo import Todo, stamp_of
 
 LOGS_NAME = "logs"
@@ -45,6 +43,32 @@ class Progress:
     failed: int
     images: int
     line: str = ""
+
+
+@runtime_checkable
+class Renders(Protocol):
+    """Who renders: a `render.pool.Pool`, or a cluster."""
+
+    restarts: int
+    devices: set[str]
+    systems: set[str]
+    blender_version: str
+
+    def run(
+        self,
+        jobs: Sequence[int],
+        message: Callable[[int], Mapping[str, Any]],
+        done: Callable[[int, dict[str, Any]], str | None],
+        failed: Callable[[int, list[str]], None],
+    ) -> None:
+        """Do all jobs; see `render.pool.Pool.run`."""
+        ...
+
+    def __enter__(self) -> Renders: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
 
 
 class Session:
@@ -99,7 +123,7 @@ class Session:
         finished = self._todo.already + self.rendered
         self._progress(Progress(finished, len(self.failed), self._todo.wanted, line))
 
-    def render(self, pool: Pool) -> None:
+    def render(self, pool: Renders) -> None:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
         if self._unfinished.is_symlink() or self._unfinished.is_file():
             self._unfinished.unlink()  # and not what a link leads to
@@ -107,7 +131,9 @@ class Session:
         self._unfinished.mkdir()
         self.say("")
         try:
-            pool.run(self._todo.order, self._message, lambda index, _: self._done(index, pool), self._give_up)
+            pool.run(
+                self._todo.order, self._message, lambda index, answer: self._done(index, answer, pool), self._give_up
+            )
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
@@ -117,7 +143,7 @@ class Session:
             self.begun = True
             write_failures(self._folder, self._failures)
 
-    def _record(self, pool: Pool) -> None:
+    def _record(self, pool: Renders) -> None:
         """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
         devices = pool.devices - self._recorded
         if not devices:
@@ -128,7 +154,7 @@ class Session:
             "images": len(self._plan),
             "blender": [pool.blender_version],
             "devices": list(devices),
-            "systems": [platform.platform(terse=True)],
+            "systems": sorted(pool.systems),
             "plan": msgspec.to_builtins(self._plan.header),
         }
         add_provenance(self._folder, {self._todo.run.key: entry})
@@ -158,10 +184,10 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, pool: Pool) -> str | None:
+    def _done(self, index: int, answer: Mapping[str, Any], pool: Renders) -> str | None:
         row = self._row(index)
         picture = self._output(index)
-        if wrong := _damage(picture, row.width, row.height):
+        if wrong := damage(picture, row.width, row.height):
             return wrong
         run, name = self._todo.run, self._todo.run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
@@ -174,8 +200,9 @@ class Session:
         except OSError as error:
             raise unwritten(self._folder, name, error) from error
         publish(picture, self._folder, name)
+        about = {"id": run.image_offset + index + 1, "file_name": name, "device": answer["device"]}
         self._dataset.append(
-            {"id": run.image_offset + index + 1, "file_name": name, PICTURE_KEY: digest(content), **image_record(row)},
+            {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1
@@ -189,16 +216,3 @@ class Session:
         write_failures(self._folder, self._failures)
         self.failed.append(name)
         self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
-
-
-def _damage(picture: Path, width: int, height: int) -> str | None:
-    """What is wrong with a picture that Blender says it has written."""
-    try:
-        # Not by `Image.open`, which refuses pictures above a size.
-        with PngImageFile(picture) as image:
-            if image.size != (width, height):
-                return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
-            image.verify()
-    except (OSError, SyntaxError, ValueError) as error:
-        return f"Blender wrote a picture that cannot be read ({error})"
-    return None

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dataset.coco import CocoDataset
 from dataset.pictures import confined
@@ -20,8 +21,12 @@ from reading.watch import ReadLimits
 from render.confinement import confinement_of
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
-from render.session import LOGS_NAME, Progress, Session
+from render.scheduler import Scheduler
+from render.session import LOGS_NAME, Progress, Renders, Session
 from render.todo import Outline, Todo
+
+if TYPE_CHECKING:
+    from render.cluster import ClusterPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +76,7 @@ def render_plan(
     limit: int | None = None,
     share: tuple[int, int] = (1, 1),
     blender: str | None = None,
+    scheduler: Scheduler | None = None,
     limits: Limits = DEFAULT_LIMITS,
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
@@ -97,6 +103,8 @@ def render_plan(
         Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `dataset.join`.
     blender
         An installed Blender to use in place of the bpy module.
+    scheduler
+        Of a Dask cluster whose workers render; None for processes of this machine.
     limits
         Time, memory and attempts.
     read_limits
@@ -132,20 +140,31 @@ def render_plan(
     with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
-        pool: Pool | None = None
+        pool: Renders | None = None
         try:
             todo = Todo(outline, dataset, wanted, share=share)
             session = Session(plan, dataset, todo, assets, say)
-            pool = Pool(
-                confined(folder, LOGS_NAME),
-                blender=blender,
-                device=device,
-                workers=workers,
-                limits=limits,
-                say=session.say,
-                stopping=stopping,
-                confinement=confinement_of(plan, assets, session.unfinished, gpu=device != "cpu"),
-            )
+            if scheduler is None:
+                pool = Pool(
+                    confined(folder, LOGS_NAME),
+                    blender=blender,
+                    device=device,
+                    workers=workers,
+                    limits=limits,
+                    say=session.say,
+                    stopping=stopping,
+                    confinement=confinement_of(plan, assets, session.unfinished, gpu=device != "cpu"),
+                )
+            else:
+                pool = _cluster(scheduler)(
+                    scheduler,
+                    assets,
+                    shared=session.unfinished,
+                    device=device,
+                    limits=limits,
+                    say=session.say,
+                    stopping=stopping,
+                )
             with pool:
                 session.render(pool)
         except Stopped:
@@ -174,6 +193,19 @@ def render_plan(
         interrupted=interrupted,
         seconds=time.monotonic() - start,
     )
+
+
+def _cluster(scheduler: Scheduler) -> type[ClusterPool]:
+    """Dask's side, which is loaded by those that use it only."""
+    try:
+        from render.cluster import ClusterPool
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise HulldownError(
+            "needs Dask, which is not installed", path=scheduler.address, remedy="pip install 'hulldown[cluster]'"
+        ) from None
+    return ClusterPool
 
 
 def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:

@@ -139,6 +139,13 @@ def at_least_one(text: str) -> int:
     return int(text)
 
 
+def port(text: str) -> int:
+    """The number of a TCP port."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"expected a port from 0 to 65535, got {text!r}")
+    return int(text)
+
+
 def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
     """The folder that what is read of assets is kept in."""
     sub.add_argument("--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})")

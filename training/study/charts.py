@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from training.evaluation_charts import BLUE, GREEN, INK, RED, SOFT
+from dataset.charts import BLUE, GREEN, INK, RED, SOFT
 from training.study.words import TITLES
 
 COLOURS = {

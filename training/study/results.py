@@ -20,6 +20,7 @@ from jaxtyping import Float
 from training.bootstrap import interval, resampled_sums
 from training.evaluate import Evaluation
 from training.metrics import SUMS, figures, ratio
+from training.resampled_precision import AVERAGES
 from training.study.config import Arm
 from training.study.manifest import PlannedRun
 
@@ -101,8 +102,9 @@ def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
     """A run with its figures."""
     sums = evaluation.sums.sum(axis=0)
     resampled = dict(figures(evaluation.resampled.sum(axis=1)))
-    if evaluation.ap50_resampled is not None:
-        resampled["ap50"] = _mean_over_classes(evaluation.ap50_resampled)
+    if evaluation.averages_resampled is not None:
+        for k, key in enumerate(AVERAGES):
+            resampled[key] = _mean_over_classes(evaluation.averages_resampled[:, :, k])
     values = {key: float(sums[SUMS.index(key)]) for key in COUNTS}
     values |= {key: float(value) for key, value in figures(sums).items() if key in MEASURES}
     values |= {key: float(evaluation.average.summary[key]) for key in ("ap50", "ap")}

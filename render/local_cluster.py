@@ -1,0 +1,68 @@
+"""A Dask cluster on this machine, to try what docs/cluster.md says of larger ones."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import dask
+from distributed import LocalCluster
+
+from geometry.errors import HulldownError
+from render.cluster import RESOURCE
+from render.node import SHARE_VARIABLE
+
+HOST = "127.0.0.1"  # whoever reaches the port of a scheduler can run programs here
+LOST_S = 60  # a worker that says nothing for so long is lost
+END_S = 10  # what workers get to end by themselves
+
+
+@contextmanager
+def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
+    """A scheduler in this process and workers beside it that render, for as long as the block lasts; its address.
+
+    The workers end with the scheduler, however it ends; one that dies is started again.
+
+    Parameters
+    ----------
+    workers
+        How many; they share the machine's cores and memory.
+    port
+        The scheduler's; 0 for any.
+
+    Raises
+    ------
+    HulldownError
+        If the port is taken.
+    """
+    with dask.config.set({"distributed.scheduler.worker-ttl": f"{LOST_S} s"}):
+        try:
+            scheduler = LocalCluster(n_workers=0, host=HOST, scheduler_port=port, dashboard_address=f"{HOST}:0")
+        except (OSError, RuntimeError) as error:
+            remedy = "name another with --port, or 0 for any"
+            raise HulldownError(f"port {port} cannot be used ({error})", remedy=remedy) from None
+    with scheduler:
+        address = str(scheduler.scheduler_address)
+        process = subprocess.Popen(
+            worker_command(address, workers),
+            env={**os.environ, SHARE_VARIABLE: str(workers), "DASK_LOGGING__DISTRIBUTED": "warning"},
+            start_new_session=True,  # Ctrl-C is for this process
+        )
+        try:
+            yield address
+        finally:
+            process.terminate()
+            try:
+                process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def worker_command(address: str, workers: int) -> list[str]:
+    """How workers of this machine are started, as docs/cluster.md says."""
+    # Of memory Dask would see its own process, and not Blender, which is watched by `render.pool`.
+    options = ["--nworkers", str(workers), "--nthreads", "1", "--resources", f"{RESOURCE}=1", "--memory-limit", "0"]
+    return [sys.executable, "-m", "distributed.cli.dask_worker", address, *options, "--host", HOST, "--no-dashboard"]

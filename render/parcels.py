@@ -1,0 +1,209 @@
+"""What the client of a cluster and its nodes tell one another: plain data, checked against its schema on arrival."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import math
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from assets.bundle import FORMAT
+from reading.cache import EXPORTER
+from render.messages import RenderJob
+
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+Device = Annotated[str, Meta(pattern="^(auto|cpu|gpu|optix|cuda|hip|oneapi|metal)$")]
+LARGEST = 65536  # pixels of a side, as in `planning.row`
+PIECE = 1 << 22  # bytes of a file that are sent at a time
+
+
+class Versions(Struct, frozen=True):
+    """What client and node must have in common, so that both mean the same picture.
+
+    Parameters
+    ----------
+    hulldown
+        Its version, and the beginning of the SHA-256 of the code that renders.
+    bpy
+        The version of the Blender module; empty if there is none.
+    cache
+        Of the files that reading an asset leaves behind.
+    """
+
+    hulldown: str
+    bpy: str
+    cache: str
+
+    def difference(self, client: Versions) -> str:
+        """Why a node of these versions cannot render for a client of others; empty if it can."""
+        if not self.bpy:
+            return "has no bpy"
+        pairs = ((name, getattr(self, name), getattr(client, name)) for name in ("hulldown", "bpy", "cache"))
+        # A client that plans and renders nothing itself may have no bpy.
+        wrong = next(((name, mine, other) for name, mine, other in pairs if mine != other and other), None)
+        return f"has {wrong[0]} {wrong[1]}, and the client {wrong[2]}" if wrong else ""
+
+
+@cache
+def versions() -> Versions:
+    """What this process runs."""
+    root = Path(__file__).resolve().parents[1]
+    code = hashlib.sha256()
+    for path in sorted([*(root / "render").rglob("*.py"), *(root / "reading" / "blender").rglob("*.py")]):
+        code.update(path.read_bytes())
+    try:
+        bpy = importlib.metadata.version("bpy")
+    except importlib.metadata.PackageNotFoundError:
+        bpy = ""
+    hulldown = f"{importlib.metadata.version('hulldown')} ({code.hexdigest()[:8]})"
+    return Versions(hulldown, bpy, f"{EXPORTER}.{FORMAT}")
+
+
+class FileNote(Struct, frozen=True):
+    """A file by its place on the client's disk, its content and its bytes."""
+
+    path: str
+    sha256: Sha256
+    size: Annotated[int, Meta(ge=0)]
+
+
+class AssetNote(Struct, frozen=True):
+    """A file that jobs name, and those that it refers to itself: textures and libraries."""
+
+    file: FileNote
+    references: list[FileNote] = []
+
+
+class Order(Struct, frozen=True):
+    """A picture to be rendered: its row's index in the plan, and what to tell Blender."""
+
+    index: Annotated[int, Meta(ge=0)]
+    job: RenderJob
+
+
+class Parcel(Struct, frozen=True):
+    """Neighbouring rows for a node.
+
+    Parameters
+    ----------
+    orders
+        The pictures.
+    assets
+        Every file that they name.
+    device
+        What `render.blender.cycles.choose_device` takes.
+    image_s
+        Seconds that a picture gets; None for what the first ones teach.
+    shared
+        Folder in the dataset to render into, which the node must see too; empty if pictures are sent back.
+    """
+
+    orders: list[Order]
+    assets: list[AssetNote]
+    device: Device
+    image_s: Annotated[float, Meta(gt=0)] | None = None
+    shared: str = ""
+
+
+class Picture(Struct, frozen=True):
+    """A finished picture: its row, its PNG file unless that was left in the shared folder, and what rendered it."""
+
+    index: int
+    png: bytes
+    device: str
+
+
+class Failure(Struct, frozen=True):
+    """A row that a node has given up, and the reason of each attempt."""
+
+    index: int
+    reasons: list[str]
+
+
+class Answer(Struct, frozen=True):
+    """What becomes of a parcel.
+
+    Parameters
+    ----------
+    refused
+        Why the node cannot render at all; empty if it can.
+    lacking
+        Files that the node must be sent before it can begin, by their SHA-256.
+    pictures, failures
+        Each row of the parcel in one of them, unless it was refused or something is lacking.
+    folder
+        Name of the node's folder in the shared one, in which its pictures are.
+    lines
+        What a user may want to know.
+    restarts
+        How often Blender had to be started again.
+    seconds
+        How long it took.
+    blender, system
+        What it was rendered with.
+    """
+
+    refused: str = ""
+    lacking: list[Sha256] = []
+    pictures: list[Picture] = []
+    failures: list[Failure] = []
+    folder: Annotated[str, Meta(pattern="^[0-9a-f]*$")] = ""
+    lines: list[str] = []
+    restarts: int = 0
+    seconds: float = 0.0
+    blender: str = ""
+    system: str = ""
+
+
+class Piece(Struct, frozen=True):
+    """A part of a file that a node lacks; with the last it is whole, and held against its SHA-256."""
+
+    sha256: Sha256
+    offset: Annotated[int, Meta(ge=0)]
+    size: Annotated[int, Meta(ge=0)]
+    content: bytes
+
+
+encode = msgspec.msgpack.Encoder().encode
+decode_versions = msgspec.msgpack.Decoder(Versions).decode
+decode_answer = msgspec.msgpack.Decoder(Answer).decode
+decode_piece = msgspec.msgpack.Decoder(Piece).decode
+_parcel = msgspec.msgpack.Decoder(Parcel).decode
+
+
+def decode_parcel(data: bytes) -> Parcel:
+    """A parcel that was sent.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or has matrices, sizes or numbers that no plan could have.
+    """
+    parcel = _parcel(data)
+    known = {note.file.path for note in parcel.assets}
+    for order in parcel.orders:
+        job = order.job
+        if not all(1 <= side <= LARGEST for side in (job.camera.width, job.camera.height)):
+            raise ValueError(f"image {order.index}: expected sides from 1 to {LARGEST} pixels")
+        matrices = [job.scenery.scenery_from_file, job.camera.world_from_camera]
+        matrices += [matrix for vehicle in job.vehicles for matrix in vehicle.world_from_parts]
+        if not all(len(matrix) == 4 and all(len(row) == 4 for row in matrix) for matrix in matrices):
+            raise ValueError(f"image {order.index}: expected poses of (4, 4)")
+        light, camera = job.light, job.camera
+        numbers = [x for matrix in matrices for row in matrix for x in row]
+        numbers += [light.yaw, light.strength, light.visibility or 0.0, camera.fov_x, camera.near]
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"image {order.index}: expected finite numbers")
+        if unknown := named_files(job) - known:
+            raise ValueError(f"image {order.index}: {min(unknown)!r} is not among its files")
+    return parcel
+
+
+def named_files(job: RenderJob) -> set[str]:
+    """The paths that a job names."""
+    return {job.scenery.path, job.light.hdri, *(vehicle.tidy for vehicle in job.vehicles)}

@@ -1,0 +1,27 @@
+"""Where the scheduler of a cluster is, and how it is to be spoken to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Scheduler:
+    """A Dask scheduler, see docs/cluster.md.
+
+    Parameters
+    ----------
+    address
+        `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file that `dask scheduler --scheduler-file` has written.
+    shared_disk
+        Whether the workers see the dataset's folder under the same path, so that pictures need not be sent.
+    tls_ca, tls_cert, tls_key
+        Certificates for `tls://`; None for what Dask's own configuration says.
+    """
+
+    address: str
+    shared_disk: bool = False
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None

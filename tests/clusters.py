@@ -1,0 +1,107 @@
+"""Dask clusters of real processes on this machine, to be killed and stopped as one likes."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+
+ROOT = Path(__file__).resolve().parents[1]
+LOST_S = "12s"  # without a sign of life, until a worker counts as lost
+# Landlock hides a folder from a worker, as if it were on another machine, and leaves it the network.
+HIDDEN = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from reading import landlock
+landlock.NETWORK_ABI = landlock.SCOPE_ABI = 10**6
+hidden, *command = sys.argv[2:]
+around = [os.path.join("/", name) for name in os.listdir("/")]
+paths = []
+while around:
+    path = around.pop()
+    if hidden == path or not hidden.startswith(path + os.sep):
+        paths += [path] * (hidden != path)
+    else:
+        around += [os.path.join(path, name) for name in os.listdir(path)]
+landlock.restrict({"execute": paths, "read": [], "write": paths})
+os.execv(command[0], command)
+"""
+
+
+class Cluster:
+    """A scheduler and the workers that were started for it."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True)
+        self.folder, self.file = folder, folder / "scheduler.json"
+        self.workers: list[subprocess.Popen] = []
+        self.log = (folder / "log").open("ab")
+        environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": LOST_S}
+        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard"]
+        self.scheduler = self._start(
+            [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
+        )
+        while not self._address():
+            assert self.scheduler.poll() is None, f"see {folder / 'log'}"
+            time.sleep(0.05)
+
+    def _address(self) -> str:
+        try:
+            return json.loads(self.file.read_text())["address"]
+        except (OSError, ValueError):  # not yet, or half of it
+            return ""
+
+    @property
+    def address(self) -> str:
+        return self._address()
+
+    def add(self, *, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None, scratch=None):
+        """Start a worker: with another Python, by another command, or unable to write files above a size."""
+        number = len(self.workers)
+        scratch = scratch or self.folder / f"worker-{number}"
+        options = ["--nthreads", "1", "--resources", "render=1", "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
+        options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
+        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options]
+
+        def bound():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
+
+        worker = self._start(command, environment or {}, bound if largest_file else None)
+        self.workers.append(worker)
+        return worker
+
+    def _start(self, command, environment, before=None):
+        everything = {**os.environ, "PYTHONPATH": str(ROOT), "HULLDOWN_CACHE": str(self.folder / "sent"), **environment}
+        return subprocess.Popen(
+            command, env=everything, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=before
+        )
+
+    def close(self) -> None:
+        for process in [*self.workers, self.scheduler]:
+            process.kill()
+            process.wait()
+        self.log.close()
+
+
+@contextmanager
+def cluster(folder, workers=0):
+    made = Cluster(folder)
+    try:
+        for _ in range(workers):
+            made.add()
+        yield made
+    finally:
+        made.close()
+
+
+def blenders(worker):
+    """The processes in which a worker renders."""
+    try:
+        return psutil.Process(worker.pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []

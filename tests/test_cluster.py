@@ -1,0 +1,207 @@
+"""`hulldown render --scheduler` with real Blender and real Dask workers, while something goes wrong.
+
+Whatever it is, the dataset must be the one that a run on this machine makes, to the byte.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import site
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from geometry.errors import HulldownError
+from planning.config import load_config
+from planning.loading import load_assets
+from planning.write import write_plan
+from reading.landlock import abi
+from render.jobs import RenderAssets
+from render.scheduler import Scheduler
+from render.supervisor import render_plan
+from tests.clusters import HIDDEN, ROOT, blenders, cluster
+
+pytestmark = pytest.mark.blender
+WORLDS = Path(__file__).with_name("render_worlds.py")
+IMAGES = 12
+CONFIG = f"""
+[assets]
+hdris = ["grey.exr"]
+vehicles = [{{path = "tank.blend", category = "tank"}}]
+sceneries = [{{path = "field.blend"}}]
+[budget]
+images_per_class = {IMAGES}
+[camera]
+target_fraction = [0.3, 0.6]
+[render]
+width = 96
+height = 54
+samples = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A plan, and what a run on this machine makes of it, in `whole`."""
+    made = tmp_path_factory.mktemp("cluster")
+    subprocess.run([sys.executable, "-P", str(WORLDS), str(made)], check=True, capture_output=True)
+    (made / "hulldown.toml").write_text(CONFIG)
+    config = load_config(made / "hulldown.toml")
+    write_plan(config, load_assets(config), made / "plan.jsonl")
+    render_plan(made / "plan.jsonl", made / "whole", device="cpu")
+    return made
+
+
+@pytest.fixture(scope="module")
+def nodes(folder):
+    """A cluster of three workers; who kills one adds another."""
+    with cluster(folder / "nodes", 3) as made:
+        yield made
+
+
+class Course:
+    """Renders a plan on a cluster, does something once when some pictures are there, and keeps what is said."""
+
+    def __init__(self, folder, plan, address, *, at=0, act=None, shared_disk=False):
+        self.said, self._at, self._act = [], at, act
+        self.output = folder
+        scheduler = Scheduler(address, shared_disk=shared_disk)
+        self.report = render_plan(plan, folder, scheduler=scheduler, device="cpu", progress=self._show)
+
+    def _show(self, progress):
+        if progress.line:
+            self.said.append(progress.line)
+        if self._act is not None and progress.finished >= self._at:
+            act, self._act = self._act, None
+            act()
+
+    def line(self, *words):
+        """The one line that says all of these."""
+        (line,) = (line for line in self.said if all(word in line for word in words))
+        return line
+
+
+def assert_same(one, two):
+    assert (one / "annotations.json").read_bytes() == (two / "annotations.json").read_bytes()
+    pictures = [{path.name: path.read_bytes() for path in (made / "images").iterdir()} for made in (one, two)]
+    assert len(pictures[0]) == IMAGES
+    assert pictures[0] == pictures[1]
+    assert not (two / ".unfinished").exists()
+    assert (one / "provenance.json").read_bytes() == (two / "provenance.json").read_bytes()
+
+
+def working(nodes):
+    """A worker whose Blender is there."""
+    return next(worker for worker in nodes.workers if worker.poll() is None and blenders(worker))
+
+
+@pytest.mark.parametrize("shared_disk", [False, True])
+def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path, shared_disk):
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=shared_disk)
+    assert course.report.complete
+    assert_same(folder / "whole", tmp_path / "d")
+
+
+def test_a_killed_worker_costs_nothing_and_leaves_no_blender(folder, nodes, tmp_path):
+    orphans = []
+
+    def kill():
+        worker = working(nodes)
+        orphans.extend(blenders(worker))
+        worker.kill()
+        nodes.add()
+
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, at=2, act=kill)
+    assert_same(folder / "whole", tmp_path / "d")
+    assert psutil.wait_procs(orphans, timeout=60)[1] == []
+    assert orphans
+    assert course.line("is gone; others render its images")
+
+
+def test_a_killed_blender_is_started_again(folder, nodes, tmp_path):
+    killed = []
+
+    def kill():
+        (blender,) = blenders(working(nodes))
+        blender.kill()
+        killed.append(blender.pid)
+
+    Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, at=2, act=kill)
+    assert_same(folder / "whole", tmp_path / "d")
+    assert killed
+
+
+def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
+    stopped = []
+
+    def stop():
+        stopped.append(working(nodes))
+        stopped[0].send_signal(signal.SIGSTOP)
+
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, at=2, act=stop)
+    stopped[0].kill()
+    nodes.add()
+    assert_same(folder / "whole", tmp_path / "d")
+    assert course.line("is gone; others render its images")
+
+
+def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
+    command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
+    command += ["--device", "cpu", "--scheduler", str(nodes.file)]
+    client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
+    images = tmp_path / "d" / "images"
+    while not images.is_dir() or len(list(images.iterdir())) < 3:
+        assert client.poll() is None
+        time.sleep(0.01)
+    client.kill()
+    client.wait()
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+    assert course.report.already >= 2
+    assert_same(folder / "whole", tmp_path / "d")
+
+
+def test_a_scheduler_is_lost_and_workers_come_late(folder, tmp_path):
+    """The client ends with one line; with another scheduler the same command goes on, and waits for workers."""
+    with cluster(tmp_path / "first", 1) as first, pytest.raises(HulldownError) as lost:
+        Course(tmp_path / "d", folder / "plan.jsonl", first.address, at=3, act=first.scheduler.kill)
+    assert re.search(r"^tcp://.*: the scheduler is out of reach; start one, .* goes on from here$", str(lost.value))
+    with cluster(tmp_path / "second") as second:
+
+        def add():
+            second.add()
+
+        course = Course(tmp_path / "d", folder / "plan.jsonl", second.address, act=add)
+    assert course.line("waiting for workers")
+    assert 3 <= course.report.already < IMAGES
+    assert_same(folder / "whole", tmp_path / "d")
+
+
+def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes, tmp_path):
+    """One has no bpy, one another cache version, and the disk of one is full."""
+    packages = tmp_path / "packages"
+    packages.mkdir()
+    for entry in Path(next(p for p in site.getsitepackages() + sys.path if (Path(p) / "bpy").is_dir())).iterdir():
+        if not entry.name.startswith("bpy"):
+            (packages / entry.name).symlink_to(entry)
+    environment = {"PYTHONPATH": f"{ROOT}{os.pathsep}{packages}"}
+    poor = nodes.add(python=(sys.executable, "-P", "-S"), environment=environment)
+    other = tmp_path / "other"
+    ignored = shutil.ignore_patterns(".*", "tests", "docs", "benchmarks")
+    shutil.copytree(ROOT, other, ignore=ignored)
+    cache = other / "reading" / "cache.py"
+    cache.write_text(re.sub(r"(?m)^EXPORTER = .*", "EXPORTER = 10**6", cache.read_text()))
+    old = nodes.add(environment={"PYTHONPATH": str(other)})
+    full = nodes.add(largest_file=4096)
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+    for worker in (poor, old, full):
+        worker.kill()
+    assert_same(folder / "whole", tmp_path / "d")
+    assert course.line("gets no images: it has no bpy")
+    assert course.line("gets no images: it has cache 1000000.")
+    assert not course.report.failed
