@@ -10,6 +10,7 @@ import orjson
 
 from dataset.records import Finding
 from dataset.runs import find_run, plan_key
+from dataset.space import space_of
 from planning.plan_file import read_plan
 from planning.row import PlannedVehicle, Row, encode, fields, labelling
 
@@ -71,9 +72,14 @@ def image_record(row: Row) -> dict[str, Any]:
 
 def label_records(row: Row) -> list[dict[str, Any]]:
     """What it says about each labelled vehicle of a row, but for ids and masks."""
-    records = [(orjson.loads(encode(vehicle)), labelling(vehicle) == "ignored") for vehicle in row.labelled]
-    keys = ("category", *LABEL_KEYS)
-    return [{**{key: record[key] for key in keys}, "iscrowd": int(ignored)} for record, ignored in records]
+    records = []
+    for vehicle in row.labelled:
+        said = orjson.loads(encode(vehicle))
+        ignored = int(labelling(vehicle) == "ignored")
+        records.append(
+            {**{key: said[key] for key in ("category", *LABEL_KEYS)}, **space_of(vehicle, row), "iscrowd": ignored}
+        )
+    return records
 
 
 def _box_differs(

@@ -15,6 +15,7 @@ from dataset.entries import is_box
 from dataset.names import is_plain, place_of
 from dataset.runs import runs_of
 from dataset.seals import PICTURE_KEY, RECORD_KEY, broken
+from dataset.space import check_space
 from geometry.errors import DatasetError, shortened
 from geometry.files import stays_inside
 
@@ -166,6 +167,7 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+        yield from (Finding("error", where, problem) for problem in check_space(annotation))
 
 
 def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:

@@ -319,6 +319,7 @@ LIMITS = (
     *(
         Limit(f"{key}, which is not the poses'", (), f"`{key}` against the poses", measure, of="vehicle")
         for key, measure in (
+            ("bounds", lambda r: r.says_its_bounds),
             ("bbox", lambda r: r.says_box("bbox", r.boxes.xywh)),
             ("bbox_amodal", lambda r: r.says_box("bbox_amodal", r.boxes.amodal)),
             ("truncated_fraction", lambda r: r.says("truncated_fraction", r.boxes.truncated_fraction, SHARE)),

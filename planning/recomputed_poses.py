@@ -80,6 +80,14 @@ class RecomputedPoses:
         said = np.array([[np.nan] * 4 if box is None else box for box in boxes], dtype=np.float64)
         return ((np.abs(found - said) <= PIXELS) | (np.isnan(found) & np.isnan(said))).all(axis=1)
 
+    @property
+    def says_its_bounds(self) -> Bool[np.ndarray, " n"]:
+        """Whether the rows have the box that holds the vehicle, or none as in plans of earlier versions."""
+        found = self.placed.bounds()
+        said = [row.planned[self.k].bounds for row in self.rows]
+        told = np.array([own if box is None else box for box, own in zip(said, found, strict=True)], dtype=np.float64)
+        return (np.abs(told - found) <= METRES).all(axis=(1, 2))
+
     # Vehicles.
 
     @cached_property

@@ -68,6 +68,16 @@ class Box(NamedTuple):
     height: Pixels
 
 
+Metre = Annotated[float, Meta(ge=-1e6, le=1e6)]
+
+
+class Bounds(NamedTuple):
+    """Two opposite corners of a box along the axes of a vehicle, in metres: the lowest of each, the highest of each."""
+
+    low: tuple[Metre, Metre, Metre]
+    high: tuple[Metre, Metre, Metre]
+
+
 class Weather(Struct, frozen=True, gc=False):
     """What is in the air: fog, through which one sees so many metres."""
 
@@ -96,6 +106,7 @@ FrameOrNone = Annotated[Box | None, _is("[x, y, width, height] or null", "1e-6 p
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0}', "1e-9 m", _to(9))]
+Room = Annotated[Bounds | None, _is("[[x, y, z], [x, y, z]] or null", "1e-9 m", _to(9))]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
 
@@ -121,6 +132,13 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
         _means(
             "what the image says of it: a full label, one to be ignored since it shows too little, or none; null in "
             "plans of earlier versions: full where anything of it is seen",
+            recorded=False,
+        ),
+    ] = None
+    bounds: Annotated[
+        Room,
+        _means(
+            "lowest and highest corner in its own frame, with its parts turned; null in plans of earlier versions",
             recorded=False,
         ),
     ] = None

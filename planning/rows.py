@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from placement.rejection import Rejection
 from placement.settle import Settled
 from planning.group import Group, Planned
 from planning.labels import labels_of
 from planning.light import Lights
-from planning.row import Box, PlannedVehicle, Row, Weather, picture_name, rounded
+from planning.row import Bounds, Box, PlannedVehicle, Row, Weather, picture_name, rounded
 from planning.schema import Config
+from planning.stage import Model, Placed
 
 
 def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]) -> list[Row]:
@@ -20,6 +23,7 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
     slope, gap, penetration = _contact(settled)
     position, tries = group.position.tolist(), planned.tries.tolist()
     kinds = [rejection.key for rejection in Rejection]
+    bounds = _bounds(group.model, settled.world_from_vehicle, planned.articulation)
     columns = zip(
         group.owner.tolist(),
         group.shot.tolist(),
@@ -72,6 +76,7 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
             sample_seed=seed,
             background=group.background,
             label="none" if group.background else "full",
+            bounds=bounds[i],
             companions=companions,
             distractors=distractors,
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
@@ -100,6 +105,7 @@ def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[l
         )
         model, tries, poses = slot.model.tolist(), slot.tries.tolist(), slot.settled.world_from_vehicle
         slope, gap, penetration = _contact(slot.settled)
+        bounds = _slot_bounds(slot.guests.models, slot.model, poses, slot.articulation)
         bbox, amodal = (_boxes(slot.views.bbox), _boxes(slot.views.bbox_amodal))
         visible, truncated = (
             rounded(key, getattr(slot.views, key)).tolist() for key in ("visible_fraction", "truncated_fraction")
@@ -122,6 +128,7 @@ def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[l
                     penetration=penetration[i],
                     tries=tries[i],
                     label=labels[image],
+                    bounds=bounds[i],
                 )
             )
     return records
@@ -131,6 +138,26 @@ def _contact(settled: Settled) -> tuple[list[float], list[float], list[float]]:
     """Slope in degrees, gap and penetration, as rows have them."""
     slope = rounded("slope_deg", np.degrees(settled.tilt)).tolist()
     return slope, rounded("gap", settled.gap).tolist(), rounded("penetration", settled.penetration).tolist()
+
+
+def _bounds(model: Model, poses: Float[np.ndarray, "n 4 4"], articulation: list[dict[str, float]]) -> list[Bounds]:
+    """What boxes hold a vehicle in its own frame."""
+    corners = rounded("bounds", Placed(model, poses, articulation).bounds()).tolist()
+    return [Bounds(tuple(low), tuple(high)) for low, high in corners]
+
+
+def _slot_bounds(
+    models: Sequence[Model],
+    which: Int[np.ndarray, " n"],
+    poses: Float[np.ndarray, "n 4 4"],
+    turned: list[dict[str, float]],
+) -> dict[int, Bounds]:
+    """The same of guests, of which each position has another one, or none."""
+    found: dict[int, Bounds] = {}
+    for k in np.unique(which[which >= 0]).tolist():
+        rows = np.flatnonzero(which == k)
+        found |= zip(rows.tolist(), _bounds(models[k], poses[rows], [turned[i] for i in rows.tolist()]), strict=True)
+    return found
 
 
 def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:

@@ -142,6 +142,12 @@ class Placed:
         poses = self.world_from_parts()
         return np.concatenate([apply(poses[:, i], part.hull) for i, part in enumerate(self.model.target.parts)], axis=1)
 
+    def bounds(self) -> Float[np.ndarray, "n 2 3"]:
+        """Lowest and highest corner of each, in the vehicle's own frame with its parts turned."""
+        at_home = np.broadcast_to(np.eye(4), self.world_from_vehicle.shape)
+        points = Placed(self.model, at_home, self.articulation).hull()
+        return np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+
     def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
         """Where each part at rest goes."""
         vehicle_from_parts = self.model.shape.vehicle_from_parts(self.articulation)[:, self.model.corner_part]

@@ -3,7 +3,6 @@
 Whatever it is, the dataset must be the one that a run on this machine makes, to the byte.
 """
 
-import json
 import os
 import re
 import shutil
@@ -21,11 +20,9 @@ from geometry.errors import HulldownError
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.write import write_plan
-from reading.landlock import abi
-from render.jobs import RenderAssets
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
-from tests.clusters import HIDDEN, ROOT, blenders, cluster
+from tests.clusters import ROOT, blenders, cluster
 
 pytestmark = pytest.mark.blender
 WORLDS = Path(__file__).with_name("render_worlds.py")

@@ -1,0 +1,75 @@
+"""Where a labelled vehicle is in its camera's frame: distance, box in space, side seen; from what rows hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from geometry.portable import arctan2
+from geometry.small_matrices import product
+from planning.row import PlannedVehicle, Row
+
+DIGITS = 9  # a nanometre: what is the same on every processor
+TOLERANCE = 1e-6
+
+
+def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
+    """What a label says about a vehicle's place as its camera sees it.
+
+    Parameters
+    ----------
+    vehicle
+        One of the row's.
+    row
+        Its image.
+
+    Returns
+    -------
+    ``distance``: metres from the camera to the centre of the box. ``azimuth_seen``: radians from straight ahead of the
+    vehicle to the camera, counter-clockwise from above. ``bbox_3d``: ``center`` (x right, y down, z ahead of the
+    camera, metres), ``size`` (length, width, height) and ``rotation`` (3, 3), whose columns are the vehicle's forward,
+    left and up in the camera's frame. Empty in plans of earlier versions, which do not say how large vehicles are.
+    """
+    if vehicle.bounds is None:
+        return {}
+    low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)
+    world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, row.world_from_camera
+    camera_from_world = world_from_camera[:3, :3].T
+    rotation = product(camera_from_world, world_from_vehicle[:3, :3])
+    middle = product(world_from_vehicle[:3, :3], ((low + high) / 2.0)[:, None])[:, 0] + world_from_vehicle[:3, 3]
+    away = middle - world_from_camera[:3, 3]
+    center = product(camera_from_world, away[:, None])[:, 0]
+    ahead, left, _ = product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
+    distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
+    return {
+        "distance": round(distance, DIGITS),
+        "azimuth_seen": round(float(arctan2(left, ahead)[0]), DIGITS),
+        "bbox_3d": {
+            key: (np.round(values, DIGITS) + 0.0).tolist()  # + 0.0: no -0.0
+            for key, values in (("center", center), ("size", high - low), ("rotation", rotation))
+        },
+    }
+
+
+def check_space(label: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong with a label's ``bbox_3d`` and ``distance``, if it has them."""
+    if (box := label.get("bbox_3d")) is None:
+        return
+    try:
+        center, size, rotation = (np.array(box[key], dtype=np.float64) for key in ("center", "size", "rotation"))
+    except (TypeError, ValueError, KeyError, IndexError):
+        yield "bbox_3d is no center, size and rotation"
+        return
+    if (center.shape, size.shape, rotation.shape) != ((3,), (3,), (3, 3)) or not np.isfinite(center).all():
+        yield "bbox_3d is no center, size and rotation"
+    elif not (size > 0.0).all():
+        yield f"bbox_3d has the size {size.tolist()}"
+    elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= TOLERANCE or not np.linalg.det(rotation) > 0.0:
+        yield "bbox_3d has a rotation that is none"
+    else:
+        far, said = float(np.linalg.norm(center)), label.get("distance")
+        if isinstance(said, int | float) and not abs(said - far) <= TOLERANCE * max(1.0, far):
+            yield f"distance is {said}, bbox_3d is {far:.9g} m away"

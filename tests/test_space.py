@@ -1,0 +1,126 @@
+"""Boxes in space that labels have: they hold the vehicle, are seen where it is seen, and are checked."""
+
+import copy
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from dataset.layouts.kitti import label_line
+from dataset.planned import label_records
+from dataset.space import check_space, space_of
+from geometry.transforms import apply
+from planning.check import check_plan
+from planning.planner import plan
+from tests.planning_assets import small_assets, small_config
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets()
+
+
+@pytest.fixture(scope="module")
+def rows(assets):
+    return list(plan(small_config(), assets))
+
+
+def corners_of(box):
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    return np.array(box["center"]) + (signs * box["size"]) @ np.array(box["rotation"]).T
+
+
+def points_of(assets, vehicle, row):
+    """All vertices of a vehicle in its camera's frame."""
+    points = apply(vehicle.world_from_vehicle, assets.vehicles[vehicle.vehicle].vertices_at(vehicle.articulation))
+    return apply(np.linalg.inv(row.world_from_camera), points)
+
+
+def test_the_box_holds_every_vertex_and_none_of_its_sides_is_loose(assets, rows):
+    for row in rows:
+        for vehicle in row.vehicles:
+            box = space_of(vehicle, row)["bbox_3d"]
+            inside = (points_of(assets, vehicle, row) - box["center"]) @ np.array(box["rotation"])
+            np.testing.assert_allclose(inside.min(axis=0), -np.array(box["size"]) / 2, rtol=0, atol=1e-7)
+            np.testing.assert_allclose(inside.max(axis=0), np.array(box["size"]) / 2, rtol=0, atol=1e-7)
+
+
+def test_the_box_is_seen_around_the_label(rows):
+    for row in rows:
+        label = label_records(row)[0]
+        corners = corners_of(label["bbox_3d"])
+        intrinsics = row.intrinsics
+        focal = intrinsics.width / 2 / math.tan(intrinsics.fov_x / 2)
+        seen = focal * corners[:, :2] / corners[:, 2:] + [intrinsics.width / 2, intrinsics.height / 2]
+        x, y, w, h = label["bbox_amodal"]
+        assert (seen.min(axis=0) <= [x + 1e-3, y + 1e-3]).all()
+        assert (seen.max(axis=0) >= [x + w - 1e-3, y + h - 1e-3]).all()
+
+
+def test_distance_and_side_are_those_of_the_centre(rows):
+    for row in rows:
+        label = label_records(row)[0]
+        assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)
+        middle = apply(row.world_from_camera, np.array([label["bbox_3d"]["center"]]))[0]
+        eye = apply(np.linalg.inv(row.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
+        eye = eye - apply(np.linalg.inv(row.world_from_vehicle), middle[None])[0]
+        assert label["azimuth_seen"] == pytest.approx(math.atan2(eye[1], eye[0]), abs=1e-8)
+
+
+def test_kittis_turn_and_place_are_the_boxs(rows):
+    for row in rows:
+        label = label_records(row)[0]
+        numbers = [float(word) for word in label_line(label, "tank").split()[1:]]
+        rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
+        ground = center - rotation[:, 2] * label["bbox_3d"]["size"][2] / 2
+        np.testing.assert_allclose(numbers[10:13], ground, atol=1e-5)
+        ahead = np.array([math.cos(numbers[13]), -math.sin(numbers[13])])  # x and z in the camera's frame
+        level = rotation[[0, 2], 0] / np.linalg.norm(rotation[[0, 2], 0])
+        np.testing.assert_allclose(ahead, level, atol=1e-5)
+
+
+def test_plans_of_earlier_versions_say_nothing_of_it(rows):
+    old = msgspec.structs.replace(rows[0], bounds=None)
+    assert space_of(old, old) == {}
+    assert "bbox_3d" not in label_records(old)[0]
+
+
+def test_bounds_that_are_not_the_vehicles_are_found(assets, rows, tmp_path):
+    from planning.plan_file import read_plan
+    from planning.row import encode
+    from planning.write import write_plan
+
+    path = tmp_path / "plan.jsonl"
+    write_plan(small_config(), assets, path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    row = read_plan(path)[0]
+    low, high = row.bounds
+    changed = msgspec.structs.replace(row, bounds=type(row.bounds)(low, (high[0] + 0.01, *high[1:])))
+    path.write_bytes(lines[0] + encode(changed) + b"".join(lines[2:]))
+    assert any("bounds" in finding for finding in map(str, check_plan(read_plan(path), assets)))
+
+
+def turned(box):
+    box["rotation"][0] = [-each for each in box["rotation"][0]]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda label: label.update(distance=label["distance"] + 1e-3), "distance is"),
+        (lambda label: label["bbox_3d"].pop("size"), "no center, size and rotation"),
+        (lambda label: label.update(bbox_3d=[1, 2]), "no center, size and rotation"),
+        (lambda label: label["bbox_3d"].update(center=[0, float("nan"), 1]), "no center, size and rotation"),
+        (lambda label: label["bbox_3d"].update(center="far"), "no center, size and rotation"),
+        (lambda label: label["bbox_3d"]["size"].__setitem__(1, 0.0), "has the size"),
+        (lambda label: turned(label["bbox_3d"]), "rotation that is none"),
+        (lambda label: label["bbox_3d"]["rotation"][1].__setitem__(0, 2.0), "rotation that is none"),
+    ],
+)
+def test_a_box_that_is_none_is_found(rows, change, problem):
+    label = copy.deepcopy(label_records(rows[0])[0])
+    assert list(check_space(label)) == []
+    change(label)
+    (found,) = check_space(label)
+    assert problem in found
