@@ -80,13 +80,13 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #                               how far they turn from how they stand in the file: left and up are positive
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others
-#   ground = [...], not_ground = [...]  whole names of objects that are, or are not, its ground; * for any part of a name
+#   ground = [...], not_ground = [...]  whole names of objects that are, or are not, its ground; * for a part of a name
 #   water = [...]               all of its water, below which nothing is placed; [] for none; default: by name, material
 #   drop = [...]                objects that are neither planned with nor rendered
 
 {entries}
 [ground]
-include = []      # whole names of objects that are ground in all sceneries; * for any part of a name
+include = []      # whole names of objects that are ground in all sceneries; * for a part of a name
 exclude = []      # and that are not
 fallback_z = 0.0  # height of the plane that is the ground if no object is, in the file's coordinates, metres
 
