@@ -91,6 +91,9 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #                               how far they turn from how they stand in the file: left and up are positive
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others
+#   ground = [...], not_ground = [...]  whole names of objects that are, or are not, its ground; * for a part of a name
+#   water = [...]               all of its water, below which nothing is placed; [] for none; default: by name, material
+#   drop = [...]                objects that are neither planned with nor rendered
 # A distractor is no target, such as a civilian car or a container; it stands beside targets and has no label.
 # [[assets.distractors]]        path is needed. Optional: all that a vehicle has, and
 #   category = "..."            its class, if it is to be labelled; budgets do not count it
@@ -99,8 +102,8 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 
 {entries}
 [ground]
-include = []      # patterns of object names that are ground, asked before the rules of docs/assets.md
-exclude = []      # patterns of object names that are not
+include = []      # whole names of objects that are ground in all sceneries; * for a part of a name
+exclude = []      # and that are not
 fallback_z = 0.0  # height of the plane that is the ground if no object is, in the file's coordinates, metres
 
 [placement]
@@ -112,6 +115,7 @@ footprint = 5              # n x n rays under it
 min_valid_share = 0.8      # least share of them that must meet ground
 max_gap = 1.0              # metres of air under the vehicle's underside, at most
 max_penetration = 0.3      # metres of ground above it, at most
+fording_depth = 0.0        # metres of water that a vehicle may stand in
 obstacle_clearance = 0.5   # metres between vehicles and obstacles, at least
 vehicle_clearance = 2.0    # metres between vehicles, at least
 vehicles_per_image = [1, 1]       # 1 is the target alone; more adds companions, drawn from all vehicles

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
@@ -73,7 +72,8 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
     """The first of a scenery's own keys, and of its patterns, that matches nothing; None if all match something."""
     for key in ("drop", "water", "not_ground", "ground"):
         for pattern in getattr(options, key) or ():
-            if not any(matching(piece, (pattern,)) for piece in pieces):
+            drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
+            if not drawn and not any(matching(piece, (pattern,)) for piece in pieces):
                 return key, pattern
     return None
 
@@ -146,9 +146,8 @@ def _role(piece: Piece, options: Options) -> Role:
 
 
 def _by_config(piece: Piece, options: Options) -> Role | None:
-    carried = replace(piece, chain=(replace(piece.chain[0], name=piece.carrier), *piece.chain[1:]))
-    if options.drop and piece.carrier and (found := matching(carried, options.drop)):
-        return Role("removed", f"it is drawn by {found[1]!r}, which matches {found[2]!r} of the scenery's drop")
+    if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
+        return Role("removed", f"it is drawn by {piece.carrier!r}, which the scenery's drop of the config names")
     for key, use, whose in ASKED:
         if use == "ground" and piece.anonymous:
             continue  # it has no name of its own, only that of the ground that carries it

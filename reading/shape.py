@@ -80,7 +80,9 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
 def _may_be_ground(piece: Piece, least: float) -> bool:
     size = piece.bounds[1] - piece.bounds[0]
     low = size[2] <= FLATTEST_GROUND * max(size[:2])
-    return bool(low and piece.level >= GROUND_LEVEL and not piece.scattered and size[0] * size[1] >= least)
+    return bool(
+        low and piece.level >= GROUND_LEVEL and not (piece.scattered or piece.clear) and size[0] * size[1] >= least
+    )
 
 
 def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:

@@ -15,7 +15,7 @@ from planning.not_recomputed import NOT_RECOMPUTED
 from planning.plan_file import read_plan
 from planning.schema import Config, Section
 from planning.write import write_plan
-from tests.planning_assets import DISTRACTOR_ENTRIES, bare, hills, small_assets, small_config
+from tests.planning_assets import DISTRACTOR_ENTRIES, bare, hills, sheet, small_assets, small_config, with_water
 
 DOCS = Path(__file__).parents[1] / "docs" / "limits.md"
 
@@ -59,7 +59,8 @@ def holed(name):
 @pytest.fixture(scope="module")
 def assets():
     base = small_assets(distractors=True)
-    sceneries = {"hills": holed("hills"), "bare": bare("bare")}
+    ford = with_water(holed("hills"), sheet((-60, -60), (60, 60), 0.0))
+    sceneries = {"hills": ford, "bare": bare("bare")}
     return Assets(base.vehicles, base.categories, sceneries, ("noon", "dusk"), distractors=base.distractors)
 
 
@@ -69,7 +70,7 @@ def made(assets, tmp_path_factory):
         seed=3,
         assets={"distractors": DISTRACTOR_ENTRIES},
         budget={"images_per_class": 10, "images_per_position": 2, "background_share": 0.2},
-        placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30]},
+        placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30], "fording_depth": 9},
         camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60]},
         weather={"probability": 0.5},
     )
@@ -93,6 +94,7 @@ CHANGES = [
     ("placement.min_valid_share", 1.0, "share of the footprint's rays"),
     ("placement.max_gap", 0.0, "gap is"),
     ("placement.max_penetration", 0.0, "penetration is"),
+    ("placement.fording_depth", 0.1, "depth in water is"),
     ("placement.obstacle_clearance", 12.0, "placement.obstacle_clearance"),
     ("placement.vehicle_clearance", 20.0, "placement.vehicle_clearance"),
     ("placement.vehicles_per_image", [1, 1], "vehicles in the image is 2, allowed are 1 to 1"),

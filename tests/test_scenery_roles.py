@@ -1,0 +1,214 @@
+"""What a scenery's pieces are: by the config's patterns, by name, material and shape. Without Blender."""
+
+import numpy as np
+import pytest
+
+from geometry.errors import AssetError
+from geometry.meshes import Mesh
+from geometry.transforms import rigid, rotation_about
+from reading.build import Options, build_scenery
+from reading.doubts import scenery_doubts
+from reading.kinds import likely_kind, refuse_wrong_kind
+from reading.roles import Piece
+from reading.scenery_roles import VOLUME, matching, scenery_roles
+from reading.shape import level_share
+from tests.test_roles import link, piece
+
+HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
+HOUSES = [piece(f"House.{i:03}", size=(9, 9, 6), at=(20 * i - 60, 30, 3), level=0.4) for i in range(7)]
+
+
+def uses(*pieces: Piece, **options: object) -> list[str]:
+    return [role.use for role in scenery_roles(pieces, Options(**options))]
+
+
+def lake(name: str, *, size: tuple = (60, 40, 0), level: float = 1.0, **more: object) -> Piece:
+    return piece(name, size=size, level=level, **more)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("Water", "water.003", "WaterPlane", "waterplane", "Lake_surface", "lakeSurface", "River", "Ocean.001"),
+        "pond-2",
+        *("Wasser", "Wasserfläche", "See", "Fluss_1", "Teich", "lac", "eau", "rivière", "Agua", "río", "lago", "mare"),
+        *("woda", "jezioro", "voda", "река", "озеро", "sjö", "水", "湖"),
+    ],
+)  # fmt: skip
+def test_water_by_name_in_many_languages(name: str) -> None:
+    assert uses(lake(name)) == ["water"]
+    assert uses(lake("Plane", data=name)) == ["water"]
+    assert uses(lake("Plane", materials=(name,))) == ["water"]
+    assert uses(piece(link(name, "Terrain"), size=(60, 40, 0), level=1.0)) == ["water"]
+
+
+@pytest.mark.parametrize(
+    "dry",
+    [
+        *(lake("Lake_bed"), lake("Seashore"), lake("river bank"), lake("Water lily"), lake("Lake house")),
+        lake("sea floor"),
+        *(lake("Water", data="Terrain"), lake("More rocks"), lake("Snowflake"), lake("Driver"), lake("Watermelon")),
+        lake("Water_tower", size=(6, 6, 5)),
+        lake("Water", size=(2, 2, 9), level=0.2),
+        lake("Waterfall", size=(20, 1, 30), level=0.0),
+        lake("Puddle", size=(0.5, 0.5, 0)),
+        piece(link("Plane", "Lake view"), size=(60, 40, 0), level=1.0),
+    ],
+    ids=lambda one: f"{one.name} {one.data} {one.chain[0].collections}",
+)  # fmt: skip
+def test_what_is_only_about_water_is_none(dry: Piece) -> None:
+    assert uses(dry) != ["water"]
+
+
+def test_water_by_its_material_is_wide_and_no_window() -> None:
+    assert uses(lake("Plane.007", clear=True)) == ["water"]
+    assert uses(lake("Plane.007", clear=True, scattered=True)) == ["water"]
+    assert uses(lake("Skylight", size=(3, 3, 0), clear=True)) == ["obstacle"]
+    assert uses(lake("Window", clear=True), lake("Plane", clear=True, materials=("Window glass",))) == ["obstacle"] * 2
+    assert uses(lake("Pane", clear=True, level=0.0)) == ["obstacle"]
+
+
+def test_water_that_is_only_a_volume_is_known_by_name() -> None:
+    assert uses(lake("Ocean", unseen=VOLUME, clear=True)) == ["water"]
+    assert uses(lake("Mist", unseen=VOLUME, clear=True)) == ["dropped"]
+    assert uses(lake("Ocean", unseen="a holdout")) == ["dropped"]
+    assert uses(lake("Mist", unseen=VOLUME), water=("Mist",)) == ["water"]
+
+
+def test_the_key_water_is_all_the_water_there_is() -> None:
+    pieces = [lake("Lake"), lake("Plane.001", at=(0, 0, 20)), lake("Plane.002", clear=True), piece("Terrain")]
+    assert uses(*pieces) == ["water", "obstacle", "water", "ground"]
+    assert uses(*pieces, water=("Plane.001",)) == ["obstacle", "water", "obstacle", "ground"]
+    assert uses(*pieces, water=()) == ["obstacle", "obstacle", "obstacle", "ground"]
+
+
+def test_a_flat_sheet_among_the_hills_is_water_by_shape_and_that_is_said() -> None:
+    terrain, sheet = piece("Terrain", size=(200, 200, 30), level=0.9), lake("Object_7", at=(0, 0, -5))
+    roles = scenery_roles([terrain, sheet], Options())
+    assert [role.use for role in roles] == ["ground", "water"]
+    (doubt,) = scenery_doubts((200.0, 200.0, 30.0), [terrain, sheet], roles, (), unit=1.0, options=Options())
+    assert doubt == "taken as water: 'Object_7', by shape; if it is none, set water = []"
+    for other in (
+        lake("Object_7", at=(0, 0, 16)),
+        lake("Object_7", size=(9, 9, 0)),
+        lake("Object_7", size=(60, 40, 4)),
+    ):
+        assert uses(terrain, other) == ["ground", "obstacle"]
+    assert uses(terrain, sheet, not_ground=("Object_7",)) == ["ground", "obstacle"]
+    assert uses(terrain, sheet, water=()) == ["ground", "obstacle"]
+
+
+def test_ground_by_shape() -> None:
+    roles = scenery_roles([HILLS, *HOUSES], Options())
+    assert [role.use for role in roles] == ["ground", *["obstacle"] * 7]
+    doubts = scenery_doubts((200.0, 200.0, 12.0), [HILLS, *HOUSES], roles, (), unit=1.0, options=Options())
+    assert doubts == ("taken as ground: 'Plane.003', by shape; if it is none, name it in not_ground",)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "expected"),
+    [
+        pytest.param([HILLS], ["ground"], id="alone"),
+        pytest.param([piece("Lawn grass", size=(99, 99, 0.1), level=1.0), *HOUSES], ["Lawn grass"], id="name"),
+        pytest.param(
+            [piece(f"Tile.{i}", size=(50, 50, 3), at=(50 * (i % 3), 50 * (i // 3), 0), level=1.0) for i in range(9)],
+            [f"Tile.{i}" for i in range(9)],
+            id="tiles",
+        ),
+        pytest.param([HILLS, piece("Roof", size=(150, 150, 1), at=(0, 0, 30), level=1.0)], ["Plane.003"], id="a roof"),
+        pytest.param([piece("Roof", size=(150, 150, 1), at=(0, 0, 30), level=1.0), *HOUSES], [], id="a roof alone"),
+        pytest.param([piece("Dome", size=(900, 900, 450), level=0.13), HILLS, *HOUSES], ["Plane.003"], id="in a dome"),
+        pytest.param(HOUSES, [], id="houses without ground"),
+        pytest.param([piece("Cliffs", size=(200, 200, 90), level=0.3), *HOUSES], [], id="cliffs"),
+        pytest.param([lake("Water", size=(200, 200, 0)), *HOUSES], [], id="water is no ground"),
+    ],
+)  # fmt: skip
+def test_ground_by_shape_is_large_level_lowest_and_carries_the_rest(pieces: list[Piece], expected: list[str]) -> None:
+    expected = ["Plane.003"] if expected == ["ground"] else expected
+    for order in (pieces, pieces[::-1]):
+        roles = scenery_roles(order, Options())
+        assert sorted(p.name for p, role in zip(order, roles, strict=True) if role.use == "ground") == expected
+
+
+def test_a_name_beats_the_shape() -> None:
+    assert uses(HILLS, piece("Road", size=(9, 200, 0.1), level=1.0)) == ["obstacle", "ground"]
+
+
+def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
+    floor = piece("Object_1", size=(300, 300, 0.2), level=1.0)
+    town = [piece(f"Object_{i + 2}", size=(12, 12, 9), at=(40 * i - 120, 0, 4.5), level=0.4) for i in range(7)]
+    assert likely_kind([floor, *town], Options()) == "scenery"
+    with pytest.raises(AssetError, match=r"in it is ground \('Object_1'\)"):
+        refuse_wrong_kind("vehicle", [floor, *town], Options())
+    tank = piece("Tank", size=(7, 3.5, 2.5), at=(0, 0, 1.4), level=0.4)
+    assert likely_kind([floor, tank], Options()) == "vehicle"
+    truck = [piece("Bed", size=(900, 250, 30), at=(0, 0, 100), level=0.9)]  # in centimetres
+    truck += [piece(f"Object_{i}", size=(90, 30, 90), at=(300 * i - 300, 0, 45), level=0.2) for i in range(3)]
+    assert likely_kind(truck, Options()) == "vehicle"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "matches"),
+    [
+        ("Plane.003", True), ("plane.003", True), ("Plane", False), ("Plane.0030", False), ("Plane*", True),
+        ("*.003", True),
+        ("Terrain_mesh", False), ("mesh:Terrain_mesh", True), ("mesh:Plane.003", False), ("collection:Hills", True),
+        ("material:grass*", True), ("Grass_A", False), ("Hills", False), ("nothing:Plane.003", False),
+    ],
+)  # fmt: skip
+def test_a_pattern_is_an_objects_whole_name(pattern: str, matches: bool) -> None:
+    one = piece(link("Plane.003", "Hills"), data="Terrain_mesh", materials=("Grass_A",))
+    assert bool(matching(one, (pattern,))) is matches
+
+
+@pytest.mark.parametrize("name", ["Tile[3]", "a*b", "collection:odd", "what?"])
+def test_a_name_with_signs_of_a_glob_matches_itself(name: str) -> None:
+    assert matching(piece(name), (name,)) == ("object", name, name)
+
+
+def test_the_sceneries_own_patterns_come_before_those_of_all() -> None:
+    pieces = [piece("Plane"), piece("Plane.001"), piece("Terrain"), piece("Terrain.001")]
+    got = uses(*pieces, ground=("Plane",), not_ground=("Terrain",), include=("Plane*",), exclude=("Plane.001",))
+    assert got == ["ground", "obstacle", "obstacle", "ground"]
+    assert uses(*pieces, ground=("*",), drop=("Plane*",)) == ["removed", "removed", "ground", "ground"]
+    assert uses(*pieces, exclude=("Plane",), ground=("Plane",)) == ["ground", "obstacle", "ground", "ground"]
+
+
+def test_what_geometry_nodes_make_is_not_ground_by_the_name_of_what_carries_it() -> None:
+    blades = piece("Plane.003", size=(9, 9, 1), scattered=True, anonymous=True, carrier="Plane.003")
+    assert uses(HILLS, blades, ground=("Plane.003",)) == ["ground", "obstacle"]
+    assert uses(HILLS, piece("Oak", scattered=True, carrier="Plane.003"), drop=("Plane.003",)) == ["removed"] * 2
+
+
+def test_the_proposed_pattern_works_and_names_nothing_else() -> None:
+    slope = piece("Plane.003", size=(200, 200, 90), level=0.4)
+    pieces = [
+        slope,
+        piece("Plane.004", size=(9, 9, 9)),
+        piece("Crate", data="Plane.003", size=(2, 2, 2), at=(0, 0, 50)),
+    ]
+    options = Options()
+    (first, *_) = scenery_doubts((1.0, 1.0, 1.0), pieces, scenery_roles(pieces, options), (), unit=1.0, options=options)
+    assert "if it is 'Plane.003', give this scenery ground = [\"Plane.003\"]" in first
+    assert uses(*pieces, ground=("Plane.003",)) == ["ground", "obstacle", "obstacle"]
+
+
+def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
+    dome = piece("Sphere", size=(900, 900, 900), level=0.13)
+    pieces = [dome, HILLS, *HOUSES]
+    doubts = scenery_doubts((9e2, 9e2, 9e2), pieces, scenery_roles(pieces, Options()), (), unit=1.0, options=Options())
+    assert any("'Sphere' is around everything else" in d and 'drop = ["Sphere"]' in d for d in doubts)
+    assert uses(*pieces, drop=("Sphere",))[0] == "removed"
+
+
+@pytest.mark.parametrize("key", ["ground", "not_ground", "water", "drop"])
+def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
+    with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
+        build_scenery("s", [], [HILLS], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
+
+
+@pytest.mark.parametrize(("lean", "level"), [(0, 1.0), (25, 1.0), (35, 0.0), (90, 0.0), (180, 1.0)])
+def test_how_level_a_turned_sheet_is(lean: float, level: float) -> None:
+    sheet = Mesh(np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]), np.array([[0, 1, 2], [0, 3, 2]]))
+    pose = rigid(rotation_about([1.0, 0, 0], np.radians(lean)), [0, 0, 0]) @ np.diag([2.0, -3.0, 1.0, 1.0])
+    assert level_share(sheet, pose) == level

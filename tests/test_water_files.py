@@ -1,0 +1,190 @@
+"""Water, ground and removed objects of files as Blender reads them, and that what is removed is not rendered."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from assets.bundle import load_scenery
+from assets.scenery import Scenery
+from geometry.errors import AssetError
+from placement.terrain import Terrain
+from reading.build import Options
+from reading.export import Exported, export
+from tests.test_backdrops import SHOWN
+
+MADE = """
+import bpy, sys, math
+folder = sys.argv[1]
+
+def plane(name, size, at=(0, 0, 0), rot=(0, 0, 0), cells=1, wave=0.0):
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=cells, y_subdivisions=cells, size=size, location=at)
+    made = bpy.context.object
+    made.name, made.rotation_euler = name, rot
+    for v in made.data.vertices:
+        v.co.z = wave * math.sin(v.co.x / 9) * math.cos(v.co.y / 9)
+    return made
+
+def cube(name, size, at):
+    bpy.ops.mesh.primitive_cube_add(size=size, location=at)
+    bpy.context.object.name = name
+    return bpy.context.object
+
+def material(name, made, node=None, **inputs):
+    given = bpy.data.materials.new(name)
+    given.use_nodes = True
+    tree = given.node_tree
+    shader = tree.nodes["Principled BSDF"]
+    if node:
+        shader = tree.nodes.new(node)
+        tree.links.new(shader.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    for key, value in inputs.items():
+        shader.inputs[key.replace("_", " ")].default_value = value
+    made.data.materials.append(given)
+    return given
+
+def begin():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for x in (-30, 0, 30):
+        cube("Kiste", 2, (x, 20, 3))
+    return plane("Plane", 160, cells=40, wave=3.0)
+
+# By name, and ground by its shape alone; what is scattered and what scatters are removed.
+ground = begin()
+ground.name = "Plane.003"
+plane("Wasserfläche", 150, (0, 0, -1))
+pond = bpy.data.collections.new("kept")
+inner = plane("Teich", 12)
+for home in inner.users_collection:
+    home.objects.unlink(inner)
+pond.objects.link(inner)
+for i in range(2):
+    spot = bpy.data.objects.new(f"spot{i}", None)
+    spot.instance_type, spot.instance_collection, spot.location = "COLLECTION", pond, (40 * i, 40, 5 + i)
+    bpy.context.scene.collection.objects.link(spot)
+oak = cube("Oak", 1, (200, 200, 0))
+oak.hide_render = True
+bed = plane("Bed of oaks", 30, (0, 0, 4), cells=3)
+bed.modifiers.new("p", "PARTICLE_SYSTEM")
+settings = bed.particle_systems[0].settings
+settings.type, settings.count, settings.use_advanced_hair = "HAIR", 5, True
+settings.render_type, settings.instance_object = "OBJECT", oak
+bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/named.blend")
+
+# By material.
+begin()
+material("M1", plane("Flat.001", 150, (0, 0, -1)), Transmission_Weight=1.0)
+sea = plane("Upright", 60, (0, 0, 2), rot=(math.pi / 2, 0, 0))
+sea.data.transform(__import__("mathutils").Matrix.Rotation(-math.pi / 2, 4, "X"))  # modelled upright, turned level
+material("M2", sea, "ShaderNodeBsdfGlass")
+pane = plane("Pane", 9, (10, 10, 4), rot=(math.pi / 2, 0, 0))
+material("M3", pane, "ShaderNodeBsdfGlass")
+material("Window", plane("Skylight", 9, (20, 20, 9)), "ShaderNodeBsdfGlass")
+leaf = plane("Leaf mat", 30, (0, 0, 8))
+cut = material("M4", leaf)
+tree = cut.node_tree
+mix, gone = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
+tree.links.new(gone.outputs[0], mix.inputs[1])
+tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[2])
+tree.links.new(mix.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+deep = cube("Ocean", 40, (0, 0, -9))
+deep.scale.z = 0.4
+murk = material("M5", deep)
+tree = murk.node_tree
+for link in list(tree.get_output_node("CYCLES").inputs["Surface"].links):
+    tree.links.remove(link)
+volume = tree.nodes.new("ShaderNodeVolumeAbsorption")
+tree.links.new(volume.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+mist = cube("Mist", 90, (0, 0, 0))
+mist.data.materials.append(murk)
+bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/dressed.blend")
+
+# glTF: KHR_materials_transmission; without the wide flat sheet of murk, which it cannot hold.
+for name in ("Ocean", "Mist", "Leaf mat"):
+    bpy.data.objects.remove(bpy.data.objects[name])
+bpy.ops.export_scene.gltf(filepath=f"{folder}/dressed.glb", export_apply=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("water")
+    subprocess.run([sys.executable, "-c", MADE, str(folder)], check=True, capture_output=True)
+    return folder
+
+
+def read(folder: Path, name: str, **patterns: tuple[str, ...]) -> tuple[Exported, Scenery]:
+    exported = export(folder / name, folder, kind="scenery", options=replace(Options(), **patterns))
+    return exported, load_scenery(exported.bundle)
+
+
+def water_of(scenery: Scenery) -> list[str]:
+    return sorted({scenery.instance_names[i] for i in np.flatnonzero(scenery.instance_is_water)})
+
+
+@pytest.mark.blender
+def test_ground_by_shape_and_water_by_name_in_instances_too(folder: Path) -> None:
+    exported, scenery = read(folder, "named.blend")
+    assert scenery.ground_names == ("Plane.003",)
+    assert any(doubt.startswith("taken as ground: 'Plane.003', by shape") for doubt in exported.report.doubts)
+    assert water_of(scenery) == ["Teich", "Wasserfläche"]
+    water = scenery.water()
+    assert water is not None
+    z = Terrain(water).top_hits([[0.0, 40.0], [40.0, 40.0], [-40.0, -40.0], [79.0, 79.0]]).z
+    assert np.allclose(z, [5.0, 6.0, -1.0, np.nan], equal_nan=True)
+    (bare,) = {row.kind for row in [export(folder / "named.blend", folder).report]}
+    assert bare == "scenery"
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("name", ["dressed.blend", "dressed.glb"])
+def test_water_by_material_and_not_windows_or_leaves(folder: Path, name: str) -> None:
+    _, scenery = read(folder, name)
+    assert scenery.ground_names == ("Plane",)
+    assert water_of(scenery) == sorted(["Flat.001", "Upright", *(["Ocean"] if name.endswith("blend") else [])])
+    _, none = read(folder, name, water=())
+    assert water_of(none) == []
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("drop", "gone"),
+    [
+        pytest.param(("Kiste.001",), {"Kiste.001"}, id="one of several alike"),
+        pytest.param(("Oak",), {"Oak"}, id="what is scattered"),
+        pytest.param(("bed of oaks",), {"Bed of oaks", "Oak"}, id="what scatters, and so what it scatters"),
+        pytest.param(("spot1",), set(), id="one of two instances"),
+        pytest.param(("collection:kept",), {"Teich"}, id="a collection that is instanced"),
+        pytest.param(("mesh:Cube*",), {"Kiste", "Kiste.001", "Kiste.002", "Oak"}, id="meshes"),
+    ],
+)
+def test_what_is_dropped_is_neither_planned_nor_rendered(folder: Path, drop: tuple[str, ...], gone: set[str]) -> None:
+    _, all_of_it = read(folder, "named.blend")
+    exported, scenery = read(folder, "named.blend", drop=drop)
+    whole = sorted([*all_of_it.ground_names, *all_of_it.instance_names])
+    kept = sorted([*scenery.ground_names, *scenery.instance_names])
+    assert set(whole) - set(kept) == gone
+    assert shown(folder / "named.blend", scenery) == kept
+    # The twin numbers its copies as it writes them.
+    assert [name.partition(".")[0] for name in shown(exported.tidy, scenery)] == [n.partition(".")[0] for n in kept]
+
+
+def shown(path: Path, scenery: Scenery) -> list[str]:
+    """What a render is given, instances counted, from the file or from its tidy twin."""
+    code = SHOWN.replace("json.loads(sys.argv[2]))", "json.loads(sys.argv[2]), json.loads(sys.argv[3]))")
+    code = code.replace("shown = set()", "shown = []").replace("shown.add(", "shown.append(")
+    standing = sorted({*scenery.ground_names, *scenery.instance_names})
+    removed = [] if path.name == "tidy.blend" else list(scenery.removed_names)
+    command = [sys.executable, "-c", code, str(path), json.dumps(standing), json.dumps(removed)]
+    ran = subprocess.run(command, check=True, capture_output=True, text=True, cwd=Path(__file__).parents[1])
+    return sorted(json.loads(ran.stdout.rpartition("shown ")[2]))
+
+
+@pytest.mark.blender
+def test_a_pattern_that_matches_nothing_is_refused_with_what_is_there(folder: Path) -> None:
+    with pytest.raises(AssetError, match=r"ground = 'Plane' matches nothing; in it is 'Plane.003'.*whole name"):
+        read(folder, "named.blend", ground=("Plane",))
