@@ -11,7 +11,7 @@ from functools import lru_cache
 TURRET = ("turret",)
 LAUNCHER = ("launcher",)  # the turret of files that have no turret
 NOT_LAUNCHER = ("smoke", "grenade")
-GUN = ("gun", "barrel", "cannon", "howitzer")
+GUN = ("gun", "barrel", "cannon", "howitzer", "mantlet")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
 PIVOT = ("pivot",)
 # Asked where no name has one of those as a word of its own: parts of words, other languages, slips of one letter.
@@ -46,10 +46,16 @@ VEHICLE = (  # what only a vehicle has
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
+BODY = (  # what else vehicles have: a file with such names would name a turret too
+    *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window", "glass"),
+    *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
+)
+
 HELPERS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
 )
+FIGURES = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
 STAGES = ("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference")
 PRIMITIVES = ("grid", "plane")  # what Blender calls a new sheet, and whatever is modelled from one: many a car's body
 

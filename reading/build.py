@@ -155,7 +155,8 @@ def build_vehicle(
         part_limits=parts.limits,
         vehicle_from_file=to_underside @ vehicle_from_file,
     )
-    strays = stray_doubts([pieces[i] for i in kept], meshes, wheels)
+    wheeled = set() if wheels is None else set(solids.piece[wheels.index].tolist())
+    strays = stray_doubts([pieces[i] for i in kept], points, meshes, wheels, wheeled=wheeled)
     doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *strays) if doubt]
     axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
+USUAL_LENGTH = 7.0
+USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 NAMES = 12  # how many names a sentence lists
 
 
@@ -104,11 +107,9 @@ def _names(names: Sequence[str]) -> str:
 
 
 def _likely_scale(longest: float, unit: float) -> str:
-    """The first of the usual units that would make a vehicle of it."""
-    for usual in (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1):
-        if 2.0 <= longest / unit * usual <= 20.0:
-            return f" = {usual:g} (now {unit:g})"
-    return f" (now {unit:g})"
+    """The usual unit that would make the likeliest vehicle of it."""
+    usual = min(USUAL_UNITS, key=lambda metres: abs(math.log(max(longest, 1e-9) / unit * metres / USUAL_LENGTH)))
+    return f" = {usual:g} (now {unit:g})" if 2.0 <= longest / unit * usual <= 20.0 else f" (now {unit:g})"
 
 
 def _metres(length: float) -> str:

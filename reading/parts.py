@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from assets.naming import BODY, FRONT, REAR, VEHICLE, says
 from geometry.transforms import apply
 from reading.axes import gun_barrel
 from reading.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
@@ -21,6 +22,9 @@ STUBBY = 2.5  # times its width; what is shorter points nowhere
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun
 NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
 LOW = 0.3  # of the vehicle's height: no turret reaches below
+KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
+NAMES = 6  # that a sentence lists
+PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
 WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
 
 
@@ -102,6 +106,13 @@ def find_parts(
     namer, no_guns = _screened(chains, points, asked)
     doubts: list[str] = []
     part_of = [namer.part_of(chain) for chain in chains]
+    riding = _riding(chains, points, part_of) if asked.turret is None else []
+    if riding:
+        marks = {key_of(chains[i][0]): (TURRET_PART, "by its place on the turret") for i in riding}
+        namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns, marked=marks)
+        part_of = [namer.part_of(chain) for chain in chains]
+        those = ", ".join(repr(chains[i][0].name) for i in riding[:NAMES])
+        doubts.append(f"{those} turn with the turret, which they stand on; name what turns and rises by turret and gun if that is wrong")
     if asked.gun is None and GUN_PART not in part_of:
         marks, said = _by_shape(pieces, points, solids, part_of, asked)
         doubts += said
@@ -138,6 +149,8 @@ def find_parts(
         limits.append(LIMITS[name])
         why.append(pivot.why)
     doubts += _missing_parts(names, asked, no_guns)
+    if names == [HULL] and not doubts and asked.turret is None and asked.gun is None:
+        doubts += _unnamed(pieces, bounds)
     decided = [namer.decided(chain) for chain in chains]
     shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
     return Parts(
@@ -165,21 +178,27 @@ def _screened(
         namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns)
         if asked.gun is not None:
             return namer, no_guns
-        groups: dict[str, list[int]] = {}
-        for i, chain in enumerate(chains):
-            part, _, name = namer.decided(chain)
-            if part == GUN_PART:
-                groups.setdefault(name, []).append(i)
-        rest = [i for i in range(len(chains)) if not any(i in group for group in groups.values())]
-        if not rest:
+        mine = [i for i, chain in enumerate(chains) if namer.part_of(chain) == GUN_PART]
+        rest = [points[i] for i in range(len(chains)) if i not in set(mine)]
+        if not mine or not rest:
             return namer, no_guns
-        body = np.concatenate([points[i] for i in rest])
-        found = {n: np.concatenate([points[i] for i in group]) for n, group in groups.items()}
-        guns = {n: own for n, own in found.items() if not _is_drum(own, body)}
-        drums = {n for n in found if n not in guns and not any(_touch(found[n], own) for own in guns.values())}
+        body = np.concatenate(rest)
+        drums: set[str] = set()
+        for group in _clusters([points[i] for i in mine]):
+            if _is_drum(np.concatenate([points[mine[k]] for k in group]), body):
+                drums |= {namer.decided(chains[mine[k]])[2] for k in group}
         if not drums:
             return namer, no_guns
         no_guns |= drums
+
+
+def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[list[int]]:
+    """Which of them come close to one another, directly or by others."""
+    groups: list[list[int]] = []
+    for i, cloud in enumerate(clouds):
+        near = [g for g in groups if any(_touch(clouds[k], cloud) for k in g)]
+        groups = [g for g in groups if g not in near] + [[k for g in near for k in g] + [i]]
+    return groups
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
@@ -198,7 +217,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
 
 def _touch(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
     """Whether the boxes around both come close."""
-    slack = 0.05 * float(np.ptp(b, axis=0).max())
+    slack = 0.05 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
     return bool((a.min(axis=0) < b.max(axis=0) + slack).all() and (a.max(axis=0) > b.min(axis=0) - slack).all())
 
 
@@ -252,6 +271,59 @@ def _by_shape(
     return marks, [f"{taken}; set gun and turret if that is wrong"]
 
 
+def _riding(
+    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
+) -> list[int]:
+    """What stands on a turret that nothing hangs from: its author has left out the hierarchy."""
+    mine = [i for i, part in enumerate(part_of) if part == TURRET_PART]
+    if not mine or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in mine):
+        return []
+    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in mine}
+    parents = [key_of(chains[i][1]) if len(chains[i]) > 1 else None for i in range(len(chains))]
+    if len(roots) > 1 or len({parents[i] for i in mine}) > 1:
+        return []
+    if len(mine) > PREFIXED:
+        return []
+    turret = np.concatenate([points[i] for i in mine])
+    low, high = turret.min(axis=0), turret.max(axis=0)
+    slack = 0.15 * (high - low)
+    found = []
+    for i, part in enumerate(part_of):
+        if part is not None or parents[i] != parents[mine[0]]:
+            continue
+        own_low, own_high = points[i].min(axis=0), points[i].max(axis=0)
+        middle = (own_low + own_high) / 2
+        over = bool(((middle > low - slack) & (middle < high + slack))[:2].all()) and middle[2] > low[2] + slack[2]
+        if over and own_low[2] > low[2] - slack[2] and (own_high - own_low)[1] < 1.3 * (high - low)[1]:
+            found.append(i)
+    return found
+
+
+def _unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"]) -> list[str]:
+    """A doubt where names say nothing at all, or where something hangs together above the rest."""
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    carried: dict[Key, list[int]] = {}
+    names: dict[Key, str] = {}
+    for i, piece in enumerate(pieces):
+        for link in piece.chain:
+            carried.setdefault(key_of(link), []).append(i)
+            names[key_of(link)] = link.name
+    upper = [
+        key
+        for key, some in carried.items()
+        if 1 < len(some) < len(pieces) and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+    ]
+    if upper:
+        most = max(upper, key=lambda key: len(carried[key]))
+        return [
+            f"{len(carried[most])} objects hang from {names[most]!r} above the rest; if it turns, set turret to it, and "
+            f'gun to what rises; if nothing does, set turret = ""'
+        ]
+    if len(pieces) > 1 and not any(says(n, KNOWN) for p in pieces for n in (p.name, p.data)):
+        return ['its names say nothing; set turret and gun if it has any, or turret = ""']
+    return []
+
+
 def _guess(
     name: str,
     own: Float[np.ndarray, "n 3"],
@@ -260,12 +332,16 @@ def _guess(
     solids: Solids,
     behind: Float[np.ndarray, "3"],
 ) -> Pivot:
-    mine = solids.where(np.array([part_of[i] == name for i in solids.piece], bool))
+    def of(part: str | None) -> Solids:
+        return solids.where(np.array([part_of[i] == part for i in solids.piece], bool))
+
     if name == GUN_PART:
-        return gun_guess(own, behind, mine)
+        return gun_guess(own, behind, of(GUN_PART))
+    gun = [p for p, part in zip(points, part_of, strict=True) if part == GUN_PART]
+    trunnions = gun_guess(np.concatenate(gun), behind, of(GUN_PART)).at if gun else None
     hull = [p for p, part in zip(points, part_of, strict=True) if part is None]
-    others = solids.where(np.array([part_of[i] is None for i in solids.piece], bool))
-    return turret_guess(own, np.concatenate(hull) if hull else own[:0], mine, others)
+    under = np.concatenate(hull) if hull else own[:0]
+    return turret_guess(own, under, of(TURRET_PART), of(None), trunnions=trunnions)
 
 
 def _asked_pivot(

@@ -17,9 +17,12 @@ from reading.solids import Solids
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
 REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
 RING = 0.24  # a turret's ring is wider than this share of the hull's width
+RADIUS = 0.3  # a ring's radius, of the hull's width
 BASE = 0.3  # and lies in this lowest share of the turret's height
 THICK = 1.5  # a mantlet is wider than the barrel by this factor
 INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
+ALIKE = 0.8  # of the longest barrel's length: another barrel
+TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
 MIDDLE = 0.01  # an origin this close to the middle of its mesh, in shares of its longest side, was put there by a click
 
 
@@ -147,7 +150,12 @@ def _scale(matrix: Float[np.ndarray, "4 4"]) -> float:
 
 
 def turret_guess(
-    own: Float[np.ndarray, "n 3"], hull: Float[np.ndarray, "m 3"], mine: Solids, others: Solids
+    own: Float[np.ndarray, "n 3"],
+    hull: Float[np.ndarray, "m 3"],
+    mine: Solids,
+    others: Solids,
+    *,
+    trunnions: Float[np.ndarray, "3"] | None,
 ) -> Pivot:
     """Where a turret turns by its shape: the middle of its ring, of the turret or of the hull under it.
 
@@ -157,6 +165,8 @@ def turret_guess(
         Points of the turret and of the hull.
     mine, others
         Solids of the turret and of the hull.
+    trunnions
+        Where its gun turns; None if it has none.
     """
     low, high = own.min(axis=0), own.max(axis=0)
     width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
@@ -177,10 +187,16 @@ def turret_guess(
                 np.array([*solids.centre[ring, :2], low[2]]),
                 f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
             )
-    # Nothing round: between the middle of its largest solid and the middle of the hull.
-    body = mine.bounds[np.argmax(mine.size.prod(axis=1))] if len(mine) else np.stack([low, high])
-    at = body.mean(axis=0)
-    return Pivot(np.array([at[0], at[1], low[2]]), "the middle of its body", guessed=True)
+    # Nothing round: the middle of its body, and a ring's radius behind the trunnions, which are over the ring's edge.
+    weight = mine.size.prod(axis=1)
+    body = (low + high) / 2 if not weight.sum() > 0 else np.average(mine.bounds.mean(axis=1), axis=0, weights=weight)
+    at, why = np.array([body[0], body[1], low[2]]), "the middle of its body"
+    if trunnions is not None and 0 < trunnions[0] - at[0] < width:
+        at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
+        why = "the middle of its body and the distance from its gun"
+    centre = (hull[:, 1].min() + hull[:, 1].max()) / 2 if len(hull) else at[1]
+    at[1] = centre if abs(at[1] - centre) < 0.05 * width else at[1]
+    return Pivot(at, why, guessed=True)
 
 
 def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], mine: Solids) -> Pivot:
@@ -210,6 +226,12 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
     line = mine.axes[barrel, 0] * np.sign(mine.axes[barrel, 0] @ ahead or 1.0)
     start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
+    tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
+    beside = np.linalg.norm(np.cross(tubes.centre - start, line), axis=1).max()
+    if beside > 2 * mine.size[barrel, 1] or beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN:
+        low, high = own.min(axis=0), own.max(axis=0)
+        at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
+        return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
     if not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     reach = (mine.bounds[:, 0] - start) @ line, (mine.bounds[:, 1] - start) @ line
@@ -221,7 +243,7 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
     if thick.any():
         mantlet = np.flatnonzero(thick)[np.argmax(mine.size[thick].prod(axis=1))]
         into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
-        return Pivot(start + into * line, "the rear of its mantlet", guessed=True)
+        return Pivot(start + into * line, "the rear of its mantlet")
     return Pivot(start, "the rear end of its barrel", guessed=True)
 
 

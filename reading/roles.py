@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import HELPERS, PRIMITIVES, STAGES, says, words
+from assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, says, words
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -164,7 +164,7 @@ def _names(piece: Piece) -> list[str]:
 
 def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
-        if pattern := says(name, STAGES):
+        if pattern := says(name, (*STAGES, *FIGURES)):
             return name, pattern
     # Half of the meshes in the world are called "Plane", or "truck_Plane" by exporters, after what they began as.
     named = [word for word in words(piece.name) if not word.isdigit()]

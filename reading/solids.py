@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 MOST = 4000  # solids that are looked at, the largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
-SECTORS = 12  # a round solid has rim in nearly all of so many sectors
+WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
 RIM = 0.85  # of the largest radius: what lies beyond is the rim
 
 
@@ -126,8 +126,8 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
         across = across - (across.min(axis=0) + across.max(axis=0)) / 2
         reach = np.linalg.norm(across, axis=1)
         rim = across[reach >= RIM * reach.max()]
-        sectors = np.unique(((np.arctan2(rim[:, 1], rim[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
-        if len(sectors) >= min(SECTORS - 2, 10) or (len(rim) in range(8, 13) and len(sectors) >= 6):
+        angles = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
+        if np.diff(angles, append=angles[0] + 2 * np.pi).max() < WIDEST_GAP:
             found = distinct
             break
     along = off @ vectors

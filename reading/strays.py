@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from assets.naming import words
 from geometry.meshes import Mesh
@@ -18,35 +19,49 @@ PRIMITIVES = {
 }  # fmt: skip
 BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
 OUT = 0.1  # of the length of the rest
+APART = 0.02  # of the length of the rest: so much air around it
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
 
-def stray_doubts(pieces: Sequence[Piece], meshes: Sequence[Mesh], wheels: Wheels | None) -> list[str]:
+def stray_doubts(
+    pieces: Sequence[Piece],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    meshes: Sequence[Mesh],
+    wheels: Wheels | None,
+    *,
+    wheeled: Collection[int],
+) -> list[str]:
     """A sentence for each kind of stray among the kept pieces of a vehicle, with the key to set.
 
     Parameters
     ----------
     pieces
-        What is kept, upright.
+        What is kept.
+    points
+        For each its vertices, x forward, z up.
     meshes
         The file's unique meshes.
     wheels
-        In the same frame.
+        Upright too.
+    wheeled
+        Pieces that wheels are part of, and so no strays.
     """
-    bounds = np.array([p.bounds for p in pieces])
+    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     height = float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
     hidden = [p.name for p in pieces if p.hidden]
-    low = [] if wheels is None else [p.name for p in pieces if p.bounds[0, 2] < wheels.level - BELOW * height]
+    low = [] if wheels is None else [p.name for p, b in zip(pieces, bounds, strict=True) if b[0, 2] < wheels.level - BELOW * height]
     # If much hangs below, the wheels are not what it stands on: tracks around them, or skirts.
     low = low if len(low) <= max(2, len(pieces) // 10) else []
     unedited = [p.name for p in pieces if _is_primitive(p, meshes[p.mesh])]
-    out = [p.name for i, p in enumerate(pieces) if _sticks_out(i, bounds)]
+    apart = [p.name for i, p in enumerate(pieces) if i not in wheeled and _is_apart(i, bounds)]
+    out = [p.name for i, p in enumerate(pieces) if i not in wheeled and _sticks_out(i, bounds)]
     doubts, told = [], set()
     for names, what in (
         (hidden, "hidden from the viewport, but rendered"),
         (low, "reaching below the wheels"),
         (unedited, "a new mesh of Blender's, as it comes"),
+        (apart, "not touching the rest"),
         (out, "a flat sheet or a bulk that sticks out of the rest"),
     ):
         new = [n for n in dict.fromkeys(names) if n not in told]
@@ -80,6 +95,16 @@ def _sticks_out(i: int, bounds: np.ndarray) -> bool:
     longest = float((high - low).max())
     larger = int((size > 1.3 * (high - low)).sum())
     return bool(sheet and beyond.max() > OUT * longest) or larger >= 2
+
+
+def _is_apart(i: int, bounds: np.ndarray) -> bool:
+    """Whether its box is clear of the boxes of all others."""
+    if len(bounds) < 2:
+        return False
+    rest = np.delete(bounds, i, axis=0)
+    slack = APART * float((rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)).max())
+    near = (rest[:, 0] < bounds[i, 1] + slack) & (rest[:, 1] > bounds[i, 0] - slack)
+    return not near.all(axis=1).any()
 
 
 def _more(names: Sequence[str]) -> str:
