@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from assets.textures import TEXTURE_SIZE
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply
@@ -20,7 +21,6 @@ from reading.blender.poses import Poses
 from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
 from reading.drawn import Evaluated, Left
-from reading.build import TEXTURE_SIZE
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
 from reading.shape import level_share
