@@ -8,10 +8,10 @@ A ray that goes on starts beyond its hit by a few units in the last place of the
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
 
-from geometry.alpha import HIDES, Cut
+from geometry.alpha import HIDES, Cut, Footprints
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster, RayHits, checked_rays
 
@@ -139,32 +139,42 @@ class _Passed:
         self.left, self.distance, self.face = left, distance, face
 
 
-class _Holes:
-    """Mixed faces, and their opacity in float64: texture coordinates are linear in the point of a face's plane."""
+class _Textured:
+    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        assert mesh.cutouts is not None
-        self.caster = RayCaster(mesh)
-        cutouts, corners = mesh.cutouts, mesh.triangles
-        low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-        # As RayCaster centres it, which gives the size of what float32 cannot tell apart.
-        self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
-        first = corners[:, 0]
-        a, b = corners[:, 1] - first, corners[:, 2] - first
+    def __init__(self, triangles: Float[np.ndarray, "m 3 3"], uv: Float32[np.ndarray, "m 3 2"]) -> None:
+        self.first = triangles[:, 0]
+        a, b = triangles[:, 1] - self.first, triangles[:, 2] - self.first
         normal = np.cross(a, b)
         area = (normal * normal).sum(axis=1)
         flat = area == 0.0
         area[flat] = 1.0
         gradient = np.stack([np.cross(b, normal), np.cross(normal, a)], axis=1) / area[:, None, None]
         gradient[flat] = 0.0
-        uv = cutouts.uv.astype(np.float64)
-        across = uv[:, 1:] - uv[:, :1]
-        self._first = first
-        self._normal = normal / np.sqrt(area)[:, None]
-        self._uv_first = uv[:, 0]
-        self._uv_gradient = (across[:, :, :, None] * gradient[:, :, None, :]).sum(axis=1)
-        self._low, self._high = uv.min(axis=1), uv.max(axis=1)
-        self._map, self._maps = cutouts.face_map, cutouts.maps
+        corners = uv.astype(np.float64)
+        across = corners[:, 1:] - corners[:, :1]
+        self.normal = normal / np.sqrt(area)[:, None]
+        self._uv_first = corners[:, 0]
+        self.gradient = (across[:, :, :, None] * gradient[:, :, None, :]).sum(axis=1)
+        self.low, self.high = corners.min(axis=1), corners.max(axis=1)
+
+    def uv(self, face: Int[np.ndarray, " k"], off: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 2"]:
+        """At points relative to the faces' first corners, anywhere on their planes or off them."""
+        u, v = self.gradient[face].swapaxes(0, 1)
+        return self._uv_first[face] + np.stack([_dot(u, off), _dot(v, off)], axis=1)
+
+
+class _Holes:
+    """Mixed faces, and how opaque they are where rays meet them."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        assert mesh.cutouts is not None
+        self.caster = RayCaster(mesh)
+        self._texture = _Textured(mesh.triangles, mesh.cutouts.uv)
+        self._map, self._maps = mesh.cutouts.face_map, mesh.cutouts.maps
+        low, high = mesh.bounds
+        # As RayCaster centres it, which gives the size of what float32 cannot tell apart.
+        self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def opacity(
         self,
@@ -174,13 +184,13 @@ class _Holes:
         at: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Opacity of faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
-        normal, off = self._normal[face], start - self._first[face]
+        texture = self._texture
+        normal, off = texture.normal[face], start - texture.first[face]
         facing = _dot(normal, along)
         steep = np.abs(facing) > ON_PLANE
         on_plane = -_dot(normal, off) / np.where(steep, facing, 1.0)
-        point = off + np.where(steep, on_plane, at)[:, None] * along
-        uv = self._uv_first[face] + np.stack([_dot(g, point) for g in self._uv_gradient[face].swapaxes(0, 1)], axis=1)
-        uv = np.clip(uv, self._low[face], self._high[face])
+        uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
+        uv = np.clip(uv, texture.low[face], texture.high[face])
         if len(self._maps) == 1:
             opacity = self._maps[0].opacity(uv).astype(np.float64)
         else:
@@ -189,6 +199,56 @@ class _Holes:
                 mine = which == number
                 opacity[mine] = self._maps[number].opacity(uv[mine])
         return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
+
+
+class Solidity:
+    """Answers whether what of a face is inside a box hides anything. Built once, never changes.
+
+    Parameters
+    ----------
+    mesh
+        With cut-outs.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        cutouts = mesh.cutouts
+        assert cutouts is not None
+        self._place = np.full(len(mesh.faces), -1)
+        self._place[cutouts.face] = np.arange(len(cutouts.face))
+        self._texture = _Textured(mesh.triangles[cutouts.face], cutouts.uv)
+        self._map = cutouts.face_map
+        self._hiding = [
+            Footprints(alpha, alpha.graded_texels() >= HIDES, outside=alpha.graded_outside() >= HIDES)
+            for alpha in cutouts.maps
+        ]
+
+    def solid(
+        self,
+        face: Int[np.ndarray, " p"],
+        middle: Float[np.ndarray, "p 3"],
+        half_sides: Float[np.ndarray, "p 3 3"],
+    ) -> Bool[np.ndarray, " p"]:
+        """Whether a face has a point inside a box that may be `HIDES` opaque; true for faces that no texture cuts out.
+
+        Parameters
+        ----------
+        face
+            (p,) faces that touch their boxes.
+        middle, half_sides
+            (p, 3) middles and (p, 3, 3) halves of the three sides, as columns, of the boxes, in the mesh's frame.
+        """
+        place = self._place[face]
+        solid = place < 0
+        asked = np.flatnonzero(~solid)
+        cut = place[asked]
+        at = self._texture.uv(cut, middle[asked] - self._texture.first[cut])
+        around = np.abs(np.einsum("pij,pjk->pik", self._texture.gradient[cut], half_sides[asked])).sum(axis=2)
+        low = np.clip(at - around, self._texture.low[cut], self._texture.high[cut])
+        high = np.clip(at + around, self._texture.low[cut], self._texture.high[cut])
+        for number, hiding in enumerate(self._hiding):
+            mine = self._map[cut] == number
+            solid[asked[mine]] = hiding.count(low[mine], high[mine])[0] > 0
+        return solid
 
 
 def _dot(a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from geometry.boxtree import BoxTree
+from geometry.cutouts import Solidity
 from geometry.instances import InstancedScene
 from geometry.transforms import apply, compose, invert_rigid, rotate
 
@@ -100,11 +101,14 @@ class SceneTouch:
         self._solid = np.arange(len(scene.bounds)) if solid is None else np.flatnonzero(solid)
         self._instances = BoxTree(scene.bounds[self._solid])
         self._trees: dict[int, BoxTree] = {}
+        self._solidity: dict[int, Solidity | None] = {}
 
     def touched(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
         """Whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
+
+        A triangle that a texture cuts out is touched where it hides.
 
         A box wholly inside a house or a boulder touches none of its triangles. It is shut in if rays from its centre
         along its four horizontal directions and upwards all meet the same instance within `ROOM` metres; winding is not
@@ -138,6 +142,8 @@ class SceneTouch:
         if traced not in self._trees:
             corners = mesh.triangles
             self._trees[traced] = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
+            self._solidity[traced] = None if mesh.cutouts is None else Solidity(mesh)
+        solidity = self._solidity[traced]
         mesh_from_box = compose(self._scene.traced_from_world[instance], world_from_box[box])
         corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
         pair, face = self._trees[traced].overlapping(corners.min(axis=1), corners.max(axis=1))
@@ -145,7 +151,12 @@ class SceneTouch:
         for i in range(0, len(pair), PAIRS):
             which = pair[i : i + PAIRS]
             triangles = apply(box_from_mesh[which], mesh.vertices[mesh.faces[face[i : i + PAIRS]]])
-            touched[box[which[triangles_touch_box(triangles, half[box[which]])]]] = True
+            touching = triangles_touch_box(triangles, half[box[which]])
+            if solidity is not None:
+                pose = mesh_from_box[which[touching]]
+                sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
+                touching[touching] = solidity.solid(face[i : i + PAIRS][touching], pose[:, :3, 3], sides)
+            touched[box[which[touching]]] = True
 
     def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         axes = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])

@@ -122,7 +122,7 @@ def load_library(
         refuse_no_hdri(path)  # before the long work
     wanted: list[tuple[str, ModelEntry | SceneryEntry, Options]] = []
     entries, others = config.assets.vehicles, config.assets.distractors
-    wanted += [("vehicle", entry, vehicle_options(entry)) for entry in (*entries, *others)]
+    wanted += [("vehicle", entry, vehicle_options(entry, config)) for entry in (*entries, *others)]
     wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
 
     at_once = jobs or min(4, os.cpu_count() or 1)
@@ -307,7 +307,7 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
     return replace(shape, name=entry.name, part_limits=limits)
 
 
-def vehicle_options(entry: ModelEntry) -> Options:
+def vehicle_options(entry: ModelEntry, config: Config) -> Options:
     """How a config says that a vehicle's file is to be read."""
     return Options(
         up=entry.up,
@@ -320,6 +320,7 @@ def vehicle_options(entry: ModelEntry) -> Options:
         gun=entry.gun,
         turret_pivot=entry.turret_pivot,
         gun_pivot=entry.gun_pivot,
+        texture_size=config.assets.texture_size,
     )
 
 
@@ -334,6 +335,7 @@ def scenery_options(entry: SceneryEntry, config: Config) -> Options:
         ground=entry.ground,
         not_ground=entry.not_ground,
         water=entry.water,
+        texture_size=config.assets.texture_size,
     )
 
 

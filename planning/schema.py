@@ -16,6 +16,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
+from assets.textures import TEXTURE_SIZE
+
 CACHE_NAME = ".hulldown-cache"
 
 
@@ -150,6 +152,7 @@ class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
     cache: str = CACHE_NAME
+    texture_size: Annotated[int, Field(ge=1, le=16384)] = TEXTURE_SIZE
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
     sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]

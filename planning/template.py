@@ -74,6 +74,7 @@ seed = 0  # the same seed, config and assets give the same plan, byte for byte
 
 [assets]
 cache = ".hulldown-cache"  # folder for geometry read from the files below
+texture_size = 1024        # texels of the longer side that textures which cut out leaves are kept at
 hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 
 # A vehicle: path (.blend, .glb, .gltf, .fbx, .obj) and category (its class) are needed. Optional:

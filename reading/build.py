@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from assets.scenery import Scenery
+from assets.textures import TEXTURE_SIZE
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
@@ -27,7 +28,6 @@ KILOMETRE = 1000.0
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
-TEXTURE_SIZE = 1024
 
 
 @dataclass(frozen=True, slots=True)

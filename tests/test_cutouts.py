@@ -9,6 +9,7 @@ from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step
 from geometry.cutouts import CutoutCaster, caster_of
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
+from geometry.overlap import SceneTouch
 from geometry.rays import RayCaster
 from geometry.transforms import rigid, rotation_z
 
@@ -167,3 +168,18 @@ def test_the_part_of_a_mesh_keeps_its_holes():
     assert part.cutouts.face.tolist() == [1, 2]
     assert [part.cutouts.maps[i] for i in part.cutouts.face_map] == [CHECKS, SOFT]
     assert mesh.of_faces(np.array([0, 1])).cutouts is None
+
+
+def test_boxes_touch_a_card_where_it_hides():
+    scene = InstancedScene([card()], [0], rigid(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
+    at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
+    world_from_box = np.tile(scene.world_from_instance[0], (500, 1, 1))
+    world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
+    touched = SceneTouch(scene).touched(np.full((500, 3), 0.05), world_from_box)
+    # A box of 0.1 m about a point of a chequerboard of 0.25 m; away from the edges of its fields.
+    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
+    np.testing.assert_array_equal(touched[inner], opaque[inner])
+    assert touched[opaque].all()
+    whole = SceneTouch(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
+    assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()

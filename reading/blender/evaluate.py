@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from assets.textures import TEXTURE_SIZE
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply

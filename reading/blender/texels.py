@@ -36,7 +36,10 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
     colour = pixels[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
         colour = colour * pixels[..., 3:]
-    curved = not is_data and not image.is_float
+    # Cycles interpolates what is in sRGB before it makes it linear; Blender's floats are linear.
+    curved = image.colorspace_settings.name == "sRGB"
+    if curved and image.is_float:
+        colour = _curved(colour)
     if channel != "grey":
         value = colour[..., ("red", "green", "blue").index(channel)]
     elif (colour == colour[..., :1]).all():
@@ -74,7 +77,8 @@ def _stored(values: np.ndarray, image: Any) -> np.ndarray:
 
 
 def _curved(linear: np.ndarray) -> np.ndarray:
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
+    steep = 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, steep).astype(np.float32)
 
 
 def shrunk(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:

@@ -1,0 +1,230 @@
+"""Makes a row of cards, each cut out in another way, and what Cycles shows of a white world behind them.
+
+Run as a script with a folder to write into: cards.blend, shown.npy with the picture, and cards.json with their names.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from render.blender import cycles
+from render.blender.object_index import ONE_RAY, PIXEL_CENTRE
+
+TEXELS = 24
+STEP, PIXELS = 1.2, 50  # metres from card to card, pixels to a metre
+QUAD = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+WIDE = ((-0.5, -0.7), (1.8, -0.7), (1.8, 1.6), (-0.5, 1.6))
+RNG = np.random.default_rng(0)
+FOLDER = Path(sys.argv[1])
+CARDS = []
+
+
+def waves():
+    """Smooth values from 0 to 1 that repeat."""
+    u, v = np.meshgrid(*[(np.arange(TEXELS) + 0.5) / TEXELS] * 2)
+    sums = sum(np.cos(2 * np.pi * (i * u + j * v) + RNG.uniform(0, 6)) for i in range(4) for j in range(-3, 4))
+    return (sums - sums.min()) / np.ptp(sums)
+
+
+def image(name, rgba, *, data=False, suffix="png"):
+    made = bpy.data.images.new(name, TEXELS, TEXELS, alpha=True, float_buffer=suffix == "exr")
+    made.pixels.foreach_set(np.dstack(rgba).astype(np.float32).ravel())
+    made.filepath_raw = str(FOLDER / f"{name}.{suffix}")
+    made.file_format = {"png": "PNG", "exr": "OPEN_EXR"}[suffix]
+    made.save()
+    bpy.data.images.remove(made)
+    found = bpy.data.images.load(str(FOLDER / f"{name}.{suffix}"))
+    if data:
+        found.colorspace_settings.name = "Non-Color"
+    if name == "packed":
+        found.pack()
+        (FOLDER / f"{name}.{suffix}").unlink()
+    return found
+
+
+class Tree:
+    """Node tree of a material that glows black where it is there; nodes by short names."""
+
+    def __init__(self, name):
+        self.material = bpy.data.materials.new(name)
+        self.tree = self.material.node_tree
+        self.tree.nodes.clear()
+        self.black = self.add("Emission", None, 0.0).outputs[0]
+
+    def add(self, kind, *inputs, **settings):
+        node = self.tree.nodes.new(f"ShaderNode{kind}")
+        for name, setting in settings.items():
+            setattr(node, name, setting)
+        self.give(node, *inputs)
+        return node
+
+    def give(self, node, *inputs):
+        for socket, value in zip(node.inputs, inputs, strict=False):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, socket)
+            elif value is not None:
+                socket.default_value = value
+
+    def texture(self, name, coordinates=None, **settings):
+        return self.add("TexImage", coordinates, image=IMAGES[name], **settings)
+
+    def alpha(self, name="soft", coordinates=None, **settings):
+        return self.texture(name, coordinates, **settings).outputs["Alpha"]
+
+    def colour(self, name, **settings):
+        return self.texture(name, **settings).outputs["Color"]
+
+    def maths(self, operation, *inputs):
+        return self.add("Math", *inputs, operation=operation).outputs[0]
+
+    def principled(self, alpha):
+        node = self.add("BsdfPrincipled", (0.0, 0.0, 0.0, 1.0))
+        self.tree.links.new(alpha, node.inputs["Alpha"])
+        return node.outputs[0]
+
+    def through(self, share, first=None):
+        return self.add("MixShader", share, first or self.add("BsdfTransparent").outputs[0], self.black).outputs[0]
+
+
+def card(name, build, uv=QUAD, layer="UVMap"):
+    tree, x = Tree(name), STEP * len(CARDS)
+    tree.add("OutputMaterial", build(tree))
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(x, 0, 0), (x + 1, 0, 0), (x + 1, 0, 1), (x, 0, 1)], [], [(0, 1, 2, 3)])
+    mesh.uv_layers.new(name=layer).uv.foreach_set("vector", np.array(uv, np.float32).ravel())
+    mesh.materials.append(tree.material)
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+    CARDS.append(name)
+
+
+def mapped(tree, **settings):
+    where = tree.add("Mapping", tree.add("TexCoord").outputs["UV"], (0.3, 0.1, 0.0), (0.0, 0.0, 0.4), (2.0, 3.0, 1.0))
+    return tree.alpha("soft", where.outputs[0], **settings)
+
+
+def grouped(tree):
+    group = bpy.data.node_groups.new("cut", "ShaderNodeTree")
+    for way, kind in (("INPUT", "Float"), ("INPUT", "Shader"), ("OUTPUT", "Shader")):
+        group.interface.new_socket(f"{way} {kind}", in_out=way, socket_type=f"NodeSocket{kind}")
+    nodes, link = group.nodes, group.links.new
+    given, result = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    mix, through = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeBsdfTransparent")
+    link(given.outputs[0], mix.inputs[0])
+    link(through.outputs[0], mix.inputs[1])
+    link(given.outputs[1], mix.inputs[2])
+    link(mix.outputs[0], result.inputs[0])
+    node = tree.add("Group", node_tree=group)
+    bend = tree.tree.nodes.new("NodeReroute")
+    tree.tree.links.new(tree.alpha(), bend.inputs[0])
+    tree.give(node, bend.outputs[0], tree.black)
+    return node.outputs[0]
+
+
+def muted(tree):
+    node = tree.add("Math", tree.alpha(), 0.9, operation="GREATER_THAN")
+    node.mute = True
+    return tree.through(node.outputs[0])
+
+
+def named(tree, layer):
+    return tree.through(tree.alpha("soft", tree.add("UVMap", uv_map=layer).outputs[0]))
+
+
+def glow_added(tree):
+    return tree.add("AddShader", tree.black, tree.add("BsdfTransparent").outputs[0]).outputs[0]
+
+
+def ramp(tree):
+    node = tree.add("ValToRGB", tree.alpha())
+    node.color_ramp.elements[0].position, node.color_ramp.elements[1].position = 0.4, 0.5
+    return tree.through(node.outputs[0])
+
+
+def noise(tree):
+    value = tree.add("TexNoise", tree.add("TexCoord").outputs["UV"], None, 3.0).outputs[0]
+    return tree.through(tree.maths("MULTIPLY", value, 0.8))
+
+
+def cards():
+    card("principled alpha", lambda t: t.principled(t.alpha("hard")))
+    card("mix by alpha", lambda t: t.through(t.alpha()))
+    card("packed", lambda t: t.through(t.alpha("packed")))
+    card("floats", lambda t: t.through(t.colour("floats")))
+    card("greater", lambda t: t.principled(t.maths("GREATER_THAN", t.alpha(), 0.4)))
+    card("mask of glTF", lambda t: t.principled(t.maths("SUBTRACT", 1.0, t.maths("LESS_THAN", t.alpha(), 0.6))))
+    card("round", lambda t: t.principled(t.maths("ROUND", t.alpha())))
+    card("multiply", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), 0.6)))
+    card("opacity map", lambda t: t.through(t.colour("grey")))
+    card("opacity map as data", lambda t: t.through(t.colour("data")))
+    card("coloured", lambda t: t.through(t.colour("coloured")))
+    card("red", lambda t: t.through(t.add("SeparateColor", t.colour("coloured")).outputs[0]))
+    card("mapping", lambda t: t.through(mapped(t)))
+    for extension in ("REPEAT", "EXTEND", "CLIP", "MIRROR"):
+        card(extension.lower(), lambda t, to=extension: t.through(t.alpha(extension=to)), uv=WIDE)
+    card("clip of the inverse", lambda t: t.through(t.maths("SUBTRACT", 1.0, t.alpha(extension="CLIP"))), uv=WIDE)
+    card("closest", lambda t: t.through(t.alpha(interpolation="Closest")), uv=WIDE)
+    card("group", grouped)
+    card("muted", muted)
+    card("map range", lambda t: t.through(t.add("MapRange", t.alpha(), 0.3, 0.6, 0.0, 1.0).outputs[0]))
+    card("invert", lambda t: t.through(t.add("Invert", 1.0, t.colour("data")).outputs[0]))
+    card("constant", lambda t: t.through(0.3))
+    card("coloured glass", lambda t: t.through(0.5, t.add("BsdfTransparent", (0.5, 0.5, 0.5, 1.0)).outputs[0]))
+    card("glow added", glow_added)
+    card("camera rays", lambda t: t.through(t.maths("MULTIPLY", t.add("LightPath").outputs[0], t.alpha())))
+    card("layer by name", lambda t: named(t, "other"), layer="other")
+    card("layer that is not there", lambda t: named(t, "lost"))
+    card("flipped", lambda t: t.through(t.alpha()), uv=(QUAD[1], QUAD[0], QUAD[3], QUAD[2]))
+    card("degenerate", lambda t: t.through(t.alpha()), uv=((0.3, 0.2),) * 4)
+    card("two textures", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), t.colour("data"))))
+    card("ramp", ramp)
+    card("noise", noise)
+    card("by angle", lambda t: t.through(t.add("LayerWeight").outputs["Facing"]))
+
+
+def show():
+    scene = bpy.context.scene
+    cycles.configure(scene, ONE_RAY, device="CPU")
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTRE
+    scene.world = bpy.data.worlds.new("white for the camera only")
+    nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new
+    nodes["Background"].inputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
+    link(nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], nodes["Background"].inputs[1])
+    lens = bpy.data.cameras.new("camera")
+    lens.type, lens.ortho_scale = "ORTHO", STEP * len(CARDS)
+    scene.camera = bpy.data.objects.new("camera", lens)
+    scene.camera.location, scene.camera.rotation_euler = (lens.ortho_scale / 2, -5.0, 0.5), (np.pi / 2, 0.0, 0.0)
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y = round(lens.ortho_scale * PIXELS), PIXELS
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+    scene.render.filepath = str(FOLDER / "shown.exr")
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(scene.render.filepath)
+    picture.colorspace_settings.name = "Non-Color"
+    flat = np.empty(picture.size[0] * picture.size[1] * picture.channels, dtype=np.float32)
+    picture.pixels.foreach_get(flat)
+    return flat.reshape(PIXELS, -1, picture.channels)[..., 0]
+
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+SOFT = waves()
+GREY, OTHER, ONE = SOFT * 0.5 + 0.2, waves(), np.ones_like(SOFT)
+LEAF = [0.2 * ONE, 0.5 * ONE, 0.1 * ONE]
+IMAGES = {
+    "soft": image("soft", [*LEAF, SOFT]),
+    "hard": image("hard", [*LEAF, SOFT > 0.5]),
+    "packed": image("packed", [*LEAF, SOFT]),
+    "grey": image("grey", [SOFT, SOFT, SOFT, ONE]),
+    "data": image("data", [GREY, GREY, GREY, ONE], data=True),
+    "coloured": image("coloured", [SOFT, 1 - SOFT, OTHER, ONE]),
+    "floats": image("floats", [OTHER, OTHER, OTHER, ONE], suffix="exr"),
+}
+cards()
+bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cards.blend"))
+np.save(FOLDER / "shown.npy", show())
+(FOLDER / "cards.json").write_text(json.dumps(CARDS))

@@ -1,0 +1,63 @@
+"""What is read of materials that cut out, beside what Cycles shows of them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from assets.bundle import load_scenery
+from geometry.instances import InstancedScene
+from reading.export import export
+
+STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
+# A lookup is exact; what is baked, and the luminance of colours between texels, is off by little.
+LOOSE = {"coloured": 0.02, "red": 0.002, "mirror": 0.02, "two textures": 0.02, "ramp": 0.1, "noise": 0.02}
+EXACT = 2e-3
+FEW = 0.02  # of the pixels: where a threshold lies between two roundings
+BY_CHANCE = ("principled alpha",)  # where Principled is half opaque, Cycles lets a ray through or not
+
+
+@pytest.fixture(scope="module")
+def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], tuple[str, ...]]:
+    """For each card the picture and what is planned of it; doubts."""
+    folder = tmp_path_factory.mktemp("cards")
+    script = Path(__file__).with_name("cutout_blends.py")
+    subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
+    shown, names = np.load(folder / "shown.npy"), json.loads((folder / "cards.json").read_text())
+    exported = export(folder / "cards.blend", folder, kind="scenery")
+    scenery = load_scenery(exported.bundle)
+    height, width = shown.shape
+    x, z = np.meshgrid((np.arange(width) + 0.5) / PIXELS, (np.arange(height) + 0.5) / PIXELS)
+    scene = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
+    n, k = x.size, len(scenery.instance_mesh)
+    assert sorted(scenery.instance_names) == sorted(names)
+    origins = np.column_stack([x.ravel(), np.full(n, -5.0), z.ravel()]) - scenery.origin
+    planned = scene.transmittance_by(
+        origins, np.tile([0.0, 1.0, 0.0], (n, 1)), np.repeat(np.arange(n), k), instance=np.tile(np.arange(k), n)
+    ).reshape(height, width)
+    around = {name: (x > STEP * i + 0.01) & (x < STEP * i + 0.99) for i, name in enumerate(names)}
+    return {name: (shown[at], planned[at]) for name, at in around.items()}, exported.report.doubts
+
+
+def test_cards_let_through_what_cycles_shows_through_them(cards):
+    off = {}
+    for name, (shown, planned) in cards[0].items():
+        if name == "by angle":
+            continue
+        error = np.abs(shown - planned)
+        wrong = (error > LOOSE.get(name, EXACT)).mean()
+        if (wrong > FEW and name not in BY_CHANCE) or abs(shown.mean() - planned.mean()) > 0.01:
+            off[name] = (float(wrong), float(shown.mean()), float(planned.mean()))
+    assert not off
+
+
+def test_what_depends_on_more_than_coordinates_is_named_and_opaque(cards):
+    by_material, doubts = cards
+    assert (by_material["by angle"][1] == 0.0).all()
+    about = [doubt for doubt in doubts if "transparency" in doubt]
+    assert about == ["the material 'by angle' counts as opaque: its transparency depends on the node 'Layer Weight'"]
