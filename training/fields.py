@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dataset.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from training.contrast import measured_contrast
 from training.labels import Labels
 from training.predictions import Predictions
 
@@ -42,9 +43,12 @@ class Field:
 def fields(labels: Labels, predictions: Predictions) -> list[Field]:
     """Everything that labels can be put into bins by; what no label knows is left out, as are empty bins.
 
-    What is stored comes first; distance, elevation, side and slope are else derived from stored poses.
+    What is stored comes first; distance, elevation, side and slope are else derived from stored poses, and contrast
+    is measured in the pictures.
     """
     numbers = numbers_of(labels.annotations, labels.images, labels.image)
+    if (unknown := np.isnan(numbers["contrast"])).any():
+        numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
     found = [
         Field("class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label),
         Field(
