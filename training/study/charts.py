@@ -25,7 +25,7 @@ COLOURS = {
 }
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS = 0.8  # of the room that the bars of one measure may take
-Value = float | None
+Value = float | int | None
 Ends = Sequence[float | None] | None
 
 
