@@ -3,6 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
+STUDY ?= hulldown-study
 STAMP := $(VENV)/.installed
 TRAINING_STAMP := $(VENV)/.installed-training
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
@@ -13,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE = 1
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
 	footprint clearance_of_poses framing size shell projection clearance boxes))
 
-.PHONY: help setup setup-training browser demo test kernels check bench thorough clean
+.PHONY: help setup setup-training browser demo study test kernels check bench thorough clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,6 +35,11 @@ $(TRAINING_STAMP): $(STAMP)
 
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
+
+study: setup-training ## what rendered images are worth beside stand-ins for photographs: 20 minutes; ends in a report (STUDY=folder: elsewhere)
+	$(BIN)/python -m demo.study $(STUDY)
+	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
+	$(BIN)/hulldown study report $(STUDY)/study
 
 browser: ## install Chromium and its driver, which tests of pages need: on Debian and Ubuntu, as root
 	@command -v chromedriver >/dev/null && command -v chromium >/dev/null || \
@@ -60,5 +66,5 @@ thorough: setup-training ## the property tests with thousands of examples each
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
 
 clean: ## remove what the other targets made, .venv included
-	rm -rf $(VENV) $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
+	rm -rf $(VENV) $(DEMO) $(STUDY) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -148,22 +148,37 @@ def write_stand_ins(dataset: Path, out: Path) -> None:
     unfinished.rename(out)
 
 
-STUDY = """\
-# A small study on the CPU: see docs/study.md. Its "photographs" are stand-ins: renders of other assets, made worse.
+DATA = """\
 real = "stand-in-photographs/train"
 synthetic = "synthetic"
 test = "stand-in-photographs/test"
 valid = "stand-in-photographs/valid"
-arms = ["real", "mixed", "synthetic"]
+stratified = true
+"""
+STUDIES = {
+    "study.toml": f"""\
+# A small study on the CPU: see docs/study.md. Its "photographs" are stand-ins: renders of other assets, made worse.
+{DATA}arms = ["real", "mixed", "synthetic"]
 fractions = [1.0, 0.25, 0.1]
 seeds = [0]
-stratified = true
 
 [train]
 model = "small"
-budget = 5400
+budget = 3600
+resolution = 160
+""",
+    "larger.toml": f"""\
+# The same data, every arm of the paper, three seeds and a longer training: two to three hours on two cores.
+{DATA}arms = ["real", "mixed", "synthetic"]
+fractions = [1.0, 0.5, 0.25, 0.1, 0.05]
+seeds = [0, 1, 2]
+
+[train]
+model = "small"
+budget = 12000
 resolution = 192
-"""
+""",
+}
 
 
 def main() -> None:
@@ -183,8 +198,9 @@ def main() -> None:
     photographs = folder / "stand-in-photographs"
     if not photographs.exists():
         write_stand_ins(folder / STAND_INS.name, photographs)
-    if not (folder / "study.toml").exists():
-        (folder / "study.toml").write_text(STUDY)
+    for name, text in STUDIES.items():
+        if not (folder / name).exists():
+            (folder / name).write_text(text)
     print(f"wrote {folder / 'study.toml'}")
 
 

@@ -135,7 +135,8 @@ def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_
 
 
 def test_smaller_shares_lie_within_larger_ones_and_both_arms_have_the_same(pictures, tmp_path):
-    study = settled(pictures, tmp_path, fractions=[1.0, 0.5, 0.25], seeds=[0, 1])
+    train = SMALL | {"budget": 600}  # so that every picture is drawn
+    study = settled(pictures, tmp_path, fractions=[1.0, 0.5, 0.25], seeds=[0, 1], train=train)
     drawn = {}
     for run in study.manifest.runs:
         rows = [line.split(",") for line in study.draws[run.folder].decode().splitlines()[1:]]
@@ -214,7 +215,8 @@ def test_a_run_in_a_process_of_its_own_finishes_fails_with_its_reason_and_ends_w
     study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
     [run] = study.manifest.runs
     said = []
-    done = run_study(study, tmp_path / "out", options=Options("cpu", 0), progress=lambda *told: said.append(told))
+    # A worker of its own: what the run's process is forked into must not wait for a lock of its parent's.
+    done = run_study(study, tmp_path / "out", options=Options("cpu", 1), progress=lambda *told: said.append(told))
     assert done.finished == (run.name,)
     assert (f"{run.name} (1 of 1): training", 6, 6) in said
     assert (f"{run.name} (1 of 1): looking at test", 8, 8) in said

@@ -8,11 +8,12 @@ import pytest
 from selenium.webdriver.common.by import By
 
 from cli import main
+from dataset.charts import svg
 from geometry.errors import HulldownError
 from tests.test_study import settled
 from tests.training_pictures import make_dataset
 from training.labels import read_labels
-from training.study.charts import Line, beside, over_photographs, png, svg
+from training.study.charts import Line, beside, over_photographs, png
 from training.study.manifest import write_manifest
 from training.study.paper import LABELS, PAPER
 from training.study.report import write_report

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -25,7 +24,7 @@ COLOURS = {
 }
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS = 0.8  # of the room that the bars of one measure may take
-Value = float | None
+Value = float | int | None
 Ends = Sequence[float | None] | None
 
 
@@ -159,16 +158,6 @@ def _tidy(axis: Axes) -> None:
     axis.tick_params(labelsize=8, colors=INK)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(SOFT)
-    axis.title.set_fontsize(9)
-    axis.xaxis.label.set_fontsize(8)
-
-
-def svg(figure: Figure) -> bytes:
-    """The same bytes for the same chart."""
-    file = io.BytesIO()
-    with rc_context({"svg.hashsalt": "hulldown", "svg.fonttype": "path"}):
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    return file.getvalue()
 
 
 def png(figure: Figure) -> bytes:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from dataset.charts import svg
 from dataset.page import chart, folded, items, page, section, table, words
-from training.study.charts import COLOURS, Line, beside, bin_changes, over_photographs, png, svg
+from training.study.charts import COLOURS, Line, beside, bin_changes, over_photographs, png
 from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
 from training.study.words import TITLES
 from training.subset import subset_name

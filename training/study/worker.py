@@ -39,7 +39,9 @@ def _tell(what: str, done: int, total: int) -> None:
 
 def _end_with_parent() -> None:
     """Nobody writes to stdin: it ends when the process that started this one has gone, even by kill -9."""
-    sys.stdin.buffer.read()
+    # Not through sys.stdin: its lock, held while reading, would be held for ever in processes forked from this one.
+    while os.read(0, 1):
+        pass
     os._exit(1)
 
 
