@@ -5,6 +5,7 @@ Whatever it is, the dataset must be the one that a run on this machine makes, to
 
 import os
 import re
+import resource
 import shutil
 import signal
 import site
@@ -20,6 +21,8 @@ from geometry.errors import HulldownError
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.write import write_plan
+from reading.cache import sha256
+from reading.landlock import abi
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
 from tests.clusters import ROOT, blenders, cluster
@@ -202,3 +205,52 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
     assert course.line("gets no images: it has no bpy")
     assert course.line("gets no images: it has cache 1000000.")
     assert not course.report.failed
+
+
+@pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
+def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
+    before = (sys.executable, "-c", HIDDEN, str(ROOT), str(folder))
+    with cluster(tmp_path / "nodes") as nodes:
+        nodes.add(before=before)
+        Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+        sent = {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir()}
+        nodes.workers[0].kill()
+        nodes.add(before=before)
+        Course(tmp_path / "again", folder / "plan.jsonl", nodes.address)
+        kept = {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir()}
+    assert_same(folder / "whole", tmp_path / "d")
+    assert_same(folder / "whole", tmp_path / "again")
+    hashes = {sha256(folder / "field.blend"), sha256(folder / "grey.exr")}
+    assert hashes < set(sent)
+    assert len(sent) == 3  # and the tidy twin of the tank
+    assert kept == sent
+
+
+def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nodes, tmp_path):
+    """Blender makes no picture of 2 x 2 pixels; of 4 x 4, it does."""
+    header, *rows = (folder / "plan.jsonl").read_text().splitlines()
+    lines = [{**json.loads(header), "images": 4}, *(json.loads(row) for row in rows[:4])]
+    lines[2] |= {"width": 2, "height": 2}
+    plan = folder / "poisoned.jsonl"
+    plan.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    whole = render_plan(plan, tmp_path / "whole", device="cpu")
+    course = Course(tmp_path / "d", plan, nodes.address)
+    assert course.report.failed == whole.failed == ("images/00000002.png",)
+    for name in ("annotations.json", "failures.jsonl"):
+        assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_path):
+    command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
+    command += ["--device", "cpu", "--scheduler", nodes.address]
+
+    def bound():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384))
+
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(command, env=environment, preexec_fn=bound, capture_output=True, text=True)
+    assert ran.returncode == 2
+    (line,) = (line for line in ran.stderr.splitlines() if line.startswith("hulldown: "))
+    assert "File too large" in line
+    Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+    assert_same(folder / "whole", tmp_path / "d")

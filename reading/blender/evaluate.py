@@ -20,7 +20,6 @@ from reading.blender.cutouts import CutoutReader
 from reading.blender.poses import Poses
 from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
-from reading.build import TEXTURE_SIZE
 from reading.drawn import Evaluated, Left
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
