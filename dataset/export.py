@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from annotate.outlines import polygons
+from dataset.floors import ALL_LABELS, LabelFloors
 from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
 from dataset.records import read_usable
 from dataset.seals import changed
@@ -36,6 +37,7 @@ def export(
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
     polygons_within: float | None = None,
+    floors: LabelFloors = ALL_LABELS,
     allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
@@ -50,10 +52,12 @@ def export(
     layout
         One of `LAYOUTS`.
     fractions, seed
-        See `dataset.split.share_out`.
+        See `dataset.split.share_out`; the split does not depend on the floors.
     polygons_within
         Masks as polygons, whose corners are left out where the outline moves by at most so many pixels; None: as they
         are, or none where the layout has polygons alone.
+    floors
+        What labels must show; by default all of them stay as they are.
     allow_links
         Folders outside the dataset that pictures which are links may lead to.
     progress
@@ -79,11 +83,13 @@ def export(
     labels: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
     sizes = {image["id"]: (image["width"], image["height"]) for image in images}
     for annotation in document["annotations"]:
-        if (key := annotation["image_id"]) in labels:
-            if polygons_within is not None:
-                annotation = _outlined(annotation, sizes[key], polygons_within, folder)
-            labels[key].append(annotation)
+        if annotation["image_id"] in labels:
+            labels[annotation["image_id"]].append(annotation)
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
+    labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
+    if polygons_within is not None:
+        for image_id, mine in labels.items():
+            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within, folder) for label in mine]
     done = 0
 
     def tick() -> None:

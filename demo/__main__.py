@@ -11,7 +11,7 @@ import numpy as np
 
 from demo import hills, skies, steppe, vehicles
 from demo.build import BUILT
-from demo.catalogue import CATEGORY, SCENERIES, SKIES, STUDIO_HDRIS
+from demo.catalogue import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
 
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
@@ -20,6 +20,8 @@ def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbours."""
     for k, name in enumerate(CATEGORY):
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
+    for name in DISTRACTORS:
+        yield name, partial(vehicles.write_distractor, name, folder / "distractors")
     for k, name in enumerate(SCENERIES):
         path = folder / "sceneries" / f"{name}.blend"
         yield name, partial(SCENERY[name], path, rng=np.random.default_rng([seed, 2, k]))
@@ -34,7 +36,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, sceneries, HDRIs; default: all")
+    parser.add_argument(
+        "--only", nargs="*", metavar="NAME", help="of vehicles, distractors, sceneries, HDRIs; default: all"
+    )
     arguments = parser.parse_args()
     for name, build in _jobs(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from demo.catalogue import HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
+from demo.catalogue import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
 from geometry.errors import AssetError
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = (*VEHICLE_FILES, *SCENERY_FILES, *HDRI_FILES)
+FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
 ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
 BUILT = "hulldown built "  # starts a line of the child process that names a file
 
@@ -20,7 +20,7 @@ BUILT = "hulldown built "  # starts a line of the child process that names a fil
 def build_demo_assets(
     folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Path, ...]:
-    """The demo assets in vehicles/, sceneries/ and hdris/ below `folder`, replacing those that exist.
+    """The demo assets in vehicles/, distractors/, sceneries/ and hdris/ below `folder`, replacing those that exist.
 
     Parameters
     ----------

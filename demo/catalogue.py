@@ -19,11 +19,22 @@ CATEGORY = {
     "sam_rails": LAUNCHER,
     "sam_turret": LAUNCHER,
 }
+# What is no target: distractor -> how often, and the sceneries it occurs in (none: all). The file is
+# distractors/<name>.blend.
+DISTRACTORS: dict[str, tuple[float, tuple[str, ...]]] = {
+    "civilian_car": (1.5, ()),
+    "panel_van": (1.0, ()),
+    "container": (1.0, ()),
+    "bale_stack": (1.0, ("temperate_hills",)),
+    "tractor_trailer": (1.0, ("temperate_hills",)),
+    "burnt_hull": (1.0, ()),
+}
 SCENERIES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.
 STUDIO_HDRIS = ("city", "forest", "sunrise", "sunset")
 SKIES = ("sky_noon", "sky_morning", "sky_evening", "sky_overcast")
 
 VEHICLE_FILES = tuple(f"vehicles/{name}.blend" for name in CATEGORY)
+DISTRACTOR_FILES = tuple(f"distractors/{name}.blend" for name in DISTRACTORS)
 SCENERY_FILES = tuple(f"sceneries/{name}.blend" for name in SCENERIES)
 HDRI_FILES = tuple(f"hdris/{name}.exr" for name in (*STUDIO_HDRIS, *SKIES))

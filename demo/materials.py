@@ -138,6 +138,67 @@ def image_paint(name: str, image: bpy.types.Image, *, dust: Colour, by_uv: bool,
     return _painted(g, texture.outputs["Color"], where, dust)
 
 
+def gloss(name: str, colour: Colour, *, dust: Colour) -> Any:
+    """Clean car paint with a film of dust towards the ground."""
+    g = Graph(name)
+    where = _metres(g, 1.0)
+    worn = g.noise(where, 1.6, detail=4.0)
+    height = g.add("SeparateXYZ", {0: where}).outputs[2]
+    film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.15, 0.35), 0.75)
+    return g.surface(
+        {
+            "Base Color": g.mix(film, g.shade(linear(colour), worn, 0.05), g.shade(linear(dust), worn, 0.3)),
+            "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
+            "Coat Weight": 0.5,
+        }
+    )
+
+
+def rusted(name: str, colour: Colour, *, rust: Colour, share: float, streaks: bool = True) -> Any:
+    """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
+    g = Graph(name)
+    where = _metres(g, 1.0)
+    fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
+    tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
+    runs = g.noise(tall, 1.0, detail=3.0, rough=0.6) if streaks else blister
+    level = 0.75 - 0.5 * share
+    broken = g.ramp(blister, level - 0.04, level + 0.05)
+    stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
+    paint = g.shade(g.shade(linear(colour), blister, 0.22), fine, 0.12)
+    iron = g.mix(fine, g.shade(linear(rust), blister, 0.5), "#2c1c14")
+    colour_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
+    rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
+    return g.surface({"Base Color": colour_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
+
+
+def burnt(name: str) -> Any:
+    """Steel after a fire: orange rust, white ash on what lies flat, soot where flames came out."""
+    g = Graph(name)
+    where = _metres(g, 1.0)
+    coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
+    up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
+    iron = g.mix(
+        g.ramp(coarse, 0.36, 0.62), g.shade(linear("#5b3020"), fine, 0.5), g.shade(linear("#8a4a27"), fine, 0.4)
+    )
+    ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
+    soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.5, 0.66)
+    colour = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
+    colour = g.mix(g.maths("MULTIPLY", soot, 0.9), colour, "#15120f")
+    return g.surface({"Base Color": colour, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
+
+
+def straw(name: str, colours: tuple[Colour, Colour]) -> Any:
+    """Dry stalks, wound round the y axis: fine streaks across, tangled, with shadows between them."""
+    g = Graph(name)
+    where = g.add("TexCoord").outputs["Object"]
+    wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
+    streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
+    colour = g.mix(
+        g.ramp(streak, 0.3, 0.7), g.shade(linear(colours[0]), clump, 0.35), g.shade(linear(colours[1]), clump, 0.3)
+    )
+    return g.surface({"Base Color": colour, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
+
+
 def _metres(g: Graph, unit: float) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     return where if unit == 1.0 else g.add("VectorMath", {0: where, "Scale": 1 / unit}, operation="SCALE").outputs[0]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from demo.build import build_demo_assets
-from demo.catalogue import CATEGORY, SCENERY_FILES
+from demo.catalogue import CATEGORY, DISTRACTORS, LAUNCHER, SCENERY_FILES, TANK, TRUCK
 from geometry.errors import ConfigError
 from geometry.files import replacing
 from planning.template import config_text
@@ -15,7 +15,10 @@ CONFIG = "hulldown.toml"
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
 # treetop's, as photographs are taken, under the skies that suit open country in daylight.
 SMALL = {
-    "budget.images_per_class": 4,
+    "placement.distractors_per_image": [0, 2],
+    "placement.distractor_distance": [0.0, 25.0],
+    "budget.images_per_class": {TANK: 4, TRUCK: 3, LAUNCHER: 3},
+    "budget.background_share": 0.16,
     "budget.images_per_position": 1,
     "camera.target_fraction": [0.15, 0.4],
     "camera.distance_factor": [0.6, 1.6],
@@ -58,6 +61,10 @@ def create_project(
     build_demo_assets(folder, seed=seed, progress=progress)
     text = config_text(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
+        distractors=[
+            {"path": f"distractors/{name}.blend", "weight": weight, **({"sceneries": list(where)} if where else {})}
+            for name, (weight, where) in DISTRACTORS.items()
+        ],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/*.exr"],
         values=SMALL if small else {},

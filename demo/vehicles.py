@@ -1,13 +1,15 @@
-"""Paints the ten demo vehicles and writes each into its .blend file."""
+"""Paints the demo vehicles and distractors and writes each into its .blend file."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 
-from demo import launchers, materials, tanks_cast, tanks_plated, trucks
+from demo import cars, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
 from demo.chassis import Paints
 from demo.model import BlendModel
 
@@ -39,6 +41,47 @@ TEXTURES = {
 }
 
 
+DISTRACTORS = {  # what builds it, and the material of its body
+    "civilian_car": (cars.civilian_car, lambda: materials.gloss("Paint", "#7d1f1c", dust=DUSTS["earth"])),
+    "panel_van": (cars.panel_van, lambda: materials.gloss("Paint", "#d9dad6", dust=DUSTS["earth"])),
+    "container": (
+        leftovers.container,
+        lambda: materials.rusted("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
+    ),
+    "bale_stack": (farm.bale_stack, lambda: materials.straw("Straw", ("#8f7440", "#c6a868"))),
+    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss("Paint", "#2e6b34", dust=DUSTS["earth"])),
+    "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt("Burnt_Steel")),
+}
+# Where one differs from `_paints`: a part's name there, and the material in its place.
+OTHER = {
+    "civilian_car": {"canvas": lambda: materials.plain("Plates", "#e6e4d8", rough=0.4, mottle=0.03)},
+    "panel_van": {"canvas": lambda: materials.plain("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
+    "container": {"canvas": lambda: materials.plain("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
+    "bale_stack": {
+        "canvas": lambda: materials.straw("Straw", ("#8f7440", "#c6a868")),
+        "dark": lambda: materials.plain("Twine", "#5d6f8a", rough=0.8, mottle=0.05),
+    },
+    "tractor_trailer": {
+        "canvas": lambda: materials.plain("Cab_Roof", "#e8e6dc", rough=0.4, mottle=0.05),
+        "red": lambda: materials.rusted("Red_Paint", "#9a2a1d", rust="#5c3a26", share=0.2),
+        "wood": lambda: materials.straw("Straw", ("#9a7e45", "#d2b673")),
+    },
+    "burnt_hull": {
+        "steel": lambda: materials.rusted("Bare_Rust", "#6e3c22", rust="#8c4d28", share=0.6, streaks=False),
+        "dark": lambda: materials.burnt("Burnt_Iron"),
+        "rubber": lambda: materials.plain("Soot", "#0d0b0a", rough=1.0, mottle=0.3),
+    },
+}
+
+
+def write_distractor(name: str, folder: Path) -> Path:
+    """Model one thing that is no target and save it as folder/<name>.blend."""
+    build, body = DISTRACTORS[name]
+    model = BlendModel(name)
+    build(model, replace(_paints(body()), **{part: make() for part, make in OTHER.get(name, {}).items()}))
+    return _save(model, name, folder)
+
+
 def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
     """BlendModel one vehicle and save it as folder/<name>.blend, its texture, if any, in folder/textures."""
     if name in TEXTURES:
@@ -46,8 +89,14 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
     build, colours, dust, size, unit = LOOK[name]
     model = BlendModel(name, unit=unit)
-    paints = Paints(
-        body=materials.camouflage("Camouflage", colours, dust=DUSTS[dust], unit=unit, size=size),
+    build(model, _paints(materials.camouflage("Camouflage", colours, dust=DUSTS[dust], unit=unit, size=size)), folder)
+    return _save(model, name, folder)
+
+
+def _paints(body: Any) -> Paints:
+    """What is not the body is of the same materials on most of them."""
+    return Paints(
+        body=body,
         rubber=materials.plain("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
         steel=materials.plain("Steel", "#5e5c57", rough=0.5, metal=0.6),
         dark=materials.plain("Dark_Steel", "#35332f", rough=0.7, metal=0.3, mottle=0.3),
@@ -57,7 +106,10 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
         lamp=materials.plain("Lamp", "#d8d6c8", rough=0.1, mottle=0.02),
         red=materials.plain("Tail_Lamp", "#8e1712", rough=0.25, mottle=0.05),
     )
-    build(model, paints, folder)
+
+
+def _save(model: BlendModel, name: str, folder: Path) -> Path:
+    """Drop what is not used and write the file."""
     for material in list(bpy.data.materials):
         if material.users == 0:
             bpy.data.materials.remove(material)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from annotate.masks import area, encode, vehicle_mask
 from assets.scenery import Scenery
@@ -46,6 +47,11 @@ class Segmenter:
             mask = vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
             found.append({"segmentation": encode(mask), "area": area(mask)})
         return found
+
+    def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
+        """Where an empty background would show the vehicle that it is framed on."""
+        world = self._scenery(row.scenery).with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
+        return vehicle_mask(self._posed(row), row.camera, xywh=np.array(row.bbox), world=world)
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         name = vehicle.vehicle

@@ -73,6 +73,17 @@ def at_least_zero(text: str) -> float:
     return 0.0 if text.strip() in ("0", "0.0") else positive(text)
 
 
+def share(text: str) -> float:
+    """A number from 0 to 1."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0.0 <= number <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
+    return number
+
+
 def three_shares(text: str) -> tuple[float, ...]:
     """Three shares that add up to 1."""
     try:

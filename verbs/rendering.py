@@ -22,6 +22,7 @@ from verbs.arguments import (
     port,
     positive,
     read_limits,
+    share,
     three_shares,
 )
 from verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, progress_bar, reading_status, say, show_list, warn
@@ -170,7 +171,14 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 def _export(arguments: argparse.Namespace) -> int:
     from dataset.export import export
+    from dataset.floors import LabelFloors
 
+    floors = LabelFloors(
+        min_box_px=arguments.min_box_px,
+        min_visible_fraction=arguments.min_visible_fraction,
+        max_truncated_fraction=arguments.max_truncated_fraction,
+        below=arguments.below,
+    )
     with progress_bar("linking images") as advance:
         counts = export(
             arguments.dataset,
@@ -178,6 +186,7 @@ def _export(arguments: argparse.Namespace) -> int:
             layout=arguments.format,
             fractions=arguments.split,
             polygons_within=arguments.polygons,
+            floors=floors,
             allow_links=arguments.allow_links,
             progress=advance,
         )
@@ -303,5 +312,12 @@ def add(verb: AddVerb) -> None:
     sub.add_argument(
         "--split", type=three_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
+    )  # fmt: skip
+    sub.add_argument("--min-box-px", type=at_least_zero, default=0.0, metavar="PX", help="least side of a label's box")
+    sub.add_argument("--min-visible-fraction", type=share, default=0.0, metavar="SHARE", help="of a label, at least")
+    sub.add_argument("--max-truncated-fraction", type=share, default=1.0, metavar="SHARE", help="of a label, at most")
+    sub.add_argument(
+        "--below", choices=("ignored", "left_out"), default="ignored",
+        help="what becomes of labels that show less: iscrowd = 1, or no label, as always in yolo (default: ignored)",
     )  # fmt: skip
     add_allow_links(sub)
