@@ -39,6 +39,8 @@ VEHICLE = {
     "gap": 0.1,
     "penetration": 0.0,
     "tries": 1,
+    "label": "full",
+    "bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]],
 }
 ROW = {
     "scenery": "hills",
@@ -53,8 +55,10 @@ ROW = {
     "strength": 1.0,
     "weather": None,
     "sample_seed": 7,
+    "background": False,
     **VEHICLE,
     "companions": [],
+    "distractors": [],
     "rejected": {},
 }
 
