@@ -9,7 +9,7 @@ from typing import Any
 from annotate.outlines import polygons
 from dataset.floors import ALL_LABELS, LabelFloors
 from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
-from dataset.records import read_usable
+from dataset.records import by_image, read_usable
 from dataset.seals import changed
 from dataset.shares import Shares
 from dataset.split import SPLITS, share_out
@@ -80,11 +80,8 @@ def export(
     folder = Path(dataset)
     document = read_usable(folder)
     images = document["images"]
-    labels: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
     sizes = {image["id"]: (image["width"], image["height"]) for image in images}
-    for annotation in document["annotations"]:
-        if annotation["image_id"] in labels:
-            labels[annotation["image_id"]].append(annotation)
+    labels = by_image(images, document["annotations"])
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
     labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
     if polygons_within is not None:

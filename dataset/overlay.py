@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from annotate.drawing import contact_sheet, draw
-from dataset.records import read_usable
+from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
 
 
@@ -31,10 +30,7 @@ def dataset_sheet(
     names = {category["id"]: category["name"] for category in coco["categories"]}
     spread = np.linspace(0, len(images) - 1, min(count, len(images)))
     chosen = [images[i] for i in np.unique(spread.round().astype(int))]
-    mine: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in chosen}
-    for annotation in coco["annotations"]:
-        if annotation["image_id"] in mine:
-            mine[annotation["image_id"]].append(annotation)
+    mine = by_image(chosen, coco["annotations"])
     pictures = []
     for image in chosen:
         path = folder / image["file_name"]

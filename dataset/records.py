@@ -65,6 +65,17 @@ def read_usable(folder: Path) -> dict[str, Any]:
     return coco
 
 
+def by_image(
+    images: Iterable[Mapping[str, Any]], annotations: Iterable[Mapping[str, Any]]
+) -> dict[int, list[Mapping[str, Any]]]:
+    """The annotations of each image by its id, in their order; those of other images are left out."""
+    mine: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
+    for annotation in annotations:
+        if annotation["image_id"] in mine:
+            mine[annotation["image_id"]].append(annotation)
+    return mine
+
+
 def check_usable(
     folder: Path,
     categories: Sequence[Mapping[str, Any]],

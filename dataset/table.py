@@ -16,7 +16,7 @@ from PIL import Image as Pictures
 from annotate.drawing import draw
 from dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
 from dataset.planned import image_record, label_records
-from dataset.records import read_usable
+from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
 from planning.plan_file import Plan
 
@@ -125,10 +125,7 @@ class Dataset:
         folder = Path(folder)
         coco = read_usable(folder)
         names = {category["id"]: category["name"] for category in coco["categories"]}
-        mine: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in coco["images"]}
-        for annotation in coco["annotations"]:
-            if annotation["image_id"] in mine:
-                mine[annotation["image_id"]].append(annotation)
+        mine = by_image(coco["images"], coco["annotations"])
         images = [_image(image, mine[image["id"]], names) for image in coco["images"]]
         return cls(str(folder), names, images, lambda i: _open(folder / images[i].file_name))
 
