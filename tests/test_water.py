@@ -103,18 +103,18 @@ def test_no_vehicle_and_no_camera_is_below_water(name):
 
 
 def test_a_lake_drowned_one_position_in_ten_and_drowns_none():
-    """300 positions on a scenery with a lake: 26 once stood below it, where it was an obstacle that nobody touched."""
+    """A lake was an obstacle that nobody touches below it: there 26 of 300 positions once stood."""
     deep = hills("deep", height=9.0, size=240.0, trees=20)
     level = np.quantile(deep.ground.vertices[:, 2], 0.3)
     lake = with_water(deep, sheet((-120, -120), (120, 120), level))
     unknown = replace(lake, instance_is_water=np.zeros(len(lake.instance_names), bool))
     below = []
     for scenery in (lake, unknown):
-        rows = list(plan(config_for(scenery, images=300), assets_of(scenery)))
+        rows = list(plan(config_for(scenery, images=120), assets_of(scenery)))
         below.append(sum(bool(row.world_from_vehicle[2, 3] < level) for row in rows))
         below.append(sum(bool(row.world_from_camera[2, 3] < level) for row in rows))
     assert below[:2] == [0, 0]
-    assert min(below[2:]) >= 10
+    assert min(below[2:]) >= 4
 
 
 def test_what_fords_stands_in_water_as_deep_as_it_may():
