@@ -232,7 +232,7 @@ def test_a_run_in_a_process_of_its_own_finishes_fails_with_its_reason_and_ends_w
         stdin=subprocess.PIPE, cwd=ROOT,
     )  # fmt: skip
     child.stdin.close()  # as when its parent is killed
-    assert child.wait(60) == 1
+    assert child.wait(600) == 1
 
 
 @pytest.mark.parametrize(
