@@ -108,7 +108,7 @@ class ClusterPool:
         say: Callable[[str], None],
         stopping: Callable[[], bool],
     ) -> None:
-        self.restarts = 0
+        self.restarts = self.submitted = 0
         self.devices: set[str] = set()
         self.systems: set[str] = set()
         self.blender_version = ""
@@ -196,6 +196,7 @@ class ClusterPool:
             if not positions:
                 return
             parcel = encode(self._parcel(positions))
+            self.submitted += 1
             node.parcels[self._tasks.submit(node.address, _render_here, encode(versions()), parcel)] = positions
 
     def _parcel(self, positions: Sequence[int]) -> Parcel:
