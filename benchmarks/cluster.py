@@ -37,7 +37,7 @@ SIZES = ((96, 54), (480, 270))
 WORKERS = 2
 CHUNK = 16  # rows that one way renders before the other does
 TINY = {"profile": "fast", "samples": 2}
-STUB = Path(__file__).with_name("cluster_stub.py")
+STUB = "benchmarks.cluster_stub"
 SAMPLES = 40  # of the scheduler's memory
 
 
@@ -47,20 +47,29 @@ def run(quick: bool) -> dict[str, Any]:
         folder = Path(name)
         config = create_project(folder, seed=0)
         return {
-            "overhead": [_overhead(folder, config, size, 2 if quick else 6) for size in SIZES],
+            "overhead": [
+                overhead(
+                    *planned(folder, config, 6, size, one_of_a_class=True, scenery="dry_steppe", render=dict(FAST)),
+                    folder / f"overhead-{size[0]}",
+                    2 if quick else 6,
+                )
+                for size in SIZES
+            ],
             "kills": _kills(folder, config, 3 if quick else 20),
             "client": _client(folder, config, 4 if quick else 12),
-            "scheduler": _scheduler(folder, config, 20_000 if quick else 1_000_000),
+            "scheduler": large_plan(
+                *planned(folder, config, 2, SIZES[0], one_of_a_class=True),
+                folder / "pixels",
+                20_000 if quick else 1_000_000,
+            ),
         }
 
 
-def _overhead(folder: Path, config: Path, size: tuple[int, int], rounds: int) -> dict[str, Any]:
+def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dict[str, Any]:
     """The same rows by two workers of this machine and by two of Dask's, in turn; all keep what they have loaded."""
-    plan, assets = planned(folder, config, 6, size, one_of_a_class=True, scenery="dry_steppe", render=dict(FAST))
     rows = sorted(plan, key=sort_key)[:CHUNK]
     settings = parse_config(plan.header.config, path=plan.path).render
     cycles = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
-    output = folder / f"overhead-{size[0]}"
     output.mkdir()
 
     def message(i: int) -> Mapping[str, Any]:
@@ -89,6 +98,7 @@ def _overhead(folder: Path, config: Path, size: tuple[int, int], rounds: int) ->
                 took["local"].append(once(local))
                 took["cluster"].append(once(dask))
     per_second = {way: CHUNK / statistics.median(seconds) for way, seconds in took.items()}
+    size = (rows[0].width, rows[0].height)
     return {"size": size, "rows": CHUNK, "seconds": took, "images_per_second": per_second}
 
 
@@ -171,17 +181,15 @@ def _client(folder: Path, config: Path, images: int) -> dict[str, Any]:
     return {"images": len(spent), "seconds": statistics.median(spent), "bytes": statistics.median(sizes)}
 
 
-def _scheduler(folder: Path, config: Path, rows: int) -> dict[str, Any]:
-    """A plan of many rows whose pictures are a pixel each: what the scheduler and the client hold, and what is sent."""
-    plan, assets = planned(folder, config, 2, SIZES[0], one_of_a_class=True)
-    output = folder / "pixels"
+def large_plan(plan: Plan, assets: RenderAssets, output: Path, rows: int) -> dict[str, Any]:
+    """So many rows, all the plan's first, whose pictures are a pixel each: what scheduler and client hold and do."""
     output.mkdir()
     job = to_json(render_job(plan[0], assets, Settings(2, True, 0.0, 4), output / "pixel.png"))
     memory: list[tuple[int, float, float]] = []
     finished = 0
-    with cluster(folder / "stubbed") as nodes:
+    with cluster(output / "nodes") as nodes:
         for _ in range(WORKERS):
-            nodes.add("--preload", str(STUB))
+            nodes.add("--preload", STUB)
         scheduler, client = psutil.Process(nodes.scheduler.pid), psutil.Process()
 
         def done(i: int, answer: Mapping[str, Any]) -> None:
@@ -212,8 +220,8 @@ def report(results: dict) -> str:
 def _told_overhead(entries: list[dict]) -> str:
     lines = [
         f"**Overhead.** The same {CHUNK} rows of one scenery, fast profile, in turn by {WORKERS} workers of "
-        f"`hulldown render --workers {WORKERS}` and by {WORKERS} `dask worker` on the same machine; everything is loaded, and "
-        "pictures come back through Dask. Medians.",
+        f"`render --workers {WORKERS}` and by {WORKERS} `dask worker` on the same machine; everything is loaded, "
+        "and pictures come back through Dask. Medians.",
         "",
         "| picture | local, images/s | Dask, images/s | Dask takes | ratio of each round |",
         "|---|---:|---:|---:|---|",
@@ -234,8 +242,8 @@ def _told_kills(kills: dict) -> str:
     wrong = any(count for run in (quiet, killed) for count in run["differences"].values())
     each = (killed["seconds"] - quiet["seconds"]) / max(workers + blenders, 1)
     return (
-        f"**Kills.** {kills['images']} images of 96 x 54 on {kills['workers']} workers; {workers + blenders} times one is "
-        f"killed without warning: {workers} workers, each of which another replaces, and {blenders} Blenders. "
+        f"**Kills.** {kills['images']} images of 96 x 54 on {kills['workers']} workers; {workers + blenders} times one "
+        f"is killed without warning: {workers} workers, each of which another replaces, and {blenders} Blenders. "
         f"{killed['seconds']:.0f} s in place of {quiet['seconds']:.0f} s, {each:.1f} s a kill. "
         + ("**The datasets differ.**" if wrong else "All files but logs are equal to those of a run without Dask.")
     )
@@ -245,8 +253,8 @@ def _told_plan(plan: dict) -> str:
     (first, *start), (_, *end) = plan["memory"][0], plan["memory"][-1]
     return (
         f"**A large plan.** {plan['rows']:,} rows on {WORKERS} workers, a pixel in place of each picture: "
-        f"{plan['tasks']:,} tasks, {plan['seconds']:.0f} s, {1e3 * plan['scheduler_cpu_s'] / plan['tasks']:.1f} ms of the "
-        f"scheduler's CPU a task. From the first {first:,} rows to the last, the scheduler's memory goes from "
+        f"{plan['tasks']:,} tasks, {plan['seconds']:.0f} s, {1e3 * plan['scheduler_cpu_s'] / plan['tasks']:.1f} ms of "
+        f"the scheduler's CPU a task. From the first {first:,} rows to the last, the scheduler's memory goes from "
         f"{start[0]:.0f} to {end[0]:.0f} MB, and the client's from {start[1]:.0f} to {end[1]:.0f} MB."
     )
 
@@ -254,9 +262,10 @@ def _told_plan(plan: dict) -> str:
 def _told_nodes(client: dict) -> str:
     per_second, carried = 1 / client["seconds"], 125e6 / client["bytes"]
     return (
-        f"**How many nodes.** For a picture of 1080p that has come, the client takes {1e3 * client['seconds']:.0f} ms (looks "
-        f"at it, computes masks, publishes, records; median of {client['images']}), so it is busy at {per_second:.0f} images/s. "
-        f"A picture has {client['bytes'] / 1e6:.1f} MB: 1 Gbit/s carries {carried:.0f} a second. On paper, from these figures: "
+        f"**How many nodes.** For a picture of 1080p that has come, the client takes {1e3 * client['seconds']:.0f} ms "
+        f"(looks at it, computes masks, publishes, records; median of {client['images']}), so it is busy at "
+        f"{per_second:.0f} images/s. A picture has {client['bytes'] / 1e6:.1f} MB: 1 Gbit/s carries {carried:.0f} a "
+        "second. On paper, from these figures: "
         f"nodes that take 10 s for an image saturate the client at {10 * min(per_second, carried):.0f}."
     )
 

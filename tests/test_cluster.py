@@ -156,8 +156,9 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
 
 
 def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
+    """The folder that workers write to is another one then, of the same name."""
     command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
-    command += ["--device", "cpu", "--scheduler", str(nodes.file)]
+    command += ["--device", "cpu", "--scheduler", str(nodes.file), "--shared-disk"]
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     images = tmp_path / "d" / "images"
     while not images.is_dir() or len(list(images.iterdir())) < 3:
@@ -165,7 +166,7 @@ def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
         time.sleep(0.01)
     client.kill()
     client.wait()
-    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=True)
     assert course.report.already >= 2
     assert_same(folder / "whole", tmp_path / "d")
 
