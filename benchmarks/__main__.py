@@ -25,10 +25,10 @@ from rich.console import Console
 ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "rows", "planning", "export",
-    "rendering", "resuming", "omissions", "evaluation",
+    "rendering", "resuming", "cluster", "omissions", "evaluation",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
-LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "open3d", "pycocotools", "faster-coco-eval")
+LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools", "faster-coco-eval")
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import queue
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,7 @@ RESOURCE = "render"  # what `dask worker --resources "render=1"` says that a wor
 IN_FLIGHT = 2  # parcels a worker has: one that it renders, and the next
 FEWEST, MOST = 4, 16  # rows of a parcel, but for the end of a plan
 PARCEL_S = 10.0  # that a parcel should take
+SENDINGS = 2  # of a file to a worker
 STRIKES = 3  # images that a worker fails at and others do not, until it gets no more
 
 
@@ -49,7 +51,7 @@ class _Node:
     sending
         The task of such a piece.
     sent
-        The files, by their SHA-256.
+        How often each file was sent, by its SHA-256.
     row_s
         Seconds that an image takes.
     strikes
@@ -64,7 +66,7 @@ class _Node:
     parcels: dict[Task, Sequence[int]] = field(default_factory=dict)
     pieces: Iterator[Piece] | None = None
     sending: Task | None = None
-    sent: set[str] = field(default_factory=set)
+    sent: Counter[str] = field(default_factory=Counter)
     row_s: float = math.inf
     strikes: int = 0
     refused: bool = False
@@ -108,7 +110,7 @@ class ClusterPool:
         say: Callable[[str], None],
         stopping: Callable[[], bool],
     ) -> None:
-        self.restarts = 0
+        self.restarts = self.submitted = 0
         self.devices: set[str] = set()
         self.systems: set[str] = set()
         self.blender_version = ""
@@ -196,6 +198,7 @@ class ClusterPool:
             if not positions:
                 return
             parcel = encode(self._parcel(positions))
+            self.submitted += 1
             node.parcels[self._tasks.submit(node.address, _render_here, encode(versions()), parcel)] = positions
 
     def _parcel(self, positions: Sequence[int]) -> Parcel:
@@ -240,11 +243,8 @@ class ClusterPool:
             self._shares.give_back(positions)
             if answer.refused:
                 self._refuse(node, answer.refused)
-            elif again := node.sent & {*answer.lacking}:
-                self._refuse(node, f"does not keep {self._files[min(again)]}, which it was sent")
-            elif node.pieces is None:
-                node.sent |= {*answer.lacking}
-                node.pieces = pieces([self._notes[self._files[sha256]].file for sha256 in answer.lacking])
+            elif node.pieces is None and node.sending is None:  # else this was said before the files came
+                self._send(node, answer.lacking)
             return
         self.restarts += answer.restarts
         self.blender_version = answer.blender
@@ -263,10 +263,19 @@ class ClusterPool:
                 self._rendered(position)
         for failure in answer.failures:
             if (position := by_index.pop(failure.index, None)) is not None:
+                self._outputs.pop(position)
                 self._attempts_failed(node, position, failure.reasons)
         if by_index:
             self._refuse(node, "does not answer for all images that it was sent")
             self._shares.give_back(list(by_index.values()))
+
+    def _send(self, node: _Node, lacking: Sequence[str]) -> None:
+        """Begin to send a worker the files of these hashes."""
+        node.sent.update(lacking)
+        if lost := [sha256 for sha256 in lacking if node.sent[sha256] > SENDINGS]:
+            self._refuse(node, f"does not keep {self._files[lost[0]]}, which it was sent {SENDINGS} times")
+        else:
+            node.pieces = pieces([self._notes[self._files[sha256]].file for sha256 in lacking])
 
     def _receive(self, png: bytes, output: Path, folder: str) -> None:
         """Put a picture where a worker of this machine would have written it."""

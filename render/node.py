@@ -105,6 +105,7 @@ class Node:
         self._name = uuid.uuid4().hex
         self._pool: Pool | None = None
         self._setting: _Setting | None = None
+        self._held: int | None = None  # the folder that Blender writes to, open
         self._lines: list[str] = []
         self._busy = threading.Lock()
         self._idle = threading.Timer(IDLE_S, self.close)
@@ -153,7 +154,17 @@ class Node:
     def _end(self) -> None:
         if self._pool is not None:
             self._pool.__exit__(None, None, None)
-        self._pool = self._setting = None
+        if self._held is not None:
+            os.close(self._held)
+        self._pool = self._setting = self._held = None
+
+    def _is_gone(self) -> bool:
+        """Whether the folder that Blender may write to was deleted: Landlock knows another of its name as another."""
+        assert self._held is not None
+        try:
+            return os.fstat(self._held).st_nlink == 0
+        except OSError:  # of a network disk
+            return True
 
     def _run(self, pool: Pool, parcel: Parcel, here: dict[str, Path]) -> tuple[list[Picture], list[Failure]]:
         assert self._setting is not None
@@ -191,9 +202,9 @@ class Node:
         setting = _Setting(write, frozenset(read), parcel.device, parcel.image_s)
         if had is not None:
             setting = replace(setting, read=had.read | setting.read)  # so that it is not started again and again
-        if self._pool is None or setting != had:
+        if self._pool is None or setting != had or self._is_gone():
             self._end()
-            self._setting = setting
+            self._setting, self._held = setting, os.open(write, os.O_RDONLY)
             self._pool = Pool(
                 self._scratch / "logs",
                 device=parcel.device,

@@ -17,6 +17,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from benchmarks.clusters import HIDDEN, ROOT, blenders, cluster
 from geometry.errors import HulldownError
 from planning.config import load_config
 from planning.loading import load_assets
@@ -25,7 +26,10 @@ from reading.cache import sha256
 from reading.landlock import abi
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
+<<<<<<< HEAD
 from tests.clusters import ROOT, blenders, cluster
+=======
+>>>>>>> f1b162c (Docs of clusters, tests of what is sent, and a benchmark of overhead, kills and large plans)
 
 pytestmark = pytest.mark.blender
 WORLDS = Path(__file__).with_name("render_worlds.py")
@@ -152,8 +156,9 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
 
 
 def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
+    """The folder that workers write to is another one then, of the same name."""
     command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
-    command += ["--device", "cpu", "--scheduler", str(nodes.file)]
+    command += ["--device", "cpu", "--scheduler", str(nodes.file), "--shared-disk"]
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     images = tmp_path / "d" / "images"
     while not images.is_dir() or len(list(images.iterdir())) < 3:
@@ -161,7 +166,7 @@ def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
         time.sleep(0.01)
     client.kill()
     client.wait()
-    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=True)
     assert course.report.already >= 2
     assert_same(folder / "whole", tmp_path / "d")
 

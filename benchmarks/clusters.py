@@ -24,6 +24,8 @@ around = [os.path.join("/", name) for name in os.listdir("/")]
 paths = []
 while around:
     path = around.pop()
+    if os.path.islink(path) and f"{hidden}{os.sep}".startswith(os.path.join(os.path.realpath(path), "")):
+        continue
     if hidden == path or not hidden.startswith(path + os.sep):
         paths += [path] * (hidden != path)
     else:
@@ -60,13 +62,13 @@ class Cluster:
     def address(self) -> str:
         return self._address()
 
-    def add(self, *, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None, scratch=None):
+    def add(self, *more, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None):
         """Start a worker: with another Python, by another command, or unable to write files above a size."""
         number = len(self.workers)
-        scratch = scratch or self.folder / f"worker-{number}"
+        scratch = self.folder / f"worker-{number}"
         options = ["--nthreads", "1", "--resources", "render=1", "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
         options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
-        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options]
+        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *more]
 
         def bound():
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
