@@ -138,8 +138,7 @@ class Dataset:
         ConfigError
             If a row of the plan is damaged.
         """
-        classes = dict.fromkeys(vehicle.category for vehicle in plan.header.vehicles.values())
-        names = {number: name for number, name in enumerate(classes, start=1)}
+        names = {number: name for number, name in enumerate(plan.header.categories, start=1)}
         ids = {name: number for number, name in names.items()}
         images = []
         for row in plan:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 TANK = "main battle tank"
 TRUCK = "military truck"
 LAUNCHER = "surface-to-air missile system"
@@ -19,15 +21,14 @@ CATEGORY = {
     "sam_rails": LAUNCHER,
     "sam_turret": LAUNCHER,
 }
-# What is no target: distractor -> how often, and the sceneries it occurs in (none: all). The file is
-# distractors/<name>.blend.
-DISTRACTORS: dict[str, tuple[float, tuple[str, ...]]] = {
-    "civilian_car": (1.5, ()),
-    "panel_van": (1.0, ()),
-    "container": (1.0, ()),
-    "bale_stack": (1.0, ("temperate_hills",)),
-    "tractor_trailer": (1.0, ("temperate_hills",)),
-    "burnt_hull": (1.0, ()),
+# What is no target: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
+DISTRACTORS: dict[str, dict[str, Any]] = {
+    "civilian_car": {"weight": 1.5},
+    "panel_van": {},
+    "container": {},
+    "bale_stack": {"forward": "+x", "sceneries": ["temperate_hills"]},
+    "tractor_trailer": {"sceneries": ["temperate_hills"]},
+    "burnt_hull": {"turret": "", "gun": ""},
 }
 SCENERIES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.

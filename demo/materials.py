@@ -144,7 +144,7 @@ def gloss(name: str, colour: Colour, *, dust: Colour) -> Any:
     where = _metres(g, 1.0)
     worn = g.noise(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
-    film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.15, 0.35), 0.75)
+    film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
     return g.surface(
         {
             "Base Color": g.mix(film, g.shade(linear(colour), worn, 0.05), g.shade(linear(dust), worn, 0.3)),
@@ -178,10 +178,10 @@ def burnt(name: str) -> Any:
     coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     iron = g.mix(
-        g.ramp(coarse, 0.36, 0.62), g.shade(linear("#5b3020"), fine, 0.5), g.shade(linear("#8a4a27"), fine, 0.4)
+        g.ramp(coarse, 0.36, 0.62), g.shade(linear("#46291d"), fine, 0.5), g.shade(linear("#74402a"), fine, 0.4)
     )
     ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
-    soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.5, 0.66)
+    soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.44, 0.62)
     colour = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
     colour = g.mix(g.maths("MULTIPLY", soot, 0.9), colour, "#15120f")
     return g.surface({"Base Color": colour, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})

@@ -61,10 +61,7 @@ def create_project(
     build_demo_assets(folder, seed=seed, progress=progress)
     text = config_text(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
-        distractors=[
-            {"path": f"distractors/{name}.blend", "weight": weight, **({"sceneries": list(where)} if where else {})}
-            for name, (weight, where) in DISTRACTORS.items()
-        ],
+        distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/*.exr"],
         values=SMALL if small else {},

@@ -14,11 +14,14 @@ from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
 from placement.rejection import Rejection
 from planning.draws import Draws, Purpose, RowStreams, between
-from planning.limits import BOX_PX, DISTANCE, SIZED, TRUNCATED, VISIBLE
+from planning.labels import pixels_shown
+from planning.limits import BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
 from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Placed, Site
+
+PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -154,6 +157,18 @@ def try_cameras(
         rays=limits.visibility_rays,
     )
     views.rejection[rows] = VISIBLE.rejections(views.visible_fraction[rows], config)
+    rows = rows[views.rejection[rows] == Rejection.NONE]
+    rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
+    shown = pixels_shown(
+        site,
+        target.rows(rows),
+        [other.rows(rows) for other in others],
+        world_from_camera=views.world_from_camera[rows],
+        fov_x=views.fov_x[rows],
+        bbox=rounded("bbox", views.bbox[rows]),
+        config=config,
+    )
+    views.rejection[rows[~shown]] = PIXELS.below
     return views
 
 

@@ -222,6 +222,14 @@ VISIBLE = Limit(
     below=Rejection.HIDDEN,
     above=Rejection.EXPOSED,
 )
+PIXELS = Limit(
+    "pixels that show the target",
+    (),
+    "a ray through the centre of each pixel of its box: at least one",
+    lambda r: r.pixels_shown,
+    of="target",
+    below=Rejection.HIDDEN,
+)
 
 LIMITS = (
     Limit("pose", (), "`world_from_vehicle`: rigid", lambda r: r.rigid, of="vehicle"),
@@ -336,6 +344,7 @@ LIMITS = (
     BOX_PX,
     SIZE,
     VISIBLE,
+    PIXELS,
     Limit(
         "label, which is not what the vehicle shows",
         tuple(f"annotate.{key}" for key in ("min_box_px", "min_visible_fraction", "max_truncated_fraction", "below")),

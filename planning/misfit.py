@@ -9,7 +9,9 @@ from msgspec import Struct
 
 from planning.row import PlannedVehicle, fields
 
-_PLACE = re.compile(r"`(?:key in )?\$\.?(?P<path>(?:companions\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$")
+_PLACE = re.compile(
+    r"`(?:key in )?\$\.?(?P<path>(?:(?P<list>companions|distractors)\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$"
+)
 
 
 def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
@@ -36,13 +38,13 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
     assert found is not None, error
     path, key, known, value = found["path"], found["key"], fields(kind), record
     if found["at"] is not None:
-        companion = record["companions"][int(found["at"])]
-        if isinstance(companion, dict):
-            if lacking := _lacking(companion, PlannedVehicle):
+        beside = record[found["list"]][int(found["at"])]
+        if isinstance(beside, dict):
+            if lacking := _lacking(beside, PlannedVehicle):
                 return f"lacks {path.rstrip('.').partition('.')[0]}.{lacking[0]}"
-            known, value = fields(PlannedVehicle), companion
+            known, value = fields(PlannedVehicle), beside
         else:
-            path = key = "companions"
+            path = key = found["list"]
     return f"has {path.rstrip('.')} {value[key]!r:.60}, expected {known[key].expected}"
 
 

@@ -264,7 +264,7 @@ class BudgetSection(Section):
     images_per_class: PerClass = None
     positions_per_vehicle: Annotated[int, Field(ge=0)] | None = None
     images_per_position: Annotated[int, Field(ge=1)] = 5
-    background_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    background_share: Annotated[float, Field(ge=0, le=0.99)] = 0.0
     background_distractors: Annotated[float, Field(ge=0, le=1)] = 0.5
 
     @model_validator(mode="after")

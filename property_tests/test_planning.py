@@ -1,6 +1,7 @@
 """Plans of random configs: every limit holds when recomputed another way; who plans what when never matters."""
 
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -15,13 +16,15 @@ from geometry.rays import RayCaster
 from geometry.transforms import apply
 from placement.terrain import Terrain
 from planning.planner import Planner
-from planning.row import encode_rows
-from tests.planning_assets import small_assets, small_config
+from planning.row import encode_rows, labelling
+from render.annotations import Segmenter
+from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
 # What rows are rounded to: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
 
-ASSETS = small_assets()
+ASSETS = small_assets(distractors=True)
+SHAPES = {**ASSETS.vehicles, **ASSETS.distractors}
 CASTERS = {name: RayCaster(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
 TERRAINS = {name: Terrain(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
 # A plan takes long beside what Hypothesis is made for.
@@ -40,7 +43,14 @@ def interval(low, high, least=0.0):
 def configs(draw):
     return small_config(
         seed=draw(st.integers(0, 2**63 - 1)),
-        budget={"images_per_class": draw(st.integers(2, 5)), "images_per_position": draw(st.integers(1, 3))},
+        assets={"distractors": draw(st.sampled_from([[], DISTRACTOR_ENTRIES]))},
+        budget={
+            "images_per_class": draw(st.integers(2, 5)),
+            "images_per_position": draw(st.integers(1, 3)),
+            "background_share": draw(st.sampled_from([0.0, 0.4])),
+            "background_distractors": draw(st.floats(0.0, 1.0)),
+        },
+        annotate={"below": draw(st.sampled_from(["ignored", "left_out"]))},
         placement={
             "margin": draw(st.floats(0.3, 1.0)),
             "max_slope_deg": draw(st.floats(8.0, 40.0)),
@@ -97,18 +107,39 @@ def give_up_soon():
 @FEW
 @given(configs())
 def test_every_row_keeps_every_limit(config):
-    _, rows = planned(config)
+    planner, rows = planned(config)
+    budget_is_met(rows, planner.budget)
     for row in rows:
-        vehicles = row.vehicles
-        for k, vehicle in enumerate(vehicles):
+        for k, vehicle in enumerate(row.planned):
             stands_within_limits(row, vehicle, config, target=k == 0)
         camera_within_limits(row, config)
         light_within_limits(row, config)
+        labels_are_what_is_seen(row, config)
+
+
+def budget_is_met(rows, budget):
+    """Every vehicle has exactly its images, and backgrounds come beside them."""
+    images = Counter(row.vehicle for row in rows if not row.background)
+    assert [images[name] for name in budget.vehicles] == budget.images.tolist()
+    assert sum(row.background for row in rows) == budget.backgrounds
+
+
+def labels_are_what_is_seen(row, config):
+    """No label without pixels, and no pixels of a class without a label, if only one to be ignored."""
+    everything = [vehicle for vehicle in row.vehicles if vehicle.bbox is not None]
+    shown = Segmenter(SHAPES, ASSETS.sceneries).pixels(row, everything)
+    for vehicle, pixels in zip(everything, shown, strict=True):
+        label = labelling(vehicle)
+        assert pixels > 0 or label == "none"
+        assert vehicle.category is not None or label == "none"
+        if pixels and vehicle.category is not None:
+            assert label != "none" or config.annotate.below == "left_out"
+    assert not (row.background and row.labelled)
 
 
 def stands_within_limits(row, vehicle, config, *, target):
     limits, scenery = config.placement, ASSETS.sceneries[row.scenery]
-    shape, pose = ASSETS.vehicles[vehicle.vehicle], np.array(vehicle.world_from_vehicle)
+    shape, pose = SHAPES[vehicle.vehicle], np.array(vehicle.world_from_vehicle)
     assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=4 * ROTATION)
     assert math.degrees(math.acos(min(pose[2, 2], 1.0))) <= limits.max_slope_deg + 1e-6
     assert vehicle.slope_deg == pytest.approx(math.degrees(math.acos(min(pose[2, 2], 1.0))), abs=1e-5)
@@ -148,7 +179,7 @@ def within(value, bounds):
 
 def camera_within_limits(row, config):
     limits = config.camera
-    shape, pose = ASSETS.vehicles[row.vehicle], np.array(row.world_from_vehicle)
+    shape, pose = SHAPES[row.vehicle], np.array(row.world_from_vehicle)
     camera = np.array(row.world_from_camera)
     assert within(row.fov_x_deg, limits.fov_x_deg)
     centre = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,15 +38,20 @@ class Segmenter:
 
     def segmentations(self, row: Row) -> list[dict[str, Any]]:
         """`segmentation` (compressed run lengths) and `area` (pixels) of each labelled vehicle of a row."""
+        masks = self._masks(row, row.labelled)
+        return [{"segmentation": encode(mask), "area": area(mask)} for mask in masks]
+
+    def pixels(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> list[int]:
+        """How many pixels show each of some vehicles of a row that are in the frame."""
+        return [area(mask) for mask in self._masks(row, vehicles)]
+
+    def _masks(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Iterator[Bool[np.ndarray, "h w"]]:
         posed = [(vehicle, self._posed(vehicle)) for vehicle in row.vehicles]
         camera, scenery = row.camera, self._scenery(row.scenery)
-        found = []
-        for target in row.labelled:
+        for target in vehicles:
             (vehicle,) = (mine for whose, mine in posed if whose is target)
             others = [other for whose, other in posed if whose is not target]
-            mask = vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
-            found.append({"segmentation": encode(mask), "area": area(mask)})
-        return found
+            yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
 
     def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
         """Where an empty background would show the vehicle that it is framed on."""

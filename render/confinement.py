@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from planning.plan_file import Plan
+from planning.row import Source
 from reading.landlock import asset_folders, confined
 from render.jobs import RenderAssets
 
@@ -52,6 +53,8 @@ def confinement_of(plan: Plan, assets: RenderAssets, write: Path, *, gpu: bool) 
     files = [file.tidy for file in assets.vehicles.values()] + [file.path for file in assets.sceneries.values()]
     files += list(assets.hdris.values())
     root = plan.path.absolute().parent / plan.header.root
-    listed = [root / file.path for of in (plan.header.vehicles, plan.header.sceneries) for file in of.values()]
+    header = plan.header
+    sources: tuple[Mapping[str, Source], ...] = (header.vehicles, header.distractors, header.sceneries)
+    listed = [root / file.path for of in sources for file in of.values()]
     folders = {folder: None for file in [*files, *listed] for folder in asset_folders(Path(os.path.normpath(file)))}
     return Confinement(write, tuple(folders), gpu=gpu)

@@ -10,7 +10,7 @@ import pytest
 from geometry.errors import ConfigError
 from geometry.files import PICTURE_NAME, stays_inside
 from planning.plan_file import PlanWriter, read_plan
-from planning.row import PlannedVehicle, Row, decode_header, encode, fields
+from planning.row import PlannedVehicle, Row, decode_header, decode_row, encode, fields
 
 HEADER = {
     "hulldown_plan": 1,
@@ -174,6 +174,8 @@ OUT_OF_RANGE = [
         ({"articulation": {"turret": "left"}}, "line 4 has articulation"),
         ({"companions": {"a": 1}}, "line 4 has companions {'a': 1}, expected a list of vehicles"),
         ({"companions": [3]}, r"line 4 has companions \[3\], expected a list of vehicles"),
+        ({"distractors": [{**VEHICLE, "label": "no"}]}, r"has distractors\[0\].label 'no', expected \"full\", \"ign"),
+        ({"background": 1}, "line 4 has background 1, expected true or false"),
         ({"companions": [{"vehicle": "t72"}]}, r"line 4 lacks companions\[0\].category"),
         ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
         *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
@@ -355,3 +357,13 @@ def test_names_inside(name):
 @pytest.mark.parametrize("name", ["", "/a", "../a", "a/../../b", "C:\\a", "\\a", "a\\..\\b", "C:a", None, 3, "a\0b"])
 def test_names_that_leave_the_folder(name):
     assert not stays_inside(name)
+
+
+def test_rows_of_earlier_versions_are_read_as_they_were(tmp_path):
+    new = ("background", "distractors", "label", "bounds")
+    older = {key: value for key, value in ROW.items() if key not in new}
+    beside = {**{key: value for key, value in VEHICLE.items() if key not in new}, "visible_fraction": 0.0}
+    row = decode_row(line({**older, "index": 0, "image_id": 1, "file_name": "images/1.png", "companions": [beside]}))
+    assert (row.background, row.empty, row.distractors) == (False, False, [])
+    assert len(row.vehicles) == 2
+    assert row.labelled == [row]  # nothing is seen of the companion

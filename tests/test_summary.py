@@ -87,7 +87,7 @@ def test_a_class_is_no_formula(tmp_path):
 def test_the_picture(tmp_path):
     summarise(ROWS).draw(tmp_path / "plan.png")
     with Image.open(tmp_path / "plan.png") as picture:
-        assert picture.size == (1200, 900)
+        assert picture.size == (1200, 1200)  # a row more than without companions, for their chart
     assert [path.name for path in tmp_path.iterdir()] == ["plan.png"]
 
 

@@ -135,7 +135,7 @@ def make_row(i, **changes):
     where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
     size = {"width": 32, "height": 24}
     name = {"index": i, "image_id": i + 1, "file_name": f"images/{i}.png", "rejected": {}}
-    return {**name, **size, **where, **light, **target, "companions": unseen + seen, **changes}
+    return {**name, **size, **where, **light, **target, "background": False, "companions": unseen + seen, **changes}
 
 
 HEADER = {
