@@ -54,10 +54,8 @@ class Slot:
     views: Views
     pixels: Bool[np.ndarray, " m"]
 
-    def placed(self, rows: Int[np.ndarray, " k"]) -> Placed | None:
-        """The guests of some positions, whose model must be the same; None where there are none."""
-        if not len(rows) or self.model[rows[0]] < 0:
-            return None
+    def placed(self, rows: Int[np.ndarray, " k"]) -> Placed:
+        """The guests of some positions, which must have one, and the same model."""
         articulation = [self.articulation[i] for i in rows.tolist()]
         model = self.guests.models[int(self.model[rows[0]])]
         return Placed(model, self.settled.world_from_vehicle[rows], articulation)
@@ -117,9 +115,23 @@ class Company:
                     pixels=np.zeros(images, dtype=bool),
                 )
                 self.slots.append(slot)
+        self._drawn = [slot.model.copy() for slot in self.slots]
+
+    @property
+    def left_out(self) -> Int[np.ndarray, " n"]:
+        """Guests of each position that found no room and are left out."""
+        out = np.zeros(len(self.position), dtype=np.int64)
+        for slot, drawn in zip(self.slots, self._drawn, strict=True):
+            out += slot.model != drawn
+        return out
 
     def find_places(
-        self, rows: Int[np.ndarray, " p"], target: Placed, place_try: Int[np.ndarray, " p"]
+        self,
+        rows: Int[np.ndarray, " p"],
+        target: Placed,
+        place_try: Int[np.ndarray, " p"],
+        *,
+        leave_out: Bool[np.ndarray, " p"],
     ) -> Bool[np.ndarray, " p"]:
         """Settle the companions of some positions about their targets; whether all of a position's found room.
 
@@ -131,13 +143,19 @@ class Company:
             Where their targets stand.
         place_try
             Which try of the position that was: another one gets other companions' places.
+        leave_out
+            Whether companions without room are left out of a position, which then is one where all found room.
         """
+        for slot, drawn in zip(self.slots, self._drawn, strict=True):
+            slot.model[rows] = drawn[rows]  # what was left out at another place gets its chance here
         found = np.ones(len(rows), dtype=bool)
         for j, slot in enumerate(self.slots):
             for m in np.unique(slot.model[rows[found]]):
                 if m >= 0:
                     mine = np.flatnonzero(found & (slot.model[rows] == m))
-                    found[mine] = self._settle(j, int(m), rows[mine], target.rows(mine), place_try[mine])
+                    roomy = self._settle(j, int(m), rows[mine], target.rows(mine), place_try[mine])
+                    slot.model[rows[mine[~roomy & leave_out[mine]]]] = -1
+                    found[mine] = roomy | leave_out[mine]
         return found
 
     def _settle(
@@ -177,12 +195,10 @@ class Company:
         clearance = self.config.placement.vehicle_clearance
         clear = clear_of_vehicle(mine, target, clearance) & clear_of_vehicle(target, mine, clearance)
         for slot in self.slots[:j]:
-            for m in np.unique(slot.model[at]):
+            for m in np.unique(slot.model[at][slot.model[at] >= 0]):
                 rows = np.flatnonzero(slot.model[at] == m)
-                other = slot.placed(at[rows])
-                if other is not None:
-                    one = mine.rows(rows)
-                    clear[rows] &= clear_of_vehicle(one, other, clearance) & clear_of_vehicle(other, one, clearance)
+                one, other = mine.rows(rows), slot.placed(at[rows])
+                clear[rows] &= clear_of_vehicle(one, other, clearance) & clear_of_vehicle(other, one, clearance)
         return clear
 
     def together(self, rows: Int[np.ndarray, " p"]) -> list[Int[np.ndarray, " q"]]:
@@ -196,4 +212,4 @@ class Company:
 
     def placed(self, rows: Int[np.ndarray, " p"]) -> list[tuple[Slot, Placed]]:
         """The guests of positions of one kind (`together`), each with its slot."""
-        return [(slot, other) for slot in self.slots if (other := slot.placed(rows)) is not None]
+        return [(slot, slot.placed(rows)) for slot in self.slots if len(rows) and slot.model[rows[0]] >= 0]

@@ -9,11 +9,11 @@ position: batches change when something is tried, never whether.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from geometry.errors import ConfigError
 from placement.rejection import Rejection
@@ -34,8 +34,9 @@ from planning.stage import Model, Placed, Site, articulations
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192
 CAMERAS = 1024
-# Places that no camera can see, or where companions find no room, at one position, before the config is given up on.
+# Places that no camera can see, at one position, before it is given up on.
 BLIND_PLACES = 40
+# Places where companions find no room, at one position, before those without room are left out.
 CROWDED_PLACES = 40
 # The first positions of a plan go alone, so that a hopeless config is known in seconds.
 SCOUTS = 4
@@ -60,6 +61,8 @@ class Group:
         (n,) images of each.
     first_image
         (n,) index of each one's first image.
+    movable
+        Whether a position that finds no place here may be planned elsewhere.
     """
 
     site: Site
@@ -70,6 +73,7 @@ class Group:
     position: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
+    movable: bool = False
 
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
@@ -86,6 +90,11 @@ class Group:
         """Index of each image."""
         return self.first_image[self.owner] + self.shot
 
+    def before(self, position: int) -> Group:
+        """The group of those positions that come before one; they are in order."""
+        n = int(np.searchsorted(self.position, position))
+        return replace(self, position=self.position[:n], shots=self.shots[:n], first_image=self.first_image[:n])
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Planned:
@@ -93,6 +102,8 @@ class Planned:
 
     Parameters
     ----------
+    found
+        (n,) whether a place was found; what follows is of those alone.
     settled
         Of the n positions.
     articulation
@@ -107,6 +118,7 @@ class Planned:
         (m, kinds) how often each rejection was met; a position's own are with its first image.
     """
 
+    found: Bool[np.ndarray, " n"]
     settled: Settled
     articulation: list[dict[str, float]]
     tries: Int[np.ndarray, " n"]
@@ -121,8 +133,8 @@ def plan_group(group: Group, config: Config, draws: Draws) -> Planned:
     Raises
     ------
     HopelessPosition
-        If a position finds no place, or no place with a view, within the config's tries: the first such position, with
-        the counted reasons.
+        If a position of a group that is not movable finds no place, or no place with a view, within the config's
+        tries: the first such position, with the counted reasons.
     """
     return _Search(group, config, draws).run()
 
@@ -146,7 +158,8 @@ class HopelessPosition(ConfigError):
 class _Search:
     def __init__(self, group: Group, config: Config, draws: Draws) -> None:
         self.group, self.config, self.draws = group, config, draws
-        self.hopeless: HopelessPosition | None = None  # the first one known so far; what comes after it is left alone
+        self.hopeless: HopelessPosition | None = None  # the first one known so far
+        self.given_up = np.zeros(len(group.position), dtype=bool)
         n = len(group.position)
         self.settled, self.views = unsettled(n), no_views(len(group.image))
         self.tries = np.zeros(n, dtype=np.int64)  # of each position, so far
@@ -166,23 +179,25 @@ class _Search:
         scouts = SCOUTS if self.group.position.min() < BEGINNING else 0
         self._settle(everywhere[:scouts])
         self._settle(everywhere[scouts:])
-        if self.hopeless:
+        if self.hopeless and not self.group.movable:
             raise self.hopeless
         if self.company.slots:
             self._view_companions()
         rejected = self.camera_rejections
         first = np.cumsum(self.group.shots) - self.group.shots
         rejected[first] += self.place_rejections
-        return Planned(self.settled, self.articulation, self.tries, self.views, self.company, rejected)
+        return Planned(~self.given_up, self.settled, self.articulation, self.tries, self.views, self.company, rejected)
 
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Places, companions and cameras for these positions."""
         while len(pending := self._hopeful(pending)):
             self._find_places(pending)
             pending = self._hopeful(pending)
-            roomy = self.company.find_places(pending, self._targets(pending), self.tries[pending])
+            crowded = self.place_rejections[pending, Rejection.COMPANION] >= CROWDED_PLACES
+            crowded |= 2 * self.tries[pending] >= PLACE_TRIES.highest(self.config)
+            targets, tries = self._targets(pending), self.tries[pending]
+            roomy = self.company.find_places(pending, targets, tries, leave_out=crowded)
             self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
-            self._give_up_if_crowded(pending[~roomy])
             blind = self._aim(pending[roomy])
             self.place_rejections[blind, Rejection.NO_VIEW] += 1
             self._give_up_if_blind(blind)
@@ -265,7 +280,7 @@ class _Search:
     def _view_companions(self) -> None:
         """What the cameras see of the companions, once all of both have their places."""
         owner, site = self.group.owner, self.group.site
-        for rows in self._batches(np.arange(len(owner))):
+        for rows in self._batches(np.flatnonzero(~self.given_up[owner])):
             target = [] if self.group.empty else [self._targets(owner[rows])]
             cameras = take(self.views, rows)
             beside = self.company.placed(owner[rows])
@@ -285,8 +300,8 @@ class _Search:
                     )
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        """Those of these positions that come before any for which there is no hope."""
-        return rows if self.hopeless is None else rows[self.group.position[rows] < self.hopeless.position]
+        """Those of these positions that are not given up."""
+        return rows[~self.given_up[rows]]
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
         self._give_up(
@@ -294,14 +309,6 @@ class _Search:
             "finds no place to stand",
             PLACING,
             "widen the limits in [placement]",
-        )
-
-    def _give_up_if_crowded(self, rows: Int[np.ndarray, " p"]) -> None:
-        self._give_up(
-            rows[self.place_rejections[rows, Rejection.COMPANION] >= CROWDED_PLACES],
-            "finds no room for its companions",
-            PLACING,
-            "lower placement.vehicles_per_image or widen placement.companion_distance, or the same of distractors",
         )
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
@@ -313,16 +320,18 @@ class _Search:
         )
 
     def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
-        """Note the first of these positions as hopeless, with what was tried for it."""
-        rows = self._hopeful(rows)
-        if not len(rows):
+        """Give these positions up; if the first is to be reported, those after it, too, and say what was tried."""
+        rows, group = self._hopeful(rows), self.group
+        self.given_up[rows] = True
+        if not len(rows) or group.movable:
             return
-        row, group = int(rows.min()), self.group
+        row = int(rows.min())
+        self.given_up |= group.position > group.position[row]
         counts = self.place_rejections[row] + self.camera_rejections[group.owner == row].sum(axis=0)
         position = int(group.position[row])
         self.hopeless = HopelessPosition(
             position,
-            f"position {position}: vehicle {group.model.shape.name!r} on scenery {group.site.name!r} {what}: "
+            f"vehicle {group.model.shape.name!r} on scenery {group.site.name!r} {what}: "
             + sentence({kind: int(counts[kind]) for kind in kinds}),
             path=self.config.path,
             remedy=remedy,

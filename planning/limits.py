@@ -269,7 +269,7 @@ LIMITS = (
     Limit(
         "vehicles in the image",
         ("placement.vehicles_per_image",),
-        "the number of `companions`",
+        "the number of `companions`, and `left_out`",
         lambda r: r.vehicle_count,
         _vehicles,
     ),
@@ -370,6 +370,13 @@ LIMITS = (
         ("assets.sceneries.weight",),
         "the scenery's weight in the config",
         lambda r: r.scenery_has_weight,
+    ),
+    Limit(
+        "scenery, which the vehicle is not for",
+        ("assets.vehicles.sceneries",),
+        "the scenery's name against the vehicle's patterns",
+        lambda r: r.scenery_is_for_vehicle,
+        of="vehicle",
     ),
     Limit(
         "hdri_yaw_deg",

@@ -6,16 +6,19 @@ Row i depends on the config, the assets and i alone. Blocks, workers and restart
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from assets.library import Assets
 from geometry.errors import ConfigError
-from planning.budget import make_budget
+from planning.budget import Positions, make_budget
 from planning.draws import Draws, Purpose, choose
 from planning.group import Group, HopelessPosition, plan_group
 from planning.guests import framed_on, guests_at
 from planning.light import draw_lights, hdri_weights
+from planning.pairs import Pairs, make_pairs
 from planning.row import Row, encode_rows
 from planning.rows import rows_of
 from planning.schema import Config
@@ -33,21 +36,25 @@ class Planner:
         What is wanted.
     assets
         What there is.
+    strict
+        Whether a vehicle without a place on one of its sceneries is a mistake; if not, another scenery is taken.
+    pairs
+        Which vehicle is planned on which scenery, if another planner of the same config has found it out.
 
     Raises
     ------
     ConfigError
-        If the config asks for classes or HDRIs that are not there.
+        If the config asks for classes, sceneries or HDRIs that are not there, or a vehicle has no scenery left.
     """
 
-    def __init__(self, config: Config, assets: Assets) -> None:
+    def __init__(self, config: Config, assets: Assets, *, strict: bool = False, pairs: Pairs | None = None) -> None:
         self.config, self.assets = config, assets
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
         self._draws = Draws(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
         self._stage = make_stage(config, assets)
-        weights = {entry.name: entry.weight for entry in config.assets.sceneries}
-        self._site_weights = [weights.get(name, 1.0) for name in assets.sceneries]
+        self.strict = strict
+        self.pairs = pairs or make_pairs(config, self.budget, self._stage, self._draws, strict=strict)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """All rows of the positions from `start` to before `stop`, in order.
@@ -59,47 +66,94 @@ class Planner:
         """
         position = np.arange(start, stop)
         held = self.budget.positions(position)
-        site = choose(self._site_weights, self._draws.uniform(Purpose.SCENERY, position, 0, count=1)[:, 0])
-        sites = [self._stage.sites[s].name for s in site.tolist()]
-        framed = framed_on(
-            self.budget, self._stage, self.config, self._draws, position=position, held=held, sites=sites
-        )
-        kinds: dict[tuple[int, str, bool], list[int]] = {}
-        for i, kind in enumerate(zip(site.tolist(), framed, held.background.tolist(), strict=True)):
-            kinds.setdefault(kind, []).append(i)
+        weights = np.where(held.background[:, None], self.pairs.sites, self.pairs.weights[held.vehicle])
         rows: list[Row] = []
         hopeless: HopelessPosition | None = None
-        for (s, name, background), indices in kinds.items():
-            mine = np.array(indices)
-            if hopeless:
-                mine = mine[position[mine] < hopeless.position]
-            if not len(mine):
-                continue
-            model = self._stage.everything[name]
+        pending, attempt = np.arange(len(position)), 0
+        while len(pending):
+            # A position that finds no place on its scenery takes another one, until none is left.
+            homeless = [pending[:0]]
+            for group, mine in self._groups(position, held, weights, pending, attempt):
+                if hopeless:
+                    group = group.before(hopeless.position)
+                if not len(group.position):
+                    continue
+                try:
+                    planned = plan_group(group, self.config, self._draws)
+                except HopelessPosition as error:
+                    # Another group may hold an earlier one: what is said does not depend on how the work is cut.
+                    hopeless = error
+                    continue
+                lights = draw_lights(
+                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
+                )
+                rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
+                homeless.append(mine[: len(group.position)][~planned.found])
+            pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
+        if hopeless:
+            problem = f"position {hopeless.position}: {hopeless.problem}"
+            raise ConfigError(problem, path=hopeless.path, remedy=hopeless.remedy)
+        rows.sort(key=lambda row: row.index)
+        return rows
+
+    def _groups(
+        self,
+        position: Int[np.ndarray, " n"],
+        held: Positions,
+        weights: Float[np.ndarray, "n s"],
+        pending: Int[np.ndarray, " p"],
+        attempt: int,
+    ) -> Iterator[tuple[Group, Int[np.ndarray, " q"]]]:
+        """The pending positions as groups, with their indices; what is drawn for them loses its weight."""
+        site = self._sites(position[pending], weights[pending], attempt)
+        weights[pending, site] = 0.0
+        movable = weights[pending].any(axis=1) & (not self.strict)
+        some = Positions(held.vehicle[pending], held.ordinal[pending], held.shots[pending], held.first_image[pending])
+        framed = framed_on(
+            self.budget,
+            self._stage,
+            self.config,
+            self._draws,
+            position=position[pending],
+            held=some,
+            sites=[self._stage.sites[s].name for s in site.tolist()],
+        )
+        kinds: dict[tuple[int, str, bool, bool], list[int]] = {}
+        for i, kind in enumerate(zip(site.tolist(), framed, some.background.tolist(), movable.tolist(), strict=True)):
+            kinds.setdefault(kind, []).append(i)
+        for (s, name, background, may_move), indices in kinds.items():
+            model, mine = self._stage.everything[name], pending[indices]
+            companions, distractors = guests_at(
+                self._stage.sites[s].name, self._stage, self.config, background=background
+            )
             group = Group(
                 site=self._stage.sites[s],
                 model=model,
-                guests=guests_at(self._stage.sites[s].name, self._stage, self.config, background=background),
+                guests=(replace(companions, weights=self._companion_weights(s)), distractors),
                 background=background,
                 empty=background and model.category is not None,
                 position=position[mine],
                 shots=held.shots[mine],
                 first_image=held.first_image[mine],
+                movable=may_move,
             )
-            try:
-                planned = plan_group(group, self.config, self._draws)
-            except HopelessPosition as error:
-                # Another group may hold an earlier one: what is said does not depend on how the work is cut.
-                hopeless = error
-                continue
-            lights = draw_lights(
-                self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
-            )
-            rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
-        if hopeless:
-            raise ConfigError(hopeless.problem, path=hopeless.path, remedy=hopeless.remedy)
-        rows.sort(key=lambda row: row.index)
-        return rows
+            yield group, mine
+
+    def _sites(
+        self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int
+    ) -> Int[np.ndarray, " n"]:
+        """The scenery of each position, drawn by its own weights."""
+        uniform = self._draws.uniform(Purpose.SCENERY, position, attempt, count=1)[:, 0]
+        site = np.zeros(len(position), dtype=np.int64)
+        for one in np.unique(weights, axis=0):
+            mine = (weights == one).all(axis=1)
+            site[mine] = choose(one, uniform[mine])
+        return site
+
+    def _companion_weights(self, site: int) -> Float[np.ndarray, " m"]:
+        """1 for each vehicle that is planned on a scenery, in the order of the config."""
+        planned = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, site]).tolist()}
+        return np.array([float(name in planned) for name in self._stage.models])
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
         """The same as lines of a plan file, and their number."""

@@ -26,7 +26,10 @@ class Recomputed(RecomputedPoses):
         """The target and its companions; backgrounds, which are to have none, count as the fewest allowed."""
         first, fewest = self.rows[0], self.config.placement.vehicles_per_image[0]
         beside = len(first.companions)
-        return np.full(len(self.rows), 1 + beside if beside or not first.background else fewest)
+        if first.background and not beside:
+            return np.full(len(self.rows), fewest)
+        # What found no room makes up for what is too few.
+        return np.array([max(1 + beside, min(1 + beside + row.left_out, fewest)) for row in self.rows])
 
     @property
     def distractors_as_drawn(self) -> Bool[np.ndarray, " n"]:
@@ -37,7 +40,14 @@ class Recomputed(RecomputedPoses):
         names = np.array([*(model.shape.name for model in distractors.models), ""])
         wanted = [[name for name in row if name] for row in names[models].tolist()]
         found = [[distractor.vehicle for distractor in row.distractors] for row in self.rows]
-        return np.array([a == b for a, b in zip(found, wanted, strict=True)])
+        # Of those that are drawn some may have found no room; the others are in their order.
+        lacking = [row.left_out for row in self.rows]
+        return np.array(
+            [
+                a == b or (len(b) - len(a) <= n and _is_part(a, b))
+                for a, b, n in zip(found, wanted, lacking, strict=True)
+            ]
+        )
 
     @property
     def label_follows(self) -> Bool[np.ndarray, " n"]:
@@ -104,6 +114,13 @@ class Recomputed(RecomputedPoses):
         return np.full(len(self.rows), self.source.scenery_weights.get(self.site.name, 1.0) > 0.0)
 
     @property
+    def scenery_is_for_vehicle(self) -> Bool[np.ndarray, " n"]:
+        """Whether the config lets the vehicle be placed on the scenery."""
+        vehicle = self.placed.model.shape.name
+        entry = next((entry for entry in self.config.assets.vehicles if entry.name == vehicle), None)
+        return np.full(len(self.rows), entry is None or entry.is_for(self.site.name))
+
+    @property
     def visibility_m(self) -> Float[np.ndarray, " n"]:
         """How far one sees; nan without fog."""
         weather = [row.weather for row in self.rows]
@@ -163,3 +180,9 @@ def _shared(row: Row) -> list[Any]:
     keys = ("vehicle", "articulation", "slope_deg", "gap", "penetration", "tries")
     poses = [vehicle.world_from_vehicle.tolist() for vehicle in row.planned]
     return [row.scenery, row.position, poses, [[getattr(vehicle, key) for key in keys] for vehicle in row.planned]]
+
+
+def _is_part(some: list[str], all_: list[str]) -> bool:
+    """Whether these are some of all, in their order."""
+    rest = iter(all_)
+    return all(name in rest for name in some)

@@ -192,6 +192,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     rejected: Annotated[
         Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
     ]
+    left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)] = 0
 
     @property
     def planned(self) -> list[PlannedVehicle]:
@@ -263,6 +264,14 @@ class ScenerySource(Source, frozen=True, kw_only=True):
     origin: tuple[float, float, float]
 
 
+class LeftOut(Struct, frozen=True, kw_only=True):
+    """A vehicle that is not planned on a scenery, and why."""
+
+    vehicle: str
+    scenery: str
+    why: str
+
+
 class Header(Struct, frozen=True, kw_only=True):
     """The first line of a plan; `config` is for `planning.config.parse_config` to understand."""
 
@@ -282,6 +291,11 @@ class Header(Struct, frozen=True, kw_only=True):
         dict[str, DistractorSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`, or null")
     ] = {}
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
+    left_out: Annotated[
+        list[LeftOut],
+        _is("a list of pairs"),
+        _means("pairs for which trials found no place: `vehicle`, `scenery`, `why`"),
+    ] = []
 
     @property
     def categories(self) -> list[str]:

@@ -18,10 +18,11 @@ from planning.stage import Model, Placed
 
 
 def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]) -> list[Row]:
-    """One row for each image of a group, in the group's order."""
+    """One row for each image of a group's positions that found a place, in the group's order."""
     settled, views, shape = planned.settled, planned.views, group.model.shape
     slope, gap, penetration = _contact(settled)
     position, tries = group.position.tolist(), planned.tries.tolist()
+    found, left_out = planned.found.tolist(), planned.companions.left_out.tolist()
     kinds = [rejection.key for rejection in Rejection]
     bounds = _bounds(group.model, settled.world_from_vehicle, planned.articulation)
     columns = zip(
@@ -80,11 +81,13 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
             companions=companions,
             distractors=distractors,
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
+            left_out=left_out[i],
         )
         for (
             i, shot, image, camera, fov, bbox, amodal, visible, truncated,
             hdri, yaw, strength, visibility, seed, rejected, companions, distractors,
         ) in columns
+        if found[i]
     ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import fnmatch
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
@@ -118,6 +119,11 @@ class ModelEntry(Section):
     gun_pivot: PivotPoint = None
     turret_limits_deg: TurretLimits = None
     gun_limits_deg: GunLimits = None
+    sceneries: Patterns = ()
+
+    def is_for(self, scenery: str) -> bool:
+        """Whether it may be placed on the scenery of this name."""
+        return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 
 
 class VehicleEntry(ModelEntry):

@@ -15,7 +15,6 @@ from assets.vehicle import VehicleShape
 from camera.clearance import CameraRoom
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import Plane, World
-from geometry.errors import ConfigError
 from geometry.transforms import apply, compose, rigid
 from placement.clearance import Extent, Obstacles
 from placement.footprint import Underside, underside
@@ -169,27 +168,9 @@ class PlanStage:
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
-    """Build every hierarchy that planning needs.
-
-    Raises
-    ------
-    ConfigError
-        If a vehicle is too large for a scenery, as when one is taken for the other.
-    """
-    sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
-    for site in sites:
-        room = config.placement.margin * (site.bounds[1] - site.bounds[0])
-        for name, shape in {**assets.vehicles, **assets.distractors}.items():
-            if max(shape.size_xyz[:2]) > min(room):
-                kind = "vehicles" if name in assets.vehicles else "distractors"
-                raise ConfigError(
-                    f"assets.{kind}: {name!r} is {max(shape.size_xyz[:2]):.4g} m long; in {site.name!r} vehicles "
-                    f"are placed within {room[0]:.4g} x {room[1]:.4g} m",
-                    path=config.path,
-                    remedy="look at both with `hulldown inspect`, and set the scale or the file that is wrong",
-                )
+    """Build every hierarchy that planning needs."""
     return PlanStage(
-        sites=sites,
+        sites=tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values()),
         models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
         distractors={
             entry.name: _model(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from jaxtyping import Float, Int
 from rich.markup import escape
@@ -18,7 +19,7 @@ from annotate.sheets import SOFTWARE, refuse_foreign
 from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING
-from planning.row import Row, labelling
+from planning.row import LeftOut, Row, labelling
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -122,6 +123,10 @@ class Summary:
         Tries that were not taken, by reason.
     foggy
         Images with fog.
+    no_room
+        Companions that found no room and were left out, counted once a position.
+    left_out
+        Vehicles that are not planned on a scenery.
     histograms
         By key of the plan, or of what follows from its poses.
     """
@@ -138,6 +143,8 @@ class Summary:
     hdris: Counter[str] = field(default_factory=Counter)
     rejected: Counter[Rejection] = field(default_factory=Counter)
     foggy: int = 0
+    no_room: int = 0
+    left_out: tuple[LeftOut, ...] = ()
     histograms: dict[str, Histogram] = field(default_factory=_histograms)
 
     def add(self, rows: list[Row]) -> None:
@@ -155,6 +162,7 @@ class Summary:
             self.hdris[row.hdri] += 1
             self.positions += row.shot == 0
             self.foggy += row.weather is not None
+            self.no_room += row.left_out if row.shot == 0 else 0
             self.companions.update(companion.vehicle for companion in row.companions)
             self.distractors.update(distractor.vehicle for distractor in row.distractors)
             self.labels.update(labelling(vehicle) for vehicle in row.labelled)
@@ -191,6 +199,8 @@ class Summary:
             "sceneries": dict(self.sceneries),
             "hdris": dict(self.hdris),
             "foggy": self.foggy,
+            "companions_left_out": self.no_room,
+            "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "rejected": {rejection.key: n for rejection, n in sorted(self.rejected.items())},
             "histograms": {key: histogram.to_json() for key, histogram in self.histograms.items()},
         }
@@ -198,6 +208,13 @@ class Summary:
     def tables(self) -> list[Table]:
         """Tables for a terminal."""
         return [self._class_table(), self._histogram_table(), self._rejection_table()]
+
+    def notes(self) -> list[str]:
+        """A line for each thing that was asked for and is not in the plan."""
+        notes = [f"left out: {pair.why}" for pair in self.left_out]
+        if self.no_room:
+            notes.append(f"left out: {self.no_room:,} companions that found no room at their position")
+        return notes
 
     def _class_table(self) -> Table:
         table = Table(title=f"{self.images:,} images at {self.positions:,} positions", title_justify="left")
@@ -293,9 +310,9 @@ class Summary:
         return charts | ({"vehicles beside targets": dict(beside.most_common(12))} if beside else {})
 
 
-def summarise(rows: Iterable[Row]) -> Summary:
+def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = ()) -> Summary:
     """Count over all rows of a plan, holding few of them at a time."""
-    summary, some = Summary(), []
+    summary, some = Summary(left_out=tuple(left_out)), []
     for row in rows:
         some.append(row)
         if len(some) == 4096:

@@ -90,6 +90,7 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #                               default: origins, or by shape
 #   turret_limits_deg = [-180, 180], gun_limits_deg = [-5, 20]
 #                               how far they turn from how they stand in the file: left and up are positive
+#   sceneries = ["..."]         names or patterns of the sceneries that it is placed on; default: all
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others
 #   ground = [...], not_ground = [...]  whole names of objects that are, or are not, its ground; * for a part of a name

@@ -9,18 +9,18 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any
 
 from assets.library import AssetFile, Assets
 from geometry.errors import ConfigError
+from planning.pairs import Pairs
 from planning.plan_file import Plan, PlanWriter, read_plan
 from planning.planner import BLOCK, Planner
-from planning.row import FORMAT, DistractorSource, HdriSource, Header, ScenerySource, VehicleSource
+from planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
 from planning.schema import Config
 
 Progress = Callable[[int, int], None]
@@ -29,7 +29,13 @@ _SMALLEST_BLOCK = 64
 
 
 def write_plan(
-    config: Config, assets: Assets, path: str | Path, *, workers: int = 1, progress: Progress | None = None
+    config: Config,
+    assets: Assets,
+    path: str | Path,
+    *,
+    workers: int = 1,
+    strict: bool = False,
+    progress: Progress | None = None,
 ) -> Plan:
     """Plan everything and write it; an attempt that was killed is continued.
 
@@ -43,6 +49,8 @@ def write_plan(
         The plan file; replaced when, and only when, the new plan is complete.
     workers
         Processes that plan. The bytes do not depend on their number.
+    strict
+        Whether a vehicle that finds no place on one of its sceneries is a mistake; if not, it is planned on the others.
     progress
         Called with the images planned so far and their total.
 
@@ -54,12 +62,13 @@ def write_plan(
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
-        planner = Planner(config, assets)
+        planner = Planner(config, assets, strict=strict)
     except ConfigError as error:
         # What looks at a section does not know its file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
-    with PlanWriter(path, make_header(config, assets, path, images=budget.n_images)) as writer:
+    header = make_header(config, assets, path, images=budget.n_images, left_out=planner.pairs.left_out)
+    with PlanWriter(path, header) as writer:
         start = _resume(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
@@ -74,7 +83,9 @@ def write_plan(
     return read_plan(path)
 
 
-def make_header(config: Config, assets: Assets, path: str | Path, *, images: int) -> Header:
+def make_header(
+    config: Config, assets: Assets, path: str | Path, *, images: int, left_out: Sequence[LeftOut] = ()
+) -> Header:
     """The plan's first line."""
     none = AssetFile("")
 
@@ -114,6 +125,7 @@ def make_header(config: Config, assets: Assets, path: str | Path, *, images: int
             "python": platform.python_version(),
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
+        left_out=list(left_out),
     )
 
 
@@ -149,7 +161,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
         workers,
         mp_context=multiprocessing.get_context("fork" if fork else "spawn"),
         initializer=_begin,
-        initargs=() if fork else (planner.config, planner.assets),
+        initargs=() if fork else (planner.config, planner.assets, planner.strict, planner.pairs),
     )
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
@@ -167,13 +179,15 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(*made_from: Any) -> None:
+def _begin(
+    config: Config | None = None, assets: Assets | None = None, strict: bool = False, pairs: Pairs | None = None
+) -> None:
     global _planner
     # Ctrl-C is the parent's to handle; the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if made_from:
-        _planner = Planner(*made_from)
+    if config and assets:
+        _planner = Planner(config, assets, strict=strict, pairs=pairs)
 
 
 def _end_with_parent() -> None:

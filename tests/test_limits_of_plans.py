@@ -84,6 +84,7 @@ def test_the_plan_itself_breaks_nothing(made, assets):
 CHANGES = [
     ("seed", 4, "sample_seed"),
     ("assets.sceneries.weight", 0.0, "scenery, which has no weight"),
+    ("assets.vehicles.sceneries", ["bare"], "breaks scenery, which the vehicle is not for"),
     ("ground.fallback_z", 1.5, "world_from_vehicle, which is not where the vehicle comes to rest"),
     ("placement.margin", 0.2, "place"),
     ("placement.max_slope_deg", 1.0, "slope_deg is"),

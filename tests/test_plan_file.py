@@ -60,6 +60,7 @@ ROW = {
     "companions": [],
     "distractors": [],
     "rejected": {},
+    "left_out": 0,
 }
 
 

@@ -219,19 +219,16 @@ def test_a_vehicle_of_one_part_has_nothing_to_turn():
             {"camera": {"min_box_px": 1900, "max_tries": 3}},
             r"cannot be seen as wanted: of [\d,]+ tries \d+ % were smaller than camera.min_box_px",
         ),
-        (
-            {"placement": {"vehicles_per_image": 12, "companion_distance": [6, 7]}},
-            r"finds no room for its companions: of [\d,]+ tries",
-        ),
         ({"light": {"hdris": ["night*"]}}, r"light.hdris: 'night\*' matches no HDRI; assets.hdris gives noon, dusk"),
         ({"light": {"hdris": [{"name": "noon", "weight": 0}]}}, "light.hdris: all weights are 0"),
     ],
 )
-def test_a_hopeless_config_is_explained(assets, sections, message, monkeypatch):
+def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
     monkeypatch.setattr("planning.group.BLIND_PLACES", 2)
-    monkeypatch.setattr("planning.group.CROWDED_PLACES", 1)
+    one = small_assets()
+    one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
     with pytest.raises(ConfigError, match=message):
-        list(plan(small_config(**sections), assets))
+        list(plan(small_config(**sections), one))
 
 
 def test_weights_choose_hdris_and_sceneries(assets):
@@ -253,7 +250,12 @@ def test_a_failing_worker_is_heard(tmp_path, assets, monkeypatch):
     monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(
-            small_config(placement={"max_slope_deg": 0.001, "max_tries": 50}), assets, tmp_path / "p.jsonl", workers=2
+            small_config(
+                placement={"max_slope_deg": 1.5, "max_tries": 20}, assets={"sceneries": [{"path": "hills.blend"}]}
+            ),
+            Assets(assets.vehicles, assets.categories, {"hills": assets.sceneries["hills"]}, assets.hdris),
+            tmp_path / "p.jsonl",
+            workers=2,
         )
     assert list(tmp_path.iterdir()) == []
 

@@ -93,14 +93,21 @@ def _plan(arguments: argparse.Namespace) -> int:
             limits=read_limits(arguments),
         )
     with progress_bar("planning") as advance:
-        plan = write_plan(config, assets, arguments.output, workers=arguments.workers, progress=advance)
+        plan = write_plan(
+            config,
+            assets,
+            arguments.output,
+            workers=arguments.workers,
+            strict=arguments.strict,
+            progress=advance,
+        )
     return _summarise(plan, arguments)
 
 
 def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
     from planning.summary import summarise
 
-    summary = summarise(plan)
+    summary = summarise(plan, left_out=plan.header.left_out)
     picture = picture_of(arguments.output, "summary")
     summary.draw(picture)
     if arguments.json:
@@ -108,6 +115,7 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
     else:
         for table in summary.tables():
             STDOUT.print(table)
+        show_list(summary.notes())
     say(f"wrote {arguments.output} ({len(plan)} images) and {picture}; next: hulldown preview {arguments.output}")
     return DONE
 
@@ -187,7 +195,11 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="the plan to write, such as plan.jsonl")
     sub.add_argument("--check", action="store_true", help="the same as `hulldown check`")
     sub.add_argument("--workers", type=at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)")
-    sub.add_argument("--strict", action="store_true", help="refuse assets with missing textures or libraries")
+    sub.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse missing textures and libraries, and vehicles without a place on a scenery",
+    )
     add_cache(sub, "the config's; with --check .hulldown-cache beside the plan")
     add_read_limits(sub)
 
