@@ -21,8 +21,8 @@ from planning.row import LeftOut
 from planning.schema import Config
 from planning.stage import Model, PlanStage, Site
 
-# A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a place,
-# each one without costs all tries. Their numbers are beyond those of any plan.
+# A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a
+# place, each one without costs all tries. Their numbers are beyond those of any plan.
 MORE_TRIALS = 2
 _FIRST_TRIAL = 2**40
 

@@ -149,7 +149,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
         assets,
         budget={"images_per_class": 2, "images_per_position": 2},
         camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
-        placement={"vehicles_per_image": 4, "companion_distance": [7.5, 9]},
+        placement={"vehicles_per_image": 4, "companion_distance": [6, 6.5]},
     )
     made = write_plan(config, assets, tmp_path / "plan.jsonl")
     rows = list(made)
