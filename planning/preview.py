@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.target import PosedVehicle
+from geometry.errors import ConfigError
 from planning.config import parse_config
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row, labelling
@@ -22,6 +23,7 @@ from planning.shading import look, paint_of, sun_of
 from planning.stage import make_stage
 
 TILE_WIDTH = 480
+HIGHEST = 4  # times its width that a picture is high, at most
 
 
 def preview_sheet(
@@ -87,15 +89,24 @@ class Artist:
     """
 
     def __init__(self, plan: Plan, assets: Assets) -> None:
+        self._path = plan.path
         stage = make_stage(parse_config(plan.header.config, path=plan.path), assets)
         self._models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
         self._class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
+<<<<<<< HEAD
         """One row at the given width, with the boxes and classes of its labels if asked for."""
         scale = width / row.width
         height = max(1, round(row.height * scale))
+=======
+        """One row at the given width, with the boxes and classes of its vehicles if asked for."""
+        self._refuse_unknown(row)
+        # As wide as asked for, unless it is a tower: a row may say 1 x 65536.
+        scale = min(width / row.width, HIGHEST * width / row.height)
+        width, height = max(1, round(row.width * scale)), max(1, round(row.height * scale))
+>>>>>>> 3af9548 (A fuzzer of plans; previews name what a row has that its plan does not know)
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         if not labels:
             return image
@@ -109,6 +120,27 @@ class Artist:
             if vehicle.bbox is not None and vehicle.category is not None
         ]
         return draw(image, records, {i: name for name, i in self._class_ids.items()}, masks=False)
+
+    def _refuse_unknown(self, row: Row) -> None:
+        """Say which name of an edited row its plan does not know.
+
+        Raises
+        ------
+        ConfigError
+            If there is one.
+        """
+        named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
+        named += [("vehicle", vehicle.vehicle, self._models) for vehicle in row.vehicles]
+        named += [("class", vehicle.category, self._class_ids) for vehicle in row.vehicles]
+        parts = [(v, name) for v in row.vehicles if v.vehicle in self._models for name in v.articulation]
+        named += [("part", name, self._models[v.vehicle].shape.part_names[1:]) for v, name in parts]
+        for kind, name, known in named:
+            if name not in known:
+                raise ConfigError(
+                    f"image {row.index}: {kind} {name!r:.60} is not known to the plan",
+                    path=self._path,
+                    remedy="plan again with `hulldown plan`",
+                )
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Colours from 0 to 1, without boxes."""

@@ -1,0 +1,153 @@
+"""Plans that anybody may have edited: reading, checking, drawing and rendering them ends in at most one line."""
+
+from __future__ import annotations
+
+import copy
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dataset.runs import plan_key
+from geometry.errors import ConfigError, HulldownError
+from planning.check import check_plan
+from planning.loading import load_planned_assets, refuse_changed
+from planning.plan_file import Plan, read_plan
+from planning.preview import Artist
+from planning.row import Row
+from planning.summary import summarise
+from planning.write import write_plan
+from render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
+from render.messages import Settings
+from render.todo import Outline
+from tests.planning_assets import hills, small_assets, small_config
+
+ASSETS = replace(small_assets(), sceneries={"hills": hills("hills", cells=6, size=120.0, trees=2)})
+CONFIG = small_config(
+    assets={"sceneries": [{"path": "hills.blend"}]},
+    budget={"images_per_class": 2, "images_per_position": 2},
+    placement={"vehicles_per_image": 2, "companion_distance": [9, 30]},
+    camera={"visibility_rays": 4},
+    weather={"probability": 0.5},
+)
+FILES = RenderAssets(
+    vehicles={name: VehicleFile(shape, Path(f"{name}.blend")) for name, shape in ASSETS.vehicles.items()},
+    sceneries={name: SceneryFile(Path("a.blend"), np.eye(4), scenery) for name, scenery in ASSETS.sceneries.items()},
+    hdris={name: Path(f"{name}.exr") for name in ASSETS.hdris},
+)
+SETTINGS = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+odd = st.sampled_from([
+    *(None, True, -1, 0, 1, 2, 179.9999, 180, 2**31, 2**53 + 2, 2**63, 10**400, 1e308, -1e300, -0.0, 5e-324, 0.5, 1e9),
+    *("", "x", "../x", "/x", "images/1.png", "images/./1.png", ".unfinished/1.png", "\x1b[31m", "\ud7ff", "a" * 9999),
+    *([], {}, [[]], [1, 2, 3, 4], [0, 0, 0, 0], [1e308] * 4, [[1e308] * 4] * 4, np.eye(4).tolist(), {"turret": 1e308}),
+    *({"visibility_m": 0}, {"visibility_m": 1e-300}, "hills", "bare", "leo", "t72", "gun", "noon"),
+])  # fmt: skip
+values = odd | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5)
+KEYS = ("left_out", "rejected", "companions", "vehicle", "bbox", "images", "config", "seed", "sceneries", "gun", "x")
+change = st.tuples(
+    *(st.integers(0, 4), st.integers(0, 2**16), st.integers(0, 2**16)),
+    *(st.sampled_from(KEYS), values, st.sampled_from(["set", "set", "drop", "put", "scale"])),
+)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    """The lines of a plan in which nothing is wrong."""
+    return write_plan(CONFIG, ASSETS, tmp_path_factory.mktemp("sound") / "plan.jsonl").path.read_bytes().splitlines()
+
+
+def objects(value: Any) -> list[Any]:
+    """Every object and list in a JSON value, itself included."""
+    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    mine = [value] if isinstance(value, (dict, list)) and value else []
+    return mine + [found for each in inner for found in objects(each)]
+
+
+def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, how: str) -> None:
+    """Another value, key or scale somewhere in a line."""
+    place = (found := objects(line) or [line])[at % len(found)]
+    keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+    one = keys[which % len(keys)] if keys else key
+    if how == "put" and isinstance(place, dict):
+        one = key
+    if how == "drop" and keys:
+        del place[one]
+    elif how == "scale" and keys and isinstance(place[one], float):
+        place[one] *= 1.0 + 1e-6 * which
+    elif keys or isinstance(place, dict):
+        place[one] = copy.deepcopy(new)  # it may be changed itself
+
+
+def refusal(use: Callable[..., object], *arguments: object) -> str:
+    """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
+    try:
+        use(*arguments)
+    except HulldownError as error:
+        return str(error)
+    return ""
+
+
+def job_of(row: Row, plan: Path) -> None:
+    """What a worker would be told, which `hulldown render` refuses as here."""
+    try:
+        render_job(row, FILES, SETTINGS, plan.parent / "1.png")
+        mask_job(row, FILES, plan.parent / "1.png")
+    except ValueError as error:
+        raise ConfigError(str(error), path=plan) from error
+
+
+def used(path: Path) -> None:
+    """All that is done with a plan up to Blender."""
+    opened: list[Plan] = []
+    said = [refusal(lambda: opened.append(read_plan(path)))]
+    said += [line for plan in opened for line in all_uses(plan, path)]
+    assert all("\n" not in line and len(line) < 5000 for line in said)
+
+
+def all_uses(plan: Plan, path: Path) -> list[str]:
+    """What is said by each use of a plan that can be opened."""
+    rows: list[Row] = []
+    return [
+        refusal(rows.extend, plan),
+        refusal(load_planned_assets, plan),
+        refusal(refuse_changed, plan, ASSETS),
+        refusal(check_plan, plan, ASSETS),
+        refusal(summarise, plan),
+        refusal(Outline, plan),
+        refusal(plan_key, path),
+        *(refusal(draw, plan, row) for row in rows[:1]),
+        *(refusal(job_of, row, path) for row in rows),
+    ]
+
+
+def draw(plan: Plan, row: Row) -> None:
+    """A preview."""
+    Artist(plan, ASSETS).picture(row, width=8)
+
+
+@given(st.lists(change, min_size=1, max_size=3))
+def test_any_edited_plan_is_used_or_refused(sound: list[bytes], changes: list) -> None:
+    lines = [json.loads(line) for line in sound]
+    for number, *what in changes:
+        change_line(lines[number % len(lines)], *what)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.jsonl"
+        path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+        used(path)
+
+
+@given(st.binary(max_size=80), st.integers(0, 4), st.booleans())
+def test_any_bytes_in_a_plan_are_refused_in_a_line(
+    sound: list[bytes], content: bytes, number: int, alone: bool
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.jsonl"
+        path.write_bytes(content if alone else b"\n".join([*sound[:number], content, *sound[number + 1 :]]) + b"\n")
+        used(path)
