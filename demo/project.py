@@ -9,7 +9,7 @@ from demo.build import build_demo_assets
 from demo.catalogue import CATEGORY, DISTRACTORS, LAUNCHER, SCENERY_FILES, TANK, TRUCK
 from geometry.errors import ConfigError
 from geometry.files import replacing
-from planning.template import config_text
+from planning.template import CONFIG_TEMPLATE, config_text
 
 CONFIG = "hulldown.toml"
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
@@ -31,6 +31,26 @@ SMALL = {
     "render.width": 480,
     "render.height": 270,
 }
+
+
+def create_bare_project(folder: Path | str) -> Path:
+    """Path of a config written into `folder`, with one vehicle and one scenery to put other files in the place of.
+
+    Raises
+    ------
+    ConfigError
+        If the folder has a config already.
+    """
+    config = Path(folder) / CONFIG
+    _refuse_config(config)
+    with replacing(config) as file:
+        file.write(CONFIG_TEMPLATE.encode())
+    return config
+
+
+def _refuse_config(config: Path) -> None:
+    if config.exists():
+        raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
 
 
 def create_project(
@@ -56,8 +76,7 @@ def create_project(
     """
     folder = Path(folder)
     config = folder / CONFIG
-    if config.exists():
-        raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
+    _refuse_config(config)
     build_demo_assets(folder, seed=seed, progress=progress)
     text = config_text(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],

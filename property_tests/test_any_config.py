@@ -7,13 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.errors import ConfigError
 from planning.config import load_config, parse_config
 from planning.schema import Config
 
+# 20,000 inputs in the thorough profile.
+MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))
 SOUND: dict[str, Any] = {
     "seed": 3,
     "assets": {
@@ -52,6 +54,7 @@ def refusal(use: Callable[[], object]) -> str | None:
     return None
 
 
+@MANY
 @given(st.lists(st.tuples(places, values), min_size=1, max_size=3))
 def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple[str, str], Any]]) -> None:
     data: dict[str, Any] = {key: dict(value) if isinstance(value, dict) else value for key, value in SOUND.items()}
@@ -64,6 +67,7 @@ def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple
     assert said is None or ("hulldown.toml" in said and len(said) < 5000)
 
 
+@MANY
 @given(st.binary(max_size=60) | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass")))
 def test_any_file_is_understood_or_refused(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -20,6 +20,8 @@ from dataset.seals import PICTURE_KEY, digest
 from dataset.verify import verify
 from geometry.errors import HulldownError
 
+# 20,000 inputs in the thorough profile.
+MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))
 KEYS = (
     *(
         "id",
@@ -150,6 +152,7 @@ def used(folder: Path) -> None:
     assert outside == set()
 
 
+@MANY
 @given(st.lists(change, min_size=1, max_size=4))
 def test_any_annotations_file_is_read_or_refused(changes: list) -> None:
     with tempfile.TemporaryDirectory() as top:
@@ -160,6 +163,7 @@ def test_any_annotations_file_is_read_or_refused(changes: list) -> None:
         used(folder)
 
 
+@MANY
 @given(st.lists(change, min_size=1, max_size=4), st.booleans())
 def test_any_journal_is_read_or_refused(changes: list, alone: bool) -> None:
     with tempfile.TemporaryDirectory() as top:
@@ -176,6 +180,7 @@ def test_any_journal_is_read_or_refused(changes: list, alone: bool) -> None:
         used(folder)
 
 
+@MANY
 @given(
     st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"])
 )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dataset.runs import plan_key
@@ -29,6 +29,8 @@ from render.messages import Settings
 from render.todo import Outline
 from tests.planning_assets import hills, small_assets, small_config
 
+# 20,000 inputs in the thorough profile.
+MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))
 ASSETS = replace(small_assets(), sceneries={"hills": hills("hills", cells=6, size=120.0, trees=2)})
 CONFIG = small_config(
     assets={"sceneries": [{"path": "hills.blend"}]},
@@ -132,6 +134,7 @@ def draw(plan: Plan, row: Row) -> None:
     Artist(plan, ASSETS).picture(row, width=8)
 
 
+@MANY
 @given(st.lists(change, min_size=1, max_size=3))
 def test_any_edited_plan_is_used_or_refused(sound: list[bytes], changes: list) -> None:
     lines = [json.loads(line) for line in sound]
@@ -143,6 +146,7 @@ def test_any_edited_plan_is_used_or_refused(sound: list[bytes], changes: list) -
         used(path)
 
 
+@MANY
 @given(st.binary(max_size=80), st.integers(0, 4), st.booleans())
 def test_any_bytes_in_a_plan_are_refused_in_a_line(
     sound: list[bytes], content: bytes, number: int, alone: bool

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from rich.markup import escape
 from rich.table import Table
@@ -13,6 +13,8 @@ from rich.table import Table
 from geometry.errors import AssetError
 
 FAMILY = 6  # numbered copies from so many on share a row
+TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first
+LISTED = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,25 @@ def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
             Row(f"{stem}*", kind, use, family[0].why, count, family[0].triangles, (size[0], size[1], size[2]))
         )
     return tuple(result)
+
+
+def _dropped_together(rows: Sequence[Row]) -> list[Row]:
+    """What is used, then what is not: one row for all that is left out for one reason, where they are many."""
+    families: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.use == "dropped":
+            families.setdefault(row.why.replace(repr(row.name), "its name"), []).append(row)
+    result = [row for row in rows if row.use != "dropped"]
+    for why, family in families.items():
+        if len(family) < TOGETHER:
+            result += family
+            continue
+        names = ", ".join(row.name for row in family[:LISTED])
+        more = f" and {len(family) - LISTED} more" if len(family) > LISTED else ""
+        size = tuple(max(row.size[axis] for row in family) for axis in range(3))
+        count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
+        result.append(Row(names + more, family[0].kind, "dropped", why, count, triangles, (size[0], size[1], size[2])))
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +159,10 @@ class FileReport:
         """Every object and what it is used as, for a terminal."""
         table = Table(title=escape(f"{self.path}: {self.kind}"), title_justify="left")
         for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
-            table.add_column(column, justify="right" if column in ("count", "triangles", "size (m)") else "left")
-        for row in self.rows:
+            justify: Literal["left", "right"] = "right" if column in ("count", "triangles", "size (m)") else "left"
+            # A name goes on in the next line: half of one is of no use for `keep` and `drop`.
+            table.add_column(column, justify=justify, overflow="fold")
+        for row in _dropped_together(self.rows):
             size = " x ".join(f"{x:.2f}" for x in row.size)
             table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
         return table

@@ -20,14 +20,18 @@ from verbs.terminal import (
     reading_status,
     say,
     show_list,
+    show_table,
     warn,
 )
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from demo.project import create_project
+    from demo.project import create_bare_project, create_project
 
     make_room(arguments.folder / "hulldown.toml")
+    if arguments.bare:
+        say(f"wrote {create_bare_project(arguments.folder)}; next: name your files in it, and hulldown inspect it")
+        return DONE
     with progress_bar("building demo assets") as advance:
         config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, progress=advance)
     say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
@@ -56,7 +60,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
                 found = [inspect(path, kind=arguments.kind, **shared)]
         if not arguments.json:
             for one in found:
-                STDOUT.print(one.report.table())
+                show_table(one.report.table())
                 show_list(one.report.notes())
         inspected += found
     if arguments.output:
@@ -170,6 +174,7 @@ def add(verb: AddVerb) -> None:
     )
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
     sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
+    sub.add_argument("--bare", action="store_true", help="the config alone, to put your own files in; no demo assets")
     sub.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
 
     sub = verb(

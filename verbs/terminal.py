@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
+from rich.table import Table
 
 from geometry.errors import HulldownError
 
@@ -35,6 +36,7 @@ class Terminal(Console):
 
 STDERR = Terminal(stderr=True, highlight=False)
 STDOUT = Terminal(highlight=False)
+WIDEST = 10_000  # characters of a table in a file or a pipe
 LONGEST_LINE = 2000  # characters of a message
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
@@ -107,6 +109,14 @@ def show_list(lines: Sequence[str]) -> None:
     """On stdout, a line each however narrow the terminal."""
     for line in lines:
         STDOUT.print(escape(line), soft_wrap=True)
+
+
+def show_table(table: Table) -> None:
+    """On stdout; as wide as it is where no terminal limits it, since whoever reads it there wants whole names."""
+    if STDOUT.is_terminal:
+        STDOUT.print(table)
+    else:
+        STDOUT.print(table, width=WIDEST, crop=False)
 
 
 def say(line: str) -> None:

@@ -1,0 +1,71 @@
+"""The table of `inspect`: whole names wherever it goes, and what is left out in few rows."""
+
+import io
+import tomllib
+
+import pytest
+
+from cli import main
+from planning.config import load_config
+from reading.report import FileReport, Row
+from verbs import terminal
+from verbs.terminal import Terminal, show_table
+
+LONG = "Panzerkampfwagen_Geschuetzrohr_Muendungsbremse_links_oben_" * 3 + "1"
+
+
+def report(*rows):
+    return FileReport("vehicle", "a.blend", (6.0, 3.0, 2.0), 12, 1.0, "z", rows=rows)
+
+
+def shown(monkeypatch, table, **console):
+    file = io.StringIO()
+    monkeypatch.setattr(terminal, "STDOUT", Terminal(file=file, highlight=False, **console))
+    show_table(table)
+    return file.getvalue()
+
+
+def test_a_piped_table_has_every_name_in_one_line(monkeypatch):
+    # They were cut at 80 columns, where the name is needed for `drop`.
+    text = shown(monkeypatch, report(Row(LONG, "MESH", "hull", "by default")).table())
+    assert any(LONG in line for line in text.splitlines())
+
+
+def test_a_terminal_shows_every_character_of_a_name(monkeypatch):
+    text = shown(monkeypatch, report(Row(LONG, "MESH", "hull", "by default")).table(), force_terminal=True, width=80)
+    cells = [line.split("│")[1].strip() for line in text.splitlines() if line.count("│") > 2]
+    assert LONG in "".join(cells)
+    assert "…" not in text
+
+
+def test_what_is_left_out_for_one_reason_shares_a_row():
+    # Hidden and dropped objects took 16 of 24 rows.
+    hidden = [Row(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"]
+    named = [Row(f"lamp {k} x", "LIGHT", "dropped", f"{f'lamp {k} x'!r} says 'lamp'") for k in "abc"]
+    lone = Row("bound", "MESH", "dropped", "'bound' says 'bound'")
+    table = report(hidden[0], Row("body", "MESH", "hull", "by default"), *hidden[1:], lone, *named).table()
+    rows = list(zip(*(column.cells for column in table.columns[:4]), strict=True))
+    assert [row[0].split(",")[0] for row in rows] == ["body", "helper a of mine", "bound", "lamp a x"]
+    assert rows[1][0].endswith("helper l of mine and 4 more")
+    assert rows[1][3] == "16"
+    assert rows[3][2] == "its name says 'lamp'"
+
+
+def test_the_report_itself_keeps_every_object():
+    rows = [Row(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(20)]
+    assert len(report(*rows).to_json()["rows"]) == 20
+
+
+def test_init_bare_writes_the_config_alone(tmp_path, capsys):
+    assert main(["init", str(tmp_path / "mine"), "--bare"]) == 0
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["hulldown.toml"]
+    assert load_config(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
+    assert tomllib.loads((tmp_path / "mine" / "hulldown.toml").read_text())
+    assert main(["init", str(tmp_path / "mine"), "--bare"]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_objects_left_out_keep_their_rows(count):
+    rows = [Row(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(count)]
+    assert report(*rows).table().row_count == count
