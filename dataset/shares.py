@@ -143,11 +143,28 @@ def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
 
 
 def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
-    """The polygons of a label; of one that has none the corners of its box."""
+    """The polygons of a label; of one that has none the corners of its box.
+
+    Raises
+    ------
+    DatasetError
+        If a polygon is no list of coordinates.
+    """
     if isinstance(rings := label.get("segmentation"), list) and rings:
+        if not all(_is_ring(ring) for ring in rings):
+            raise DatasetError(
+                f"label {label.get('id')!r:.60} has a polygon that is no list of x, y, x, y, ...",
+                remedy="look for others with `hulldown verify`, and repair the labels",
+            )
         return rings
     x, y, w, h = (float(number) for number in label["bbox"])
     return [[x, y, x + w, y, x + w, y + h, x, y + h]]
+
+
+def _is_ring(ring: Any) -> bool:
+    """Whether this is three or more points."""
+    numbers = isinstance(ring, list) and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in ring)
+    return bool(numbers) and len(ring) >= 6 and len(ring) % 2 == 0
 
 
 def _unusable(source: Path, error: OSError) -> DatasetError:

@@ -116,7 +116,7 @@ def show_table(table: Table) -> None:
     if STDOUT.is_terminal:
         STDOUT.print(table)
     else:
-        STDOUT.print(table, width=WIDEST, crop=False)
+        Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(table)
 
 
 def say(line: str) -> None:
