@@ -133,7 +133,7 @@ def _standing(
         off = centre[keep] - np.median(centre[keep], axis=0)
         along_axle = off @ axle
         flat = off - along_axle[:, None] * axle
-        _, spread, directions = np.linalg.svd(flat, full_matrices=False)
+        _, _, directions = np.linalg.svd(flat, full_matrices=False)
         ahead = directions[0] - (directions[0] @ axle) * axle
         ahead /= np.linalg.norm(ahead)
         up = np.cross(ahead, axle)
@@ -169,8 +169,12 @@ def find_up(wheels: Wheels | None, said: str) -> Up:
             if axis == said:
                 return Up(said, f"as the file says, and {wheels.places} wheels")
             why = f"{wheels.places} wheels lie below the rest of it"
-            return Up(axis, f"{why}, not {said} as the file says", f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong')
-    return Up(said, "as the file says", 'its wheels stand askew to the axes; set up, or turn it upright in Blender')
+            return Up(
+                axis,
+                f"{why}, not {said} as the file says",
+                f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong',
+            )
+    return Up(said, "as the file says", "its wheels stand askew to the axes; set up, or turn it upright in Blender")
 
 
 def find_forward(
@@ -214,7 +218,7 @@ def find_forward(
         toward = float(np.sign((solids.centre[barrel] - middle) @ ahead))
         why_sign = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
         if votes * toward < -VOTE:
-            doubt = f"its gun points one way and what is named front the other; forward is taken from the gun"
+            doubt = "its gun points one way and what is named front the other; forward is taken from the gun"
     elif abs(votes) >= VOTE:
         toward, why_sign = float(np.sign(votes)), "names of what is in front and behind"
     elif shape:

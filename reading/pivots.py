@@ -228,7 +228,7 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
     tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
     beside = np.linalg.norm(np.cross(tubes.centre - start, line), axis=1).max()
-    if beside > 2 * mine.size[barrel, 1] or beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN:
+    if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
         low, high = own.min(axis=0), own.max(axis=0)
         at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
         return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)

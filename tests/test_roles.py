@@ -8,7 +8,7 @@ from geometry.errors import AssetError
 from reading.build import Options, build_scenery
 from reading.doubts import vehicle_doubts
 from reading.kinds import likely_kind, refuse_wrong_kind
-from reading.parts import find_parts
+from reading.parts import Asked, find_parts
 from reading.roles import Link, Piece, vehicle_roles
 from reading.scenery_roles import scenery_roles
 
@@ -193,7 +193,7 @@ def test_a_tank_in_centimetres_is_no_scenery_for_its_tracks() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
-    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), (), unit=1.0, options=Options())
+    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), unit=1.0, options=Options())
     assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
     with pytest.raises(AssetError, match=r"in it is ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
@@ -218,7 +218,7 @@ def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str
     pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
-    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), **names)
+    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), asked=Asked(**names))
     return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
 
 
