@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from assets.naming import GROUND, GUN, HELPERS, says, words
+from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says, words
 from geometry.errors import AssetError
 from reading.build import Options, build_scenery
 from reading.doubts import vehicle_doubts
@@ -76,6 +76,34 @@ def test_words_of_a_name(name: str, expected: tuple[str, ...]) -> None:
 )
 def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
     assert bool(says(name, patterns)) is says_so
+
+
+@pytest.mark.parametrize(
+    ("name", "stems", "found"),
+    [
+        ("gunbarrel", GUN_HINTS, True),
+        ("guncariage_2", GUN_HINTS, True),
+        ("turretpivot", TURRET_HINTS, True),
+        ("Turm_03", TURRET_HINTS, True),
+        ("Geschütz", GUN_HINTS, True),
+        ("turet", TURRET_HINTS, True),
+        ("BASHNYA01", TURRET_HINTS, True),
+        ("炮塔", TURRET_HINTS, True),
+        ("begonia", GUN_HINTS, False),
+        ("Sturmhaube", TURRET_HINTS, False),
+        ("vezel", ("wheel",), False),
+    ],
+)
+def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, ...], found: bool) -> None:
+    assert bool(hints(name, stems)) is found
+
+
+def test_words_inside_words_count_only_where_no_word_fits() -> None:
+    belongs, _ = parts_of(link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0)))
+    assert belongs == {"Hull": "hull", "turretpivot": "turret", "gunbarrel": "gun"}
+    belongs, parts = parts_of(link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0)))
+    assert belongs["turretshelf"] == "hull"
+    assert not parts.doubts
 
 
 def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
