@@ -188,8 +188,9 @@ def report(results: dict[str, Any]) -> str:
         "## Reading other people's vehicles",
         "",
         "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, "
-        "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. Right: sizes, "
-        "axes, parts and pivots (turret 0.15 m, gun 0.3 m). Held out: names and changes that no rule was tuned on.",
+        "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. "
+        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). A scale that is not the file's, and what "
+        "is hidden or sticks out, can be no more than a doubt. Held out: names and changes that no rule was tuned on.",
         "",
         "| | files | right | wrong, and a doubt names the key | wrong in silence | turret's pivot, median / worst (m) "
         "| gun's pivot (m) |",

@@ -122,6 +122,7 @@ def find_parts(
     bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     middle = (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0)) / 2
     resting = [p.chain[0].pose[:3, 3] for p, part in zip(pieces, part_of, strict=True) if part is None]
+    middles = {key_of(p.chain[0]): b.mean(axis=0) for p, b in zip(pieces, bounds, strict=True)}
     still = apply(vehicle_from_file, np.array(resting).reshape(-1, 3))
     for name in (TURRET_PART, GUN_PART):
         mine = np.array([p == name for p in part_of], bool)
@@ -134,7 +135,14 @@ def find_parts(
             guess = _guess(name, own, points, part_of, solids, behind)
             nodes = nodes_of(pieces, markers, mine, namer, name)
             pivot = find_pivot(
-                nodes, own, name, guess=guess, behind=behind, resting=still, vehicle_from_file=vehicle_from_file
+                nodes,
+                own,
+                name,
+                guess=guess,
+                behind=behind,
+                middles=middles,
+                resting=still,
+                vehicle_from_file=vehicle_from_file,
             )
             if pivot.guessed:
                 doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")

@@ -103,7 +103,7 @@ def test_words_inside_words_count_only_where_no_word_fits() -> None:
     assert belongs == {"Hull": "hull", "turretpivot": "turret", "gunbarrel": "gun"}
     belongs, parts = parts_of(link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0)))
     assert belongs["turretshelf"] == "hull"
-    assert not parts.doubts
+    assert parts.names == ("hull", "turret", "gun")
 
 
 def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
