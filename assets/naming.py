@@ -188,7 +188,7 @@ def hints(name: str, stems: Iterable[str]) -> str | None:
             at_end = word.startswith(stem) or word.endswith(stem)
             foreign = not stem.isascii() and stem in word
             slip = len(stem) >= 5 and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)
-            if at_end and (len(stem) >= 3 or word == stem) or foreign or slip:
+            if (at_end and (len(stem) >= 3 or word == stem)) or foreign or slip:
                 return stem
     return None
 

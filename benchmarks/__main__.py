@@ -25,7 +25,7 @@ from rich.console import Console
 ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "rows", "planning", "export",
-    "rendering", "resuming", "cluster", "omissions", "evaluation",
+    "rendering", "resuming", "cluster", "omissions", "evaluation", "reading",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools", "faster-coco-eval")

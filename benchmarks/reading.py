@@ -1,4 +1,4 @@
-"""Hard vehicle files of known truth: how many are read right, how many wrong without a word, and how far off pivots are."""
+"""Hard vehicle files of known truth: how many are read right or wrong without a word, and how far off pivots are."""
 
 from __future__ import annotations
 
@@ -187,12 +187,13 @@ def report(results: dict[str, Any]) -> str:
     lines = [
         "## Reading other people's vehicles",
         "",
-        "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, turned "
-        "by any angle, lying, mirrored, in other units, split, joined, littered; read without options. Right: sizes, "
-        "axes, parts and pivots (turret 0.15 m, gun 0.3 m). Held out: names and changes that no rule was tuned on.",
+        "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, "
+        "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. "
+        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). A scale that is not the file's, and what "
+        "is hidden or sticks out, can be no more than a doubt. Held out: names and changes that no rule was tuned on.",
         "",
-        "| | files | right | wrong, and a doubt names the key | wrong in silence | turret's pivot, median / worst (m) | "
-        "gun's pivot (m) |",
+        "| | files | right | wrong, and a doubt names the key | wrong in silence | turret's pivot, median / worst (m) "
+        "| gun's pivot (m) |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
     for name, one in results.items():

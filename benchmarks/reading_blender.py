@@ -46,9 +46,7 @@ def main() -> None:
         metres = metres_from_file(opened.unit, opened.up)
         drawn = evaluate(bpy.context.scene, metres_from_file=metres)
         points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
-        truth = Truth(
-            {t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0)
-        )
+        truth = Truth({t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0))
         (folder / f"{number:04d}.pickle").write_bytes(pickle.dumps((case, truth, opened, drawn)))
         if path.suffix != ".blend" or number % 20:
             path.unlink()  # a few are left to be looked at
@@ -112,8 +110,10 @@ def _write(model: Model, case: Case, path: Path) -> None:
         # Origins at zero mean the file's zero, with the turn applied to the vertices.
         if len(thing.faces):
             data = bpy.data.meshes.new(thing.name)
-            local = (apply(pose, thing.vertices) - apply(pose, thing.origin[None])) if baked else (
-                thing.vertices - thing.origin
+            local = (
+                (apply(pose, thing.vertices) - apply(pose, thing.origin[None]))
+                if baked
+                else (thing.vertices - thing.origin)
             )
             data.from_pydata(local.tolist(), [], thing.faces.tolist())
         made = bpy.data.objects.new(thing.name, data)
@@ -132,8 +132,8 @@ def _write(model: Model, case: Case, path: Path) -> None:
     if not baked:
         for thing, made in zip(model.things, objects, strict=True):
             if thing.parent < 0:
-                made.matrix_basis = root @ made.matrix_basis.copy() if False else root @ Matrix.Translation(
-                    thing.origin.tolist()
+                made.matrix_basis = (
+                    root @ made.matrix_basis.copy() if False else root @ Matrix.Translation(thing.origin.tolist())
                 )
     bpy.context.view_layer.update()
     for thing, made in zip(model.things, objects, strict=True):

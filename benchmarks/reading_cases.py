@@ -1,4 +1,4 @@
-"""Hard vehicle files from the demo's vehicles: what each is called, how it is built, turned and littered, and the truth.
+"""Hard files from the demo's vehicles: what each is called, how it is built, turned and littered, and the truth.
 
 Plain arrays: a `Model` is a list of objects that `benchmarks.reading_blender` writes into a file.
 """
@@ -20,9 +20,19 @@ LITTER = 3  # the part of what is no vehicle
 # A word for turret, for gun, and for whatever else there is, by language.
 LANGUAGES = {
     "german": ("Turm", "Kanone", {"Barrel": "Rohr", "Hull": "Wanne", "Tyre": "Reifen", "Cab": "Fahrerhaus"}, "Teil"),
-    "french": ("Tourelle", "Canon", {"Barrel": "Tube_canon", "Hull": "Caisse", "Tyre": "Pneu", "Cab": "Cabine"}, "Piece"),
+    "french": (
+        "Tourelle",
+        "Canon",
+        {"Barrel": "Tube_canon", "Hull": "Caisse", "Tyre": "Pneu", "Cab": "Cabine"},
+        "Piece",
+    ),
     "russian": ("bashnya", "pushka", {"Barrel": "stvol", "Hull": "korpus", "Tyre": "koleso", "Cab": "kabina"}, "detal"),
-    "dutch": ("koepel", "kanon", {"Barrel": "kanonsloop", "Hull": "romp", "Tyre": "band", "Cab": "cabine"}, "onderdeel"),
+    "dutch": (
+        "koepel",
+        "kanon",
+        {"Barrel": "kanonsloop", "Hull": "romp", "Tyre": "band", "Cab": "cabine"},
+        "onderdeel",
+    ),
     "italian": ("torretta", "cannone", {"Barrel": "canna", "Hull": "scafo", "Tyre": "gomma", "Cab": "cabina"}, "pezzo"),
     "hungarian": ("torony", "löveg", {"Barrel": "cső", "Hull": "test", "Tyre": "kerék", "Cab": "fülke"}, "elem"),
 }
@@ -174,9 +184,11 @@ def _name(thing: Thing, style: str, flat: bool, number: int, rng: np.random.Gene
     if style in ("as built", "drums"):
         return said
     if style == "one word":
-        return {"turret": "turret", "gun": "gun", "hull": ""}[part] + (
-            "pivot" if not len(thing.faces) else bare.replace("_", "").lower()
-        ) + (str(number) if "." in own else "")
+        return (
+            {"turret": "turret", "gun": "gun", "hull": ""}[part]
+            + ("pivot" if not len(thing.faces) else bare.replace("_", "").lower())
+            + (str(number) if "." in own else "")
+        )
     if style == "camel":
         words = "".join(w.capitalize() for w in bare.split("_"))
         return f"sm{part.capitalize()}{words}{number:02d}Geo" if thing.part else f"sm{words}{number:02d}Geo"
@@ -286,6 +298,7 @@ def _litter(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
     low, high = points.min(axis=0), points.max(axis=0)
     size = high - low
     middle = (low + high) / 2
+    ground = np.array([middle[0], middle[1], low[2]])
     name = (lambda n: f"Object_{900 + len(n)}") if scrambled else str
     if litter in ("floor", "plain floor"):
         floor = _box([24, 24, 0.1], [middle[0], middle[1], low[2] - 0.05])
@@ -293,7 +306,7 @@ def _litter(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
     if litter == "backdrop":
         arc = np.linspace(0, np.pi / 2, 9)
         profile = [(8.0, 0.0), *((-8 - 4 * np.sin(a), 4 - 4 * np.cos(a)) for a in arc), (-12.0, 12.0)]
-        rows = np.array([[x, y, z] for y in (-10.0, 10.0) for x, z in profile]) + [middle[0], middle[1], low[2]]
+        rows = np.array([[x, y, z] for y in (-10.0, 10.0) for x, z in profile]) + ground
         n = len(profile)
         faces = np.array([f for i in range(n - 1) for f in ((i, i + 1, n + i), (i + 1, n + i + 1, n + i))])
         return [_thing(name("Cyc"), rows, faces)]
@@ -313,7 +326,7 @@ def _litter(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
         around = np.linspace(0, 2 * np.pi, 33)[:-1]
         rim = np.stack([size[0] * np.cos(around), size[0] * np.sin(around), np.full(32, low[2])], axis=1)
         faces = np.array([(0, k, k + 1) for k in range(1, 31)])
-        return [_thing(name("Disc"), rim + [middle[0], middle[1], 0], faces)]
+        return [_thing(name("Disc"), rim + np.array([middle[0], middle[1], 0]), faces)]
     return []
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from assets.naming import FRONT, REAR, says
-from geometry.transforms import rotation_z
 from reading.solids import Solids
 
 UPS = ("z", "-z", "y", "-y", "x", "-x")
@@ -20,6 +20,8 @@ FLAT_WHEELS = 0.5  # centres of wheels lie in one plane, give or take this share
 UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
 SLENDER = 7.0  # a gun's barrel is longer than this many times its width
+MIRRORED = 60  # solids whose mirror plane is sought
+SYMMETRIC = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
 VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
 
 
@@ -133,7 +135,7 @@ def _standing(
         off = centre[keep] - np.median(centre[keep], axis=0)
         along_axle = off @ axle
         flat = off - along_axle[:, None] * axle
-        _, spread, directions = np.linalg.svd(flat, full_matrices=False)
+        _, _, directions = np.linalg.svd(flat, full_matrices=False)
         ahead = directions[0] - (directions[0] @ axle) * axle
         ahead /= np.linalg.norm(ahead)
         up = np.cross(ahead, axle)
@@ -169,8 +171,12 @@ def find_up(wheels: Wheels | None, said: str) -> Up:
             if axis == said:
                 return Up(said, f"as the file says, and {wheels.places} wheels")
             why = f"{wheels.places} wheels lie below the rest of it"
-            return Up(axis, f"{why}, not {said} as the file says", f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong')
-    return Up(said, "as the file says", 'its wheels stand askew to the axes; set up, or turn it upright in Blender')
+            return Up(
+                axis,
+                f"{why}, not {said} as the file says",
+                f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong',
+            )
+    return Up(said, "as the file says", "its wheels stand askew to the axes; set up, or turn it upright in Blender")
 
 
 def find_forward(
@@ -214,7 +220,7 @@ def find_forward(
         toward = float(np.sign((solids.centre[barrel] - middle) @ ahead))
         why_sign = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
         if votes * toward < -VOTE:
-            doubt = f"its gun points one way and what is named front the other; forward is taken from the gun"
+            doubt = "its gun points one way and what is named front the other; forward is taken from the gun"
     elif abs(votes) >= VOTE:
         toward, why_sign = float(np.sign(votes)), "names of what is in front and behind"
     elif shape:
@@ -260,22 +266,33 @@ def _line(solids: Solids, wheels: Wheels | None) -> tuple[float, str]:
         if abs(ahead @ across) > 0.1:
             ahead = np.array([across[1], -across[0]])
         return float(np.arctan2(ahead[1], ahead[0])), "by its wheels"
-    return _mirror_line(solids), "by its outline"
+    return _mirror_line(solids)
 
 
-def _mirror_line(solids: Solids) -> float:
-    """The long axis of the narrowest upright box around everything."""
-    points = solids.bounds[:, [0, 0, 1, 1], :][:, :, :2].copy()
-    points[:, 1, 0], points[:, 3, 0] = solids.bounds[:, 1, 0], solids.bounds[:, 0, 0]
-    cloud = points.reshape(-1, 2)
-    best, angle = np.inf, 0.0
-    for degrees in np.arange(0.0, 90.0, 0.5):
-        turned = cloud @ rotation_z(np.radians(-degrees))[:2, :2].T
-        extent = np.ptp(turned, axis=0)
-        if extent.prod() < best * (1 - 1e-3):
-            best = float(extent.prod())
-            angle = float(np.radians(degrees)) + (0.0 if extent[0] >= extent[1] else np.pi / 2)
-    return angle
+def _mirror_line(solids: Solids) -> tuple[float, str]:
+    """The line of the mirror plane of the largest solids, if there is one and x is none; else x."""
+    largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
+    corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
+    cloud = (solids.centre[largest][:, None] + corners).reshape(-1, 3)
+    if len(largest) < 3:
+        return 0.0, "along x, as nothing tells"
+    tree, size = cKDTree(cloud), float(np.ptp(cloud, axis=0).max())
+
+    def gap(angle: float) -> float:
+        normal = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        side = cloud @ normal
+        flipped = cloud - 2 * (side - (side.min() + side.max()) / 2)[:, None] * normal
+        return float(np.mean(tree.query(flipped)[0])) / max(size, 1e-30)
+
+    if gap(0.0) < SYMMETRIC:
+        return 0.0, "along x, its mirror plane"
+    angles = np.radians(np.arange(0.5, 180.0, 0.5))
+    gaps = [gap(angle) for angle in angles]
+    best = int(np.argmin(gaps))
+    if gaps[best] < min(SYMMETRIC, gap(0.0) / 4):
+        return float(angles[best]), "by its mirror plane"
+    return 0.0, "along x, as nothing tells"
 
 
 def gun_barrel(

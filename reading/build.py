@@ -41,7 +41,8 @@ class Options:
     scale
         Metres to one unit of the file.
     forward
-        Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x, or a vector.
+        Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x,
+        or a vector.
     yaw_deg
         Degrees counter-clockwise from there to where it really points.
     keep, drop
@@ -78,7 +79,7 @@ class Options:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltVehicle:
-    """A vehicle, for each piece its role and part (-1 for none), the parts that turn, the axes, and what is doubtful."""
+    """A vehicle, for each piece its role and part (-1 for none), the parts that turn, the axes, the doubts."""
 
     shape: VehicleShape
     roles: list[Role]

@@ -82,7 +82,8 @@ class Namer:
             return False
         if tier == 0:
             return bool(says(name, GUN)) and not says(name, NOT_GUN)
-        return tier == 1 and bool(hints(name, GUN_HINTS)) and not hints(name, NOT_GUN_HINTS)
+        none = says(name, NOT_GUN) or hints(name, NOT_GUN_HINTS)
+        return tier == 1 and bool(hints(name, GUN_HINTS)) and not none
 
     def part_named(self, name: str) -> str | None:
         """The part that an object or collection of this name is, if any."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from assets.naming import PIVOT, says, words
 from geometry.transforms import apply
-from reading.part_names import GUN_PART, TURRET_PART, Namer, key_of
+from reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
 from reading.roles import Link, Piece
 from reading.solids import Solids
 
@@ -75,6 +75,7 @@ def find_pivot(
     *,
     guess: Pivot,
     behind: Float[np.ndarray, "3"],
+    middles: Mapping[Key, Float[np.ndarray, "3"]],
     resting: Float[np.ndarray, "k 3"],
     vehicle_from_file: Float[np.ndarray, "4 4"],
 ) -> Pivot:
@@ -92,6 +93,8 @@ def find_pivot(
         What the shape says.
     behind
         A point behind a gun: the turret's pivot, or the vehicle's middle.
+    middles
+        Of the boxes around the meshes of objects: an origin there was put there by a click.
     resting
         Origins of the hull's objects: what most of them share is where the file was begun, and no pivot.
     vehicle_from_file
@@ -135,9 +138,11 @@ def find_pivot(
         rear, front = gun_ends(own, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
     else:
-        # Put into the middle of the mesh by a click, unless the shape agrees.
-        centred = np.linalg.norm(at - (low + high) / 2) < MIDDLE * size
-        wrong |= bool(centred) and not guess.guessed
+        middle = middles.get(key_of(node.link))
+        centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
+        if centred and guess.guessed and not wrong:
+            return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
+        wrong |= centred
     if not wrong:
         return Pivot(at, f"origin of {node.link.name!r}")
     return Pivot(
@@ -228,7 +233,7 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
     tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
     beside = np.linalg.norm(np.cross(tubes.centre - start, line), axis=1).max()
-    if beside > 2 * mine.size[barrel, 1] or beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN:
+    if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
         low, high = own.min(axis=0), own.max(axis=0)
         at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
         return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)

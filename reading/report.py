@@ -127,7 +127,7 @@ class FileReport:
     unit
         Metres to one unit of the file.
     up
-        "z" or "y".
+        The axis of the file that points up: "z", "y", "-y", ...
     origin
         What was subtracted from a scenery's coordinates, metres.
     rows
@@ -140,6 +140,8 @@ class FileReport:
         What a person should look at, a sentence each.
     written_by
         The version of Blender that wrote the file, or the format.
+    axes
+        Which way a vehicle's up and nose are in the file, and how that was found out.
     """
 
     kind: str
@@ -154,6 +156,7 @@ class FileReport:
     missing: tuple[Missing, ...] = ()
     doubts: tuple[str, ...] = ()
     written_by: str = ""
+    axes: str = ""
 
     def table(self) -> Table:
         """Every object and what it is used as, for a terminal."""
@@ -171,6 +174,7 @@ class FileReport:
         """What the table does not say, a line each: size, parts that turn, doubts."""
         size = " x ".join(f"{x:.2f}" for x in self.size)
         lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]
+        lines += [self.axes] if self.axes else []
         for part in self.parts:
             low, high = (f"{math.degrees(angle):.0f}" for angle in part.limits)
             pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))

@@ -1,4 +1,4 @@
-"""The loose solids that a vehicle is made of, and which of them are round or slender: what shape says where names do not."""
+"""The loose solids that a vehicle is made of, and which of them are round: what shape says where names do not."""
 
 from __future__ import annotations
 

@@ -50,7 +50,11 @@ def stray_doubts(
     bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     height = float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
     hidden = [p.name for p in pieces if p.hidden]
-    low = [] if wheels is None else [p.name for p, b in zip(pieces, bounds, strict=True) if b[0, 2] < wheels.level - BELOW * height]
+    low = (
+        []
+        if wheels is None
+        else [p.name for p, b in zip(pieces, bounds, strict=True) if b[0, 2] < wheels.level - BELOW * height]
+    )
     # If much hangs below, the wheels are not what it stands on: tracks around them, or skirts.
     low = low if len(low) <= max(2, len(pieces) // 10) else []
     unedited = [p.name for p in pieces if _is_primitive(p, meshes[p.mesh])]
@@ -67,7 +71,8 @@ def stray_doubts(
         new = [n for n in dict.fromkeys(names) if n not in told]
         told |= set(new)
         if new:
-            doubts.append(f"{', '.join(map(repr, new[:NAMES]))}{_more(new)}: {what}; set drop = {_listed(new)} if that is no part of it")
+            those = f"{', '.join(map(repr, new[:NAMES]))}{_more(new)}"
+            doubts.append(f"{those}: {what}; set drop = {_listed(new)} if that is no part of it")
     return doubts
 
 

@@ -154,7 +154,7 @@ def test_a_report_survives_json() -> None:
     ],
 )
 def test_doubts_about_a_vehicle(size: tuple, unit: float, expected: list[str]) -> None:
-    assert list(vehicle_doubts(size, (), (), (), unit=unit, options=Options())) == expected
+    assert list(vehicle_doubts(size, (), (), unit=unit, options=Options())) == expected
 
 
 def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from assets.naming import GROUND, GUN, HELPERS, says, words
+from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says, words
 from geometry.errors import AssetError
 from reading.build import Options, build_scenery
 from reading.doubts import vehicle_doubts
 from reading.kinds import likely_kind, refuse_wrong_kind
-from reading.parts import find_parts
+from reading.parts import Asked, find_parts
 from reading.roles import Link, Piece, vehicle_roles
 from reading.scenery_roles import scenery_roles
 
@@ -76,6 +76,34 @@ def test_words_of_a_name(name: str, expected: tuple[str, ...]) -> None:
 )
 def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
     assert bool(says(name, patterns)) is says_so
+
+
+@pytest.mark.parametrize(
+    ("name", "stems", "found"),
+    [
+        ("gunbarrel", GUN_HINTS, True),
+        ("guncariage_2", GUN_HINTS, True),
+        ("turretpivot", TURRET_HINTS, True),
+        ("Turm_03", TURRET_HINTS, True),
+        ("Geschütz", GUN_HINTS, True),
+        ("turet", TURRET_HINTS, True),
+        ("BASHNYA01", TURRET_HINTS, True),
+        ("炮塔", TURRET_HINTS, True),
+        ("begonia", GUN_HINTS, False),
+        ("Sturmhaube", TURRET_HINTS, False),
+        ("vezel", ("wheel",), False),
+    ],
+)
+def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, ...], found: bool) -> None:
+    assert bool(hints(name, stems)) is found
+
+
+def test_words_inside_words_count_only_where_no_word_fits() -> None:
+    belongs, _ = parts_of(link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0)))
+    assert belongs == {"Hull": "hull", "turretpivot": "turret", "gunbarrel": "gun"}
+    belongs, parts = parts_of(link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0)))
+    assert belongs["turretshelf"] == "hull"
+    assert parts.names == ("hull", "turret", "gun")
 
 
 def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
@@ -193,7 +221,7 @@ def test_a_tank_in_centimetres_is_no_scenery_for_its_tracks() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
-    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), (), unit=1.0, options=Options())
+    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), unit=1.0, options=Options())
     assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
     with pytest.raises(AssetError, match=r"in it is ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
@@ -218,7 +246,7 @@ def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str
     pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
-    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), **names)
+    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), asked=Asked(**names))
     return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
 
 

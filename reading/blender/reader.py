@@ -75,6 +75,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     tidy = Path(job["tidy"])
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
+        drawn.pieces, common["up"] = upright.pieces, upright.up.axis
         vehicle = build_vehicle(job["name"], drawn.meshes, upright, drawn.markers, options=options)
         save_vehicle(job["bundle"], vehicle.shape)
         names = vehicle.shape.part_names
@@ -87,6 +88,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             triangles=len(vehicle.shape.mesh.faces),
             rows=rows,
             parts=vehicle.parts,
+            axes=vehicle.axes,
             missing=missing,
             doubts=(
                 *vehicle.doubts,

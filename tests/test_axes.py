@@ -1,0 +1,197 @@
+"""Up, ahead, parts and pivots of vehicles made of plain arrays, in any frame."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from geometry.meshes import Mesh
+from geometry.transforms import apply, rotation_z
+from reading.axes import UPS, up_matrix
+from reading.build import BuiltVehicle, Options, build_vehicle
+from reading.drawn import Evaluated
+from reading.roles import Link, Piece
+from reading.stance import metres_from_file, stood
+
+BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+BOX_FACES = np.array(
+    [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 5, 1), (0, 4, 5), (2, 3, 7), (2, 7, 6), (0, 2, 6)]
+)
+
+
+def box(size: tuple, at: tuple) -> Mesh:
+    return Mesh(BOX * size + at, BOX_FACES)
+
+
+def tube(start: tuple, end: tuple, radius: float) -> Mesh:
+    """A closed prism of 16 sides."""
+    a, b = np.array(start, float), np.array(end, float)
+    axis = (b - a) / np.linalg.norm(b - a)
+    side = np.cross(axis, [0.3, 0.5, 0.8])
+    side /= np.linalg.norm(side)
+    around = np.linspace(0, 2 * np.pi, 17)[:-1]
+    rim = radius * (np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.cross(axis, side))
+    k = np.arange(16)
+    n = (k + 1) % 16
+    sides = np.concatenate([np.stack([k, n, 16 + k], 1), np.stack([n, 16 + n, 16 + k], 1)])
+    caps = np.array([(0, i, i + 1) for i in range(1, 15)] + [(16, 16 + i, 17 + i) for i in range(1, 15)])
+    return Mesh(np.concatenate([a + rim, b + rim]), np.concatenate([sides, caps]))
+
+
+TANK = {
+    "Hull": box((6, 2.4, 1), (0, 0, 1)),
+    **{f"W{i}{side}": tube((x, 1.4 * side, 0.4), (x, 1.1 * side, 0.4), 0.4)
+       for i, x in enumerate((-2.2, -1.0, 0.2, 1.6)) for side in (-1, 1)},
+    "Turret": box((2.6, 2, 0.7), (-0.2, 0, 1.95)),
+    "Turret_Ring": tube((0.1, 0, 1.45), (0.1, 0, 1.7), 0.9),
+    "Gun": tube((1.0, 0, 1.9), (5.5, 0, 1.9), 0.07),
+}  # fmt: skip
+TRUCK = {k: TANK[k] for k in TANK if k[0] == "W"} | {"Hull": TANK["Hull"], "Cab": box((1.5, 2, 1.2), (2, 0, 2))}
+
+
+def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool) -> Evaluated:
+    """The parts in a file, all origins at its zero."""
+    pose = np.eye(4) if pose is None else pose
+    result = Evaluated(left=Counter())
+    for i, (name, mesh) in enumerate(parts.items()):
+        placed = Mesh(apply(pose, mesh.vertices), mesh.faces, name)
+        result.meshes.append(placed)
+        link = Link(name, (), "MESH", np.eye(4))
+        result.pieces.append(
+            Piece(name, (link,), i, np.eye(4), placed.bounds, len(mesh.faces), hidden=hidden.get(name, False))
+        )
+    return result
+
+
+def read(parts: dict[str, Mesh], pose: np.ndarray | None = None, *, said: str = "z", **options: object) -> BuiltVehicle:
+    found = drawn(parts, pose)
+    for i, piece in enumerate(found.pieces):  # bounds as the file says
+        points = apply(metres_from_file(1.0, said), found.meshes[i].vertices)
+        found.pieces[i] = Piece(
+            piece.data, piece.chain, i, piece.pose, np.stack([points.min(axis=0), points.max(axis=0)]), piece.faces
+        )
+    given = Options(**options)
+    return build_vehicle(
+        "v", found.meshes, stood(found, unit=1.0, said=said, up=given.up), found.markers, options=given
+    )
+
+
+def turned(rotation: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation[:3, :3]
+    return pose
+
+
+@pytest.mark.parametrize("axis", UPS)
+@pytest.mark.parametrize("said", ["z", "y"])
+def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(axis: str, said: str) -> None:
+    pose = np.linalg.inv(up_matrix(axis))
+    built = read(TANK, pose, said=said)
+    assert np.allclose((built.shape.vehicle_from_file @ pose)[:3, :3], np.eye(3), atol=1e-9)
+    doubts = [d for d in built.doubts if f'set up = "{said}"' in d]
+    assert len(doubts) == (axis != said)
+    assert all(d.startswith(f"{axis} is taken to be up") for d in doubts)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 33.0, 60.0, -128.0, 180.0])
+def test_a_diagonal_vehicle_is_straightened(yaw: float) -> None:
+    built = read(TANK, turned(rotation_z(np.radians(yaw))))
+    assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
+    assert not any("forward" in d for d in built.doubts)
+
+
+@pytest.mark.parametrize("parts", [TANK, TRUCK])
+def test_the_nose_is_where_gun_or_cab_are_and_a_bare_box_on_wheels_is_a_doubt(parts: dict) -> None:
+    for yaw in (0.0, 180.0):
+        built = read(parts, turned(rotation_z(np.radians(yaw))))
+        assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
+    bare = read({k: m for k, m in TRUCK.items() if k != "Cab"}).doubts
+    assert any('set forward = "-x" if it faces backwards' in d for d in bare)
+
+
+@pytest.mark.parametrize(
+    ("options", "nose"),
+    [
+        ({"forward": "+y"}, 90.0),
+        ({"forward": 33.0}, 33.0),
+        ({"forward": (1.0, -1.0)}, -45.0),
+        ({"forward": "-x", "yaw_deg": 10.0}, -170.0),
+        ({"yaw_deg": 180.0}, 180.0),
+        # Forward is meant once z is up: the file's -z is then +y.
+        ({"up": "y", "forward": "+y"}, 90.0),
+    ],
+)
+def test_forward_is_an_axis_an_angle_or_a_vector_once_z_is_up(options: dict, nose: float) -> None:
+    built = read(TANK, **options)
+    upright = built.shape.vehicle_from_file[:3, :3] @ up_matrix(str(options.get("up", "z")))[:3, :3].T
+    assert np.allclose(upright @ [np.cos(np.radians(nose)), np.sin(np.radians(nose)), 0], [1, 0, 0], atol=1e-9)
+    if "up" in options:
+        assert np.allclose(built.shape.vehicle_from_file[:3, :3] @ [0, 0, -1], [1, 0, 0], atol=1e-9)
+
+
+def test_origins_at_the_files_zero_are_no_pivots_and_the_ring_is() -> None:
+    built = read(TANK)
+    shift = np.linalg.inv(built.shape.vehicle_from_file)
+    turret, gun = apply(shift, built.shape.part_pivot[1:])
+    assert np.allclose(turret[:2], [0.1, 0], atol=1e-6)
+    assert abs(gun[0] - 1.0) < 0.05
+    assert abs(gun[2] - 1.9) < 1e-6
+    assert built.parts[0].why.startswith("the middle of its ring, a circle of 1.")
+    assert [d for d in built.doubts if "gun_pivot" in d]
+
+
+def test_the_config_says_where_turret_and_gun_turn() -> None:
+    pose = turned(rotation_z(np.radians(90.0)))
+    built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")
+    assert np.allclose(
+        apply(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]), [[0, 0.3, 1.5], [0, 0, 0]]
+    )
+    assert not built.doubts
+    with pytest.raises(Exception, match="gun_pivot = 'Axle' is no object or empty"):
+        read(TANK, gun_pivot="Axle")
+
+
+def test_drums_at_the_rear_are_no_gun() -> None:
+    drums = {f"barrel{i}": tube((-3.2, y, 1.3), (-3.2, y + 0.9, 1.3), 0.28) for i, y in ((1, -1.0), (2, 0.1))}
+    built = read(TANK | drums)
+    names = [*TANK, *drums]
+    uses = dict(zip(names, built.piece_part, strict=True))
+    assert [uses["barrel1"], uses["barrel2"], uses["Gun"]] == [0, 0, 2]
+    assert "no gun" in built.roles[names.index("barrel1")].why
+    without = read({k: m for k, m in (TANK | drums).items() if k != "Gun"})
+    assert any("no gun was found" in d and "set gun" in d for d in without.doubts)
+
+
+def test_nothing_named_is_found_by_shape_or_is_a_doubt() -> None:
+    numbered = {f"Object_{i}": mesh for i, mesh in enumerate(TANK.values())}
+    doubts = read(numbered).doubts
+    assert any("looks like a gun; set gun, and turret" in d for d in doubts)
+    plain = {f"Object_{i}": mesh for i, (name, mesh) in enumerate(TANK.items()) if name != "Gun"}
+    assert any("its names say nothing; set turret" in d for d in read(plain).doubts)
+
+
+def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
+    parts = {k: m for k, m in TANK.items() if k != "Turret_Ring"} | {"Hatch": box((0.5, 0.5, 0.1), (-0.4, 0.4, 2.35))}
+    built = read(parts)
+    assert built.piece_part[list(parts).index("Hatch")] == 1
+    assert any("'Hatch' turn with the turret" in d for d in built.doubts)
+
+
+@pytest.mark.parametrize(
+    ("name", "mesh", "hidden", "what"),
+    [
+        ("Thing", box((1, 1, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
+        ("Keel", box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
+        ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
+        ("Block", box((0.4, 0.4, 1), (0, 3, 0.5)), False, "not touching the rest"),
+        ("Card", Mesh(np.array([[-5.0, 0, 0], [5, 0, 0], [5, 0, 5], [-5, 0, 5]]), np.array([[0, 1, 2], [0, 2, 3]])),
+         False, "sticks out of the rest"),
+    ],
+)  # fmt: skip
+def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
+    found = drawn(TANK | {name: mesh}, **{name: hidden})
+    upright = stood(found, unit=1.0, said="z", up=None)
+    (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
+    assert doubt.startswith(f"'{name}': ")
+    assert what in doubt
+    assert f'set drop = ["{name}"]' in doubt
