@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks import omissions_ground, omissions_leaves, omissions_optics
+from benchmarks import omissions_cutouts, omissions_ground, omissions_leaves, omissions_optics
 from benchmarks.camera import HD
 from benchmarks.omissions_ground import DISTANCES
 
@@ -17,6 +17,8 @@ def run(quick: bool) -> dict[str, Any]:
     """Measure everything; seeded."""
     return {
         "leaves": omissions_leaves.measure(quick),
+        "cutouts": omissions_cutouts.speed(quick),
+        "texels": omissions_cutouts.texels_kept(quick),
         "suspension": omissions_ground.suspension(quick),
         "soil": omissions_ground.soil(),
         "lens": omissions_optics.lens(quick),
@@ -28,7 +30,8 @@ def run(quick: bool) -> dict[str, Any]:
 def report(results: dict[str, Any]) -> str:
     """The figures as a section of docs/benchmarks.md."""
     parts = ["## What is not modelled, and what that leaves out"]
-    parts += [_leaves(results["leaves"]), _suspension(results["suspension"]), _soil(results["soil"])]
+    parts += [_leaves(results["leaves"]), _speed(results["cutouts"]), _kept(results["texels"])]
+    parts += [_suspension(results["suspension"]), _soil(results["soil"])]
     parts += [_lens(results["lens"]), _thin_parts(results["thin_parts"]), _formulas(results["formulas"])]
     return "\n\n".join(parts)
 
@@ -43,21 +46,56 @@ def _leaves(leaves: dict[str, Any]) -> str:
     for wood in leaves["woods"]:
         found = omissions_leaves.summary(wood)
         rows.append([
-            wood["kind"], f"{wood['opaque']:.0%}", f"{wood['density']:g}",
+            wood["kind"], f"{wood['trees']:,}", f"{wood['opaque']:.0%}", f"{wood['density']:g}",
             f"{found['planned_cards']:.3f}", f"{found['shown_cards']:.3f}",
-            " / ".join(f"{x:+.3f}" for x in found["more_cards"]), " / ".join(f"{x:+.4f}" for x in found["more_leaves"]),
-            f"{found['refused']:.0%}",
+            *(" / ".join(f"{x:+.4f}" for x in found[f"more_{made_of}"]) for made_of in ("cards", "leaves", "quads")),
+            f"{found['lost_cards']:.0%}, {found['lost_quads']:.0%}",
         ])  # fmt: skip
     return (
-        "### Leaf cards: visible share, whole quads against the picture\n\n"
+        "### Leaf cards: visible share, planned against the picture\n\n"
         f"A tank 45 m off among trees of textured cards, {leaves['views']} views a row, {leaves['pixels']:,.0f} pixels "
         f"of target; planned with {leaves['rays']:,} rays, shown by Cycles' own mask with the textures' holes. "
-        "More: shown less planned, mean / median / worst view. Control: the same leaves cut out as triangles. "
-        f"Lost: views planned below {omissions_leaves.BAND} that show at least that.\n\n"
+        "More: shown less planned, mean / median / worst view. Control: the same leaves cut out as triangles. Whole "
+        "quads: what holes matter, as if the plan did not know them. "
+        f"Lost: views planned below {omissions_leaves.BAND} that show at least that, with holes, with whole quads. "
+        "Atlas: the texture is a quarter of another one, through a Mapping node, read from a .blend file.\n\n"
     ) + _table(
-        ["tree", "opaque", "trees to 100 m²", "planned", "shown", "more, cards", "more, leaves as geometry", "lost"],
+        [
+            "tree", "trees", "opaque", "trees to 100 m²", "planned", "shown", "more, cards",
+            "more, leaves as geometry", "more, whole quads", "lost",
+        ],
         rows,
+    )  # fmt: skip
+
+
+def _speed(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        [
+            row["kind"], f"{row['clear']:.0%}", f"{row['trees']:,}",
+            *(f"{row['rays_a_second'][made_of] / 1e6:.2f}" for made_of in omissions_cutouts.MADE_OF),
+            f"{row['rays_a_second']['quads'] / row['rays_a_second']['cards']:.2f}",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return (
+        "### Leaf cards: speed\n\n"
+        "Million rays a second of `visible_fraction` on one core, the best of several runs.\n\n"
+    ) + _table(
+        ["tree", "clear", "trees", "whole quads", "cards with holes", "leaves as geometry", "quads / cards"], lines
     )
+
+
+def _kept(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        [str(row["texels"]), f"{row['bytes'] / 1024:,.1f}", *(f"{row[key]:.4f}" for key in ("mean", "worst", "mask"))]
+        for row in rows
+    ]
+    return (
+        "### Leaf cards: texels kept against error\n\n"
+        f"The visible shares of the wood of crowns, {omissions_cutouts.LARGEST} texels across a card against fewer "
+        "(`assets.texture_size`): what one texture takes of memory, how far shares are off on average and at worst, "
+        "and the lookups that hide with one of the two only, as masks see it.\n\n"
+    ) + _table(["texels", "KiB", "share, mean", "share, worst", "masks"], lines)
 
 
 def _suspension(rows: list[dict[str, Any]]) -> str:

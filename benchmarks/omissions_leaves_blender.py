@@ -32,11 +32,14 @@ def main() -> None:
     shown = {"alone": _masks(scene, given["world_from_camera"])}
     for number in range(int(given["sceneries"])):
         texture = given[f"texture_{number}"]
-        materials = {"cards": _cut_out(f"cards {number}", texture), "leaves": _glow("leaves", 0.0)}
+        atlas = bool(given[f"atlas_{number}"])
+        materials = {"cards": _cut_out(f"cards {number}", texture, atlas=atlas), "leaves": _glow("leaves", 0.0)}
         for kind, material in materials.items():
             tree = _mesh(kind, given[f"{kind}_vertices_{number}"], given[f"{kind}_faces_{number}"], material)
             if kind == "cards":
                 _map_corners(tree, given[f"uv_{number}"])
+            if kind == "cards" and atlas:
+                _save(tree, Path(sys.argv[2]).with_name(f"tree_{number}.blend"))
             copies = [bpy.data.objects.new("tree", tree) for _ in given[f"poses_{number}"]]
             for copy, pose in zip(copies, given[f"poses_{number}"], strict=True):
                 copy.matrix_world = Matrix(pose.tolist())
@@ -75,6 +78,14 @@ def _map_corners(mesh, uv):
     layer.data.foreach_set("uv", uv[corner].astype(np.float32).ravel())
 
 
+def _save(mesh, path):
+    """A file with the mesh in it and nothing else."""
+    scene = bpy.data.scenes.new("tree")
+    scene.collection.objects.link(bpy.data.objects.new("tree", mesh))
+    bpy.data.libraries.write(str(path), {scene})
+    bpy.data.scenes.remove(scene)
+
+
 def _glow(name, strength):
     material = bpy.data.materials.new(name)
     nodes = material.node_tree.nodes
@@ -85,8 +96,10 @@ def _glow(name, strength):
     return material
 
 
-def _cut_out(name, opaque):
-    """Black where the texture is opaque, nothing where it is not."""
+def _cut_out(name, opaque, *, atlas):
+    """Black where the texture is opaque, nothing where it is not; of an atlas it is the upper right quarter."""
+    if atlas:
+        opaque = np.block([[~opaque, opaque.T], [opaque[::-1], opaque]])
     material = _glow(name, 0.0)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     rows, columns = opaque.shape
@@ -98,6 +111,12 @@ def _cut_out(name, opaque):
         nodes.new(kind) for kind in ("ShaderNodeTexImage", "ShaderNodeBsdfTransparent", "ShaderNodeMixShader")
     )
     leaf.image, leaf.interpolation = image, "Closest"
+    if atlas:
+        where, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
+        mapping.inputs["Location"].default_value = (0.5, 0.5, 0.0)
+        mapping.inputs["Scale"].default_value = (0.5, 0.5, 1.0)
+        links.new(where.outputs["UV"], mapping.inputs["Vector"])
+        links.new(mapping.outputs[0], leaf.inputs["Vector"])
     links.new(leaf.outputs["Color"], mix.inputs["Fac"])
     links.new(through.outputs[0], mix.inputs[1])
     links.new(nodes["Emission"].outputs[0], mix.inputs[2])

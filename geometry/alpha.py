@@ -38,6 +38,9 @@ class Step(IntEnum):
     LINEAR = 9  # from sRGB, which Cycles undoes after it has interpolated
 
 
+Steps = tuple[tuple[Step, float], ...]
+
+
 class Cut(IntEnum):
     """What a texture makes of a whole face."""
 
@@ -71,7 +74,7 @@ class AlphaMap:
     texels: np.ndarray
     extension: Extension = Extension.REPEAT
     smooth: bool = True
-    steps: tuple[tuple[Step, float], ...] = ()
+    steps: Steps = ()
 
     def __post_init__(self) -> None:
         if self.texels.ndim != 2 or not self.texels.size or self.texels.dtype not in (np.uint8, np.float32):
@@ -122,6 +125,26 @@ def stepped(values: Float32[np.ndarray, "..."], steps: Sequence[tuple[Step, floa
     for step, number in steps:
         values = _STEP[step](values, np.float32(number))
     return values
+
+
+def fewer_texels(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:
+    """Texels whose longer side is at most so long, each the mean opacity of those in its place, and what is left to do.
+
+    The steps come before the mean: so that the share of the surface that is opaque stays the same.
+    """
+    height, width = texels.shape
+    if max(height, width) <= longest:
+        return texels, steps
+    opacity = np.clip(stepped(_unit(texels), steps), np.float32(0.0), np.float32(1.0)).astype(np.float64)
+    for axis in (0, 1):
+        wanted = max(1, round(opacity.shape[axis] * longest / max(height, width)))
+        sums = np.insert(np.cumsum(opacity, axis=axis), 0, 0.0, axis=axis)
+        ends = np.linspace(0.0, opacity.shape[axis], wanted + 1)
+        at = np.minimum(ends.astype(int), opacity.shape[axis] - 1)
+        part = np.expand_dims(ends - at, 1 - axis)
+        reached = np.take(sums, at, axis) + part * np.take(opacity, at, axis)
+        opacity = np.diff(reached, axis=axis) * wanted / opacity.shape[axis]
+    return np.rint(opacity * 255.0).astype(np.uint8), ()
 
 
 def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:

@@ -183,6 +183,7 @@ def cards():
     card("two textures", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), t.colour("data"))))
     card("ramp", ramp)
     card("noise", noise)
+    card("lost image", lambda t: t.through(t.alpha("lost")))
     card("by angle", lambda t: t.through(t.add("LayerWeight").outputs["Facing"]))
 
 
@@ -222,9 +223,11 @@ IMAGES = {
     "grey": image("grey", [SOFT, SOFT, SOFT, ONE]),
     "data": image("data", [GREY, GREY, GREY, ONE], data=True),
     "coloured": image("coloured", [SOFT, 1 - SOFT, OTHER, ONE]),
+    "lost": image("lost", [*LEAF, SOFT]),
     "floats": image("floats", [OTHER, OTHER, OTHER, ONE], suffix="exr"),
 }
 cards()
+(FOLDER / "lost.png").unlink()
 bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cards.blend"))
 np.save(FOLDER / "shown.npy", show())
 (FOLDER / "cards.json").write_text(json.dumps(CARDS))

@@ -5,7 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step
+from assets.textures import packed, unpacked
+from assets.vehicle import VehicleShape
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import World
+from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
 from geometry.cutouts import CutoutCaster, caster_of
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
@@ -183,3 +187,52 @@ def test_boxes_touch_a_card_where_it_hides():
     assert touched[opaque].all()
     whole = SceneTouch(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
     assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()
+
+
+def test_bundles_keep_holes_and_every_texture_once():
+    stepped = AlphaMap(SOFT.texels, Extension.CLIP, smooth=False, steps=((Step.GREATER, 0.3), (Step.MULTIPLY, 0.5)))
+    both, _ = merge([card(SOFT), card(stepped)])
+    plain, floats = Mesh(SQUARE, HALVES), card(AlphaMap(np.full((2, 3), 0.25, dtype=np.float32)))
+    found = unpacked(packed([mesh.cutouts for mesh in (both, plain, floats)]))
+    assert found[1] is None
+    for mesh, kept in ((both, found[0]), (floats, found[2])):
+        assert mesh.cutouts is not None
+        assert kept is not None
+        for field in ("face", "uv", "face_map"):
+            np.testing.assert_array_equal(getattr(kept, field), getattr(mesh.cutouts, field))
+        for was, now in zip(mesh.cutouts.maps, kept.maps, strict=True):
+            assert (now.extension, now.smooth, now.steps) == (was.extension, was.smooth, was.steps)
+            np.testing.assert_array_equal(now.texels, was.texels)
+    assert found[0] is not None
+    assert found[0].maps[0].texels is found[0].maps[1].texels
+
+
+@pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])
+def test_fewer_texels_have_the_same_mean_opacity(longest: int, shape: tuple[int, int]):
+    steps = ((Step.GREATER, 0.4),)
+    texels, left = fewer_texels(SOFT.texels, steps, longest)
+    assert texels.shape == shape
+    assert left == (steps if longest == 8 else ())
+    small, whole = AlphaMap(texels, steps=left).graded_texels(), replace(SOFT, steps=steps).graded_texels()
+    assert small.mean() == pytest.approx(whole.mean(), abs=1 / 255)
+
+
+def test_a_long_image_keeps_its_sides_apart():
+    texels, _ = fewer_texels(np.arange(240, dtype=np.uint8).reshape(2, 120), (), 60)
+    assert texels.shape == (1, 60)
+    np.testing.assert_allclose(texels[0, :3], [60.5, 62.5, 64.5], atol=0.51)
+
+
+def test_a_vehicle_is_seen_through_its_net():
+    parts, _ = merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])
+    shape = VehicleShape(
+        "net", parts, np.zeros(8, int), ("hull",), np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]),
+        np.zeros((1, 2)), np.eye(4),
+    )  # fmt: skip
+    vehicle = PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})
+    origins, along, at = through()
+    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    np.testing.assert_array_equal(vehicle.cast(origins, along).hit, opaque)
+    world = World(vehicles=[vehicle])
+    np.testing.assert_array_equal(world.nearest(origins, along).hit, opaque)
+    np.testing.assert_array_equal(world.occluded(origins, along), opaque)

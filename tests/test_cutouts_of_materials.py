@@ -13,6 +13,7 @@ import pytest
 from assets.bundle import load_scenery
 from geometry.instances import InstancedScene
 from reading.export import export
+from reading.report import FileReport
 
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # A lookup is exact; what is baked, and the luminance of colours between texels, is off by little.
@@ -23,8 +24,8 @@ BY_CHANCE = ("principled alpha",)  # where Principled is half opaque, Cycles let
 
 
 @pytest.fixture(scope="module")
-def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], tuple[str, ...]]:
-    """For each card the picture and what is planned of it; doubts."""
+def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
+    """For each card the picture and what is planned of it; the report."""
     folder = tmp_path_factory.mktemp("cards")
     script = Path(__file__).with_name("cutout_blends.py")
     subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
@@ -41,7 +42,7 @@ def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.
         origins, np.tile([0.0, 1.0, 0.0], (n, 1)), np.repeat(np.arange(n), k), instance=np.tile(np.arange(k), n)
     ).reshape(height, width)
     around = {name: (x > STEP * i + 0.01) & (x < STEP * i + 0.99) for i, name in enumerate(names)}
-    return {name: (shown[at], planned[at]) for name, at in around.items()}, exported.report.doubts
+    return {name: (shown[at], planned[at]) for name, at in around.items()}, exported.report
 
 
 def test_cards_let_through_what_cycles_shows_through_them(cards):
@@ -57,7 +58,15 @@ def test_cards_let_through_what_cycles_shows_through_them(cards):
 
 
 def test_what_depends_on_more_than_coordinates_is_named_and_opaque(cards):
-    by_material, doubts = cards
+    by_material, report = cards
     assert (by_material["by angle"][1] == 0.0).all()
-    about = [doubt for doubt in doubts if "transparency" in doubt]
+    about = [doubt for doubt in report.doubts if "transparency" in doubt]
     assert about == ["the material 'by angle' counts as opaque: its transparency depends on the node 'Layer Weight'"]
+
+
+def test_a_missing_image_is_named_and_opaque(cards):
+    by_material, report = cards
+    assert (by_material["lost image"][1] == 0.0).all()
+    assert [(Path(missing.path).name, missing.wanted_by) for missing in report.missing] == [
+        ("lost.png", ("lost image",))
+    ]

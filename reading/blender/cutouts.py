@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int
 
-from geometry.alpha import AlphaMap, Cutouts, Extension
+from geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
 from reading.blender.bake import baked
 from reading.blender.coordinates import coordinates
 from reading.blender.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
-from reading.blender.texels import shrunk, texels
+from reading.blender.texels import texels
 
 EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Extension.CLIP}
 
@@ -116,7 +116,7 @@ class CutoutReader:
             return values, (*before, *value.steps)
         small = (*key, value.steps)
         if small not in self._texels:
-            self._texels[small] = shrunk(values, (*before, *value.steps), self._longest)
+            self._texels[small] = fewer_texels(values, (*before, *value.steps), self._longest)
         return self._texels[small]
 
 

@@ -6,13 +6,11 @@ from typing import Any
 
 import bpy
 import numpy as np
-from PIL import Image
 
-from geometry.alpha import Step, stepped
+from geometry.alpha import Step, Steps, stepped
 from reading.blender.opacity import LUMINANCE
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
-Steps = tuple[tuple[Step, float], ...]
 
 
 def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, Steps]:
@@ -79,19 +77,3 @@ def _stored(values: np.ndarray, image: Any) -> np.ndarray:
 def _curved(linear: np.ndarray) -> np.ndarray:
     steep = 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, steep).astype(np.float32)
-
-
-def shrunk(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:
-    """Texels whose longer side is at most so long, each the mean opacity of those in its place, and what is left to do.
-
-    The steps come before the mean: so that the share of the surface that is opaque stays the same.
-    """
-    height, width = texels.shape
-    if max(height, width) <= longest:
-        return texels, steps
-    unit = texels / np.float32(255.0) if texels.dtype == np.uint8 else texels
-    opacity = np.clip(stepped(unit, steps), 0.0, 1.0).astype(np.float32)
-    scale = longest / max(height, width)
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    mean = np.asarray(Image.fromarray(opacity, mode="F").resize(size, Image.Resampling.BOX))
-    return np.rint(mean * 255.0).astype(np.uint8), ()
