@@ -18,7 +18,7 @@ from training.study.manifest import write_manifest
 from training.study.paper import LABELS, PAPER
 from training.study.report import write_report
 from training.study.results import Difference, needed
-from training.study.runs import predictions_path
+from training.study.runs import JUDGED, predictions_path
 
 ARMS = ("real", "mixed", "synthetic")
 # How many of a hundred labels the detectors of these tests find.
@@ -46,7 +46,7 @@ def finished_study(pictures, folder, out, **keys):
     """A study's folder as `run` leaves it, of detectors that need no training."""
     study = settled(pictures, folder, arms=ARMS, fractions=[1.0, 0.5, 0.25], **keys)
     write_manifest(study, out)
-    labels = read_labels(study.manifest.datasets["test"].folder)
+    judged = {which: read_labels(one.folder) for which, one in study.manifest.datasets.items() if which in JUDGED}
     for run in study.manifest.runs:
         path = out / "runs" / run.folder
         path.mkdir(parents=True)
@@ -55,7 +55,9 @@ def finished_study(pictures, folder, out, **keys):
             json.dumps({"model": "small", "status": "finished", "figures": {"seconds": 1.0}})
         )
         share = SKILL[run.arm, run.fraction] + 2 * run.seed
-        predictions_path(out, study.manifest, run, "test").write_text(json.dumps(looked(labels, share, seed=run.seed)))
+        for which, labels in judged.items():
+            found = looked(labels, share, seed=run.seed)
+            predictions_path(out, study.manifest, run, which).write_text(json.dumps(found))
     return study
 
 
@@ -146,6 +148,16 @@ def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_
 def test_one_seed_says_that_nothing_is_known_of_another_training(pictures, tmp_path):
     finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0])
     assert "one seed only" in write_report(tmp_path / "out")["sureness"]
+
+
+def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
+    make_dataset(tmp_path / "valid", 8, seed=7)
+    finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], valid=str(tmp_path / "valid"))
+    report = write_report(tmp_path / "out")
+    assert report["study"]["threshold"] == "validation"
+    # The false alarms have 0.55, every true detection more: the best threshold leaves them out.
+    assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
+    assert "best F1 on the validation photographs" in (tmp_path / "out" / "report.md").read_text()
 
 
 def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):

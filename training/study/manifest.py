@@ -26,7 +26,7 @@ MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws",
 KEY_DIGITS = 10
 
 
-class Dataset(BaseModel):
+class StudyData(BaseModel):
     """A dataset of a study, as it was when the study was settled."""
 
     model_config = ConfigDict(frozen=True)
@@ -64,7 +64,7 @@ class Manifest(BaseModel):
     format: int = 1
     config: StudyConfig
     classes: tuple[str, ...]
-    datasets: dict[str, Dataset]
+    datasets: dict[str, StudyData]
     runs: tuple[PlannedRun, ...]
 
     def run(self, name: str) -> PlannedRun:
@@ -115,7 +115,7 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     digests = check_pictures(found, progress=progress)
     _check_apart(sources)
     datasets = {
-        name: Dataset(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),
+        name: StudyData(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),
                       sha256=digests[name])
         for name, source in sources.items()
     }  # fmt: skip

@@ -162,7 +162,10 @@ def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
 
 
 def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Which cells are compared: each with real at its fraction, synthetic at the largest; the later arms with mixed."""
+    """Which cells are compared: each with real at its fraction, synthetic at the largest; the later arms with mixed.
+
+    Only such that share a seed.
+    """
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
     whole = max(fractions, default=None)
@@ -172,7 +175,7 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
             wanted.append((by_key.get(("real", whole if cell.fraction is None else cell.fraction)), cell))
         if cell.arm in ("matched", "balanced", "pretrain"):
             wanted.append((by_key.get(("mixed", cell.fraction)), cell))
-    return [(first, second) for first, second in wanted if first is not None]
+    return [(first, second) for first, second in wanted if first is not None and set(first.judged) & set(second.judged)]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

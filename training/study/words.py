@@ -36,6 +36,8 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
         Second minus first.
     """
     title = TITLES[measure]
+    if np.isnan(found.value):
+        return f"{second.name} minus {first.name}: {title} is not defined, where nothing was detected."
     if np.isnan(found.ends).any():
         return (
             f"{second.name} minus {first.name}: {title} {found.value:+.3f}, without an interval: nothing says how sure "
