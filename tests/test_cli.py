@@ -17,7 +17,7 @@ from geometry.errors import HulldownError
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
-VERBS += ["subset", "augment", "train"]
+VERBS += ["cluster", "subset", "augment", "train"]
 
 
 def run(*words, cwd):
