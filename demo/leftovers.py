@@ -172,7 +172,7 @@ def burnt_hull(m: BlendModel, p: Paints) -> None:
     m.add("Track_Left", belt.moved(z=-belt.vertices[:, 2].min()), p.dark, bevel=0, smooth=20)
     link = prism([(-0.07, 0), (0.07, 0), (0.055, 0.07), (-0.055, 0.07)], -0.26, 0.26)
     thrown = joined(
-        link.turned("z", 3.2 * k).moved(-2.2 + 0.155 * k, -1.42 - 0.0016 * k * k * (k > 12), 0.0) for k in range(36)
+        link.turned("z", -0.3 * k).moved(-2.2 + 0.155 * k, -1.42 - 0.0004 * k * k * (k > 12), 0.0) for k in range(36)
     )
     m.add("Track_Thrown", thrown, p.dark, bevel=0, smooth=20)
     m.add(

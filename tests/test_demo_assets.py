@@ -10,10 +10,24 @@ import numpy as np
 import pytest
 
 from demo import build, project
-from demo.catalogue import CATEGORY, HDRI_FILES, LAUNCHER, SCENERIES, SCENERY_FILES, SKIES, TRUCK, VEHICLE_FILES
+from demo.catalogue import (
+    CATEGORY,
+    DISTRACTOR_FILES,
+    DISTRACTORS,
+    HDRI_FILES,
+    LAUNCHER,
+    SCENERIES,
+    SCENERY_FILES,
+    SKIES,
+    TRUCK,
+    VEHICLE_FILES,
+)
 from demo.relief import Course, Noise, ribbon, sheet, smoothstep
 from demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism, stack, track, tube
 from geometry.errors import AssetError, ConfigError
+from planning.budget import make_budget
+from planning.config import parse_config
+from reading.build import Options
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -73,6 +87,11 @@ def vehicles(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def distractors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _build(tmp_path_factory.mktemp("others"), *DISTRACTORS)
+
+
+@pytest.fixture(scope="module")
 def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _build(tmp_path_factory.mktemp("land"), *SCENERIES)
 
@@ -80,7 +99,7 @@ def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_ten_vehicles_in_three_classes():
     assert len(CATEGORY) == 10
     assert sorted(list(CATEGORY.values()).count(c) for c in set(CATEGORY.values())) == [3, 3, 4]
-    assert len(build.FILES) == len(VEHICLE_FILES) + len(SCENERY_FILES) + len(HDRI_FILES)
+    assert len(build.FILES) == len(VEHICLE_FILES) + len(DISTRACTOR_FILES) + len(SCENERY_FILES) + len(HDRI_FILES)
 
 
 @pytest.mark.parametrize(
@@ -175,12 +194,13 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
     fake = tmp_path / "demo"
     fake.mkdir()
     (fake / "__init__.py").write_text("")
-    # Stands for Blender: "builds" eight files, then dies of a signal.
+    # Stands for Blender: "builds" nine files, then dies of a signal.
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
-        "for name in only[:8]:\n"
+        "for name in only[:9]:\n"
         "    kind = {'mbt': 'vehicles', 'tru': 'vehicles', 'sam': 'vehicles', 'tem': 'sceneries', 'dry': 'sceneries'}\n"
+        f"    kind |= dict.fromkeys({[name[:3] for name in DISTRACTORS]}, 'distractors')\n"
         "    place = kind.get(name[:3], 'hdris')\n"
         "    suffix = '.exr' if place == 'hdris' else '.blend'\n"
         f"    print('{build.BUILT}' + str(folder / place / (name + suffix)), flush=True)\n"
@@ -190,7 +210,7 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
     steps: list[tuple[int, int]] = []
     files = build.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
     assert files == tuple(tmp_path / "out" / file for file in build.FILES)
-    assert steps == [(k + 1, 20) for k in range(20)]
+    assert steps == [(k + 1, 26) for k in range(26)]
     monkeypatch.setattr(build, "ATTEMPTS", 2)
     with pytest.raises(AssetError, match="could not build"):
         build.build_demo_assets(tmp_path / "out")
@@ -203,6 +223,7 @@ def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
     assert [v["path"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_FILES)
     assert [v["category"] for v in parsed["assets"]["vehicles"]] == list(CATEGORY.values())
     assert [s["path"] for s in parsed["assets"]["sceneries"]] == list(SCENERY_FILES)
+    assert [d["path"] for d in parsed["assets"]["distractors"]] == list(DISTRACTOR_FILES)
     assert (parsed["render"]["width"], parsed["render"]["profile"]) == (1920, "paper")
     with pytest.raises(ConfigError, match="is there already"):
         project.create_project(tmp_path / "mine")
@@ -211,7 +232,9 @@ def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
 def test_a_small_project_asks_for_twelve_small_images(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
-    assert parsed["budget"]["images_per_class"] * len(set(CATEGORY.values())) == 12
+    budget = make_budget(parse_config(parsed).budget, CATEGORY)
+    assert (budget.n_images, budget.backgrounds) == (12, 2)
+    assert set(budget.images.tolist()) == {1}  # each vehicle once
     assert parsed["render"]["width"] == 480
 
 
@@ -269,6 +292,23 @@ def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
         assert set(shape.vertex_part[moved]) == {shape.part_names.index("gun")}
         tip = rest[:, 0].argmax() if CATEGORY[name] != LAUNCHER else np.flatnonzero(moved)[rest[moved, 0].argmax()]
         assert raised[tip, 2] > rest[tip, 2]
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("name", DISTRACTORS)
+def test_distractors_are_read_as_meant(distractors, name, tmp_path):
+    from assets.bundle import load_vehicle
+    from reading.export import export
+
+    said = {key: value for key, value in DISTRACTORS[name].items() if key in ("forward", "turret", "gun")}
+    exported = export(distractors / "distractors" / f"{name}.blend", tmp_path, options=Options(**said))
+    shape = load_vehicle(exported.bundle)
+    assert (np.array([3.5, 1.7, 1.4]) < shape.size_xyz).all()
+    assert (shape.size_xyz < np.array([11.0, 4.0, 4.5])).all()
+    assert 1_000 <= len(shape.mesh.faces) <= 60_000
+    assert shape.part_names == ("hull",)
+    assert not exported.report.missing
+    np.testing.assert_allclose(shape.mesh.bounds[0][2], 0, atol=1e-6)
 
 
 @pytest.mark.blender
