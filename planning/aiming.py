@@ -15,9 +15,9 @@ from camera.visibility import visible_fraction
 from placement.rejection import Rejection
 from planning.draws import Draws, Purpose, RowStreams, between
 from planning.labels import pixels_shown
-from planning.limits import BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
+from planning.search_limits import BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Placed, Site
 

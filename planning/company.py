@@ -15,9 +15,9 @@ from planning.aiming import Views, no_views
 from planning.columns import put, take
 from planning.draws import Draws
 from planning.guests import MOST, Guests
-from planning.limits import COMPANION_TRIES
 from planning.placing import clear_of_vehicle, settle_clear, unsettled
 from planning.schema import Config
+from planning.search_limits import COMPANION_TRIES
 from planning.stage import Placed, Site, articulations
 
 

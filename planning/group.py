@@ -24,11 +24,11 @@ from planning.company import Company
 from planning.draws import Draws, Purpose
 from planning.guests import Guests
 from planning.labels import pixels_shown
-from planning.limits import PLACE_TRIES
 from planning.placing import try_candidates, unsettled
 from planning.rejections import AIMING, KINDS, PLACING, sentence, tally
 from planning.row import rounded
 from planning.schema import Config
+from planning.search_limits import PLACE_TRIES
 from planning.stage import Model, Placed, Site, articulations
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.

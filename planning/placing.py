@@ -16,9 +16,9 @@ from placement.footprint import contact_samples
 from placement.rejection import Rejection
 from placement.settle import Settled, depth_below, settle
 from planning.draws import Draws, Purpose, RowStreams
-from planning.limits import FORDING, GAP, PENETRATION, SLOPE, VALID_SHARE
 from planning.row import rounded
 from planning.schema import Config
+from planning.search_limits import FORDING, GAP, PENETRATION, SLOPE, VALID_SHARE
 from planning.stage import Model, Placed, Site
 
 CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at

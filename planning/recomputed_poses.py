@@ -12,10 +12,10 @@ from camera.intrinsics import Lenses
 from placement.footprint import contact_samples
 from placement.settle import Settled, gap_and_penetration
 from planning.aiming import camera_rejections, lenses_of, visible_shares
-from planning.limits import METRES, SHARE
 from planning.placing import CONTACT, clear_of_obstacles, clear_of_vehicle, depth_in_water, sees_sky, settle_at
 from planning.row import Row
 from planning.schema import Config
+from planning.search_limits import METRES, SHARE
 from planning.sizing import fraction_of
 from planning.source import Source
 from planning.stage import Placed, Site
