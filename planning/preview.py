@@ -96,17 +96,11 @@ class Artist:
         self._class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
-<<<<<<< HEAD
         """One row at the given width, with the boxes and classes of its labels if asked for."""
-        scale = width / row.width
-        height = max(1, round(row.height * scale))
-=======
-        """One row at the given width, with the boxes and classes of its vehicles if asked for."""
         self._refuse_unknown(row)
         # As wide as asked for, unless it is a tower: a row may say 1 x 65536.
         scale = min(width / row.width, HIGHEST * width / row.height)
         width, height = max(1, round(row.width * scale)), max(1, round(row.height * scale))
->>>>>>> 3af9548 (A fuzzer of plans; previews name what a row has that its plan does not know)
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         if not labels:
             return image
@@ -131,7 +125,7 @@ class Artist:
         """
         named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
         named += [("vehicle", vehicle.vehicle, self._models) for vehicle in row.vehicles]
-        named += [("class", vehicle.category, self._class_ids) for vehicle in row.vehicles]
+        named += [("class", vehicle.category, self._class_ids) for vehicle in row.vehicles if vehicle.category]
         parts = [(v, name) for v in row.vehicles if v.vehicle in self._models for name in v.articulation]
         named += [("part", name, self._models[v.vehicle].shape.part_names[1:]) for v, name in parts]
         for kind, name, known in named:

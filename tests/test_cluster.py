@@ -26,10 +26,6 @@ from reading.cache import sha256
 from reading.landlock import abi
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
-<<<<<<< HEAD
-from tests.clusters import ROOT, blenders, cluster
-=======
->>>>>>> f1b162c (Docs of clusters, tests of what is sent, and a benchmark of overhead, kills and large plans)
 
 pytestmark = pytest.mark.blender
 WORLDS = Path(__file__).with_name("render_worlds.py")
