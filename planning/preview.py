@@ -125,7 +125,7 @@ class Artist:
         """
         named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
         named += [("vehicle", vehicle.vehicle, self._models) for vehicle in row.vehicles]
-        named += [("class", vehicle.category, self._class_ids) for vehicle in row.labelled if vehicle.category]
+        named += [("class", vehicle.category, self._class_ids) for vehicle in row.vehicles if vehicle.category]
         parts = [(v, name) for v in row.vehicles if v.vehicle in self._models for name in v.articulation]
         named += [("part", name, self._models[v.vehicle].shape.part_names[1:]) for v, name in parts]
         for kind, name, known in named:
