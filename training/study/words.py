@@ -95,8 +95,8 @@ def sureness(seeds: int, images: int, compared: int) -> str:
     if not compared:
         return told
     return (
-        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would look shown "
-        "by chance alone if none was there."
+        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would look "
+        "shown by chance alone if none was there."
     )
 
 
