@@ -88,10 +88,15 @@ def sureness(seeds: int, images: int, compared: int) -> str:
         if seeds == 1
         else f"The {seeds} seeds are drawn again too, as far as so few say what another training would give."
     )
+    told = (
+        f"Intervals are the middle 95 % of 2,000 drawings of the positions that the {images} test pictures show. "
+        f"{trainings}"
+    )
+    if not compared:
+        return told
     return (
-        f"Intervals are the middle 95 % of 2,000 drawings of the {images} test pictures. {trainings} Of {compared} "
-        f"differences with such intervals, about {max(1, round(0.05 * compared))} would look shown by chance alone if "
-        "none was there."
+        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would look "
+        "shown by chance alone if none was there."
     )
 
 
