@@ -1,0 +1,48 @@
+"""Floors of labels in a finished dataset, and labels where there must be none."""
+
+import pytest
+
+from dataset.floors import ALL_LABELS, LabelFloors
+from dataset.records import check_annotations
+from dataset.seals import RECORD_KEY, broken, sealed
+
+LABELS = [
+    sealed({"id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),
+    {"id": 2, "bbox": [0, 0, 0.8, 2.4], "visible_fraction": 1.0, "truncated_fraction": 0.95, "iscrowd": 0},
+    {"id": 3, "bbox": [0, 0, 40, 20], "visible_fraction": 0.1, "iscrowd": 0},
+    {"id": 4, "bbox": [0, 0, 40, 20]},  # of a photograph
+    {"id": 5, "bbox": [0, 0, 40, 20], "iscrowd": 1},
+]
+
+
+@pytest.mark.parametrize(
+    ("floors", "crowds", "left"),
+    [
+        ({}, [5], [1, 2, 3, 4, 5]),
+        ({"min_box_px": 0.8}, [5], [1, 2, 3, 4, 5]),
+        ({"min_box_px": 1.0}, [2, 5], [1, 2, 3, 4, 5]),
+        ({"min_visible_fraction": 0.3}, [3, 5], [1, 2, 3, 4, 5]),
+        ({"max_truncated_fraction": 0.5}, [2, 5], [1, 2, 3, 4, 5]),
+        ({"min_box_px": 21.0}, [1, 2, 3, 4, 5], [1, 2, 3, 4, 5]),
+        ({"min_visible_fraction": 0.3, "max_truncated_fraction": 0.5, "below": "left_out"}, [], [1, 4]),
+    ],
+)
+def test_what_shows_too_little_is_ignored_or_left_out(floors, crowds, left):
+    kept = LabelFloors(**floors).kept(LABELS)
+    assert [label["id"] for label in kept] == left
+    assert [label["id"] for label in kept if label.get("iscrowd")] == crowds
+    assert not any(broken(label) for label in kept)
+
+
+def test_without_floors_labels_stay_as_they_are():
+    assert ALL_LABELS.kept(LABELS) == LABELS
+    assert RECORD_KEY in LABELS[0]
+
+
+def test_a_label_on_a_background_is_found():
+    image = {"id": 7, "file_name": "images/7.png", "width": 64, "height": 64, "background": True}
+    labels = [{**label, "image_id": 7, "category_id": 1} for label in LABELS]
+    coco = {"images": [image], "categories": [{"id": 1, "name": "tank"}], "annotations": labels[3:]}
+    findings = [str(finding) for finding in check_annotations(coco)]
+    assert findings[0] == "error: images/7.png: annotation 4: is a label on a background, an image without targets"
+    assert not any("annotation 5: is a label" in finding for finding in findings)
