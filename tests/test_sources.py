@@ -273,7 +273,11 @@ def test_run_json_says_what_the_run_was(tmp_path):
     assert run == json.loads((tmp_path / "run" / "run.json").read_text())
     assert (run["status"], run["steps"], run["effective_batch"], run["resolution"]) == ("finished", 3, 4, [64, 32])
     assert run["sources"]["real"]["drawn"] + run["sources"]["made"]["drawn"] == 9
-    assert set(run["figures"]["valid"]) == {"ap", "ap50", "ap75"}
+    assert set(valid := run["figures"]["valid"]) == {"ap", "ap50", "ap75"}
+    curve = (tmp_path / "run" / "validation.csv").read_text().splitlines()
+    assert curve[0] == "step,ap,ap50,ap75"
+    assert [line.split(",")[0] for line in curve[1:]] == ["1", "2", "3"]
+    assert [float(n) for n in curve[-1].split(",")[1:]] == pytest.approx([valid[key] for key in valid], abs=1e-5)
     with Image.open(tmp_path / "run" / "loss.png") as picture:
         picture.load()
     again = train(

@@ -62,10 +62,11 @@ def weights(run: Path) -> dict:
 def test_a_run_killed_twice_ends_as_one_left_alone(pictures, tmp_path, settings, kills):
     data = {"demo": pictures}
     assert train_and_die(data, tmp_path / "alone", settings, workers=0) == 0
+    measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weight
     for at in kills:
-        assert train_and_die(data, tmp_path / "killed", settings, at=at, workers=1) == -signal.SIGKILL
+        assert train_and_die(data, tmp_path / "killed", settings, at=at, **measured) == -signal.SIGKILL
         assert json.loads((tmp_path / "killed" / "run.json").read_text())["status"] == "running"
-    assert train_and_die(data, tmp_path / "killed", settings, workers=1) == 0
+    assert train_and_die(data, tmp_path / "killed", settings, **measured) == 0
     alone, killed = weights(tmp_path / "alone"), weights(tmp_path / "killed")
     assert alone["model"].keys() == killed["model"].keys()
     for key, value in alone["model"].items():
@@ -73,6 +74,9 @@ def test_a_run_killed_twice_ends_as_one_left_alone(pictures, tmp_path, settings,
     tables = [(tmp_path / name / "metrics.csv").read_text().splitlines() for name in ("alone", "killed")]
     losses = [[line.split(",")[:3] for line in table] for table in tables]
     assert losses[0] == losses[1]
+    curve = (tmp_path / "killed" / "validation.csv").read_text().splitlines()
+    assert len(curve) == 11
+    assert int(curve[-1].split(",")[0]) == len(losses[0]) - 1
     run = json.loads((tmp_path / "killed" / "run.json").read_text())
     assert run["status"] == "finished"
     assert run["steps"] == len(losses[0]) - 1
@@ -89,4 +93,4 @@ def test_a_run_killed_twice_ends_as_one_left_alone(pictures, tmp_path, settings,
         assert (found.xywh[:, :2] >= -1e-3).all()
         assert (corner <= np.array(image.shape[1::-1]) + 1e-3).all()
     with pytest.raises(HulldownError, match=r"the run in this folder has settings.seed = 0, not 1"):
-        train(data, tmp_path / "killed", settings=settings.model_copy(update={"seed": 1}), workers=0)
+        train(data, tmp_path / "killed", settings=settings.model_copy(update={"seed": 1}), **measured)

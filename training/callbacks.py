@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from geometry.files import sync_folder
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
 CHECKPOINT_S = 60.0
+VALIDATIONS = 10  # points of a run's curve; the last is the result
 
 
 class StepSeeds(pl.Callback):
@@ -63,6 +64,10 @@ class AveragedWeights(pl.Callback):
             else:
                 self._state[key].copy_(value)
 
+    def averaged(self, prefix: str) -> dict[str, torch.Tensor]:
+        """The average of a part of the module."""
+        return {key.removeprefix(prefix): value for key, value in self._state.items() if key.startswith(prefix)}
+
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         """Leave the average in the module: it is the result."""
         pl_module.load_state_dict(self._state)
@@ -74,6 +79,42 @@ class AveragedWeights(pl.Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take up what a checkpoint has kept."""
         self._steps, self._state = state_dict["steps"], dict(state_dict["state"])
+
+
+class Validator(pl.Callback):
+    """Measures the averaged weights some times in a run, for its curve: it decides nothing and changes nothing.
+
+    Parameters
+    ----------
+    steps
+        Of the whole run.
+    measure
+        AP, AP50 and AP75 of the averaged weights; None: there is nothing to measure on.
+    """
+
+    def __init__(self, steps: int, measure: Callable[[], Mapping[str, float]] | None) -> None:
+        self.rows: list[list[float]] = []  # step, AP, AP50, AP75
+        self._due = {round(steps * k / VALIDATIONS) for k in range(1, VALIDATIONS)} - {0, steps}
+        self._measure = measure
+
+    def on_train_batch_end(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Measure, once, after the steps that are due."""
+        step = trainer.global_step
+        if self._measure is None or step not in self._due or (self.rows and self.rows[-1][0] >= step):
+            return
+        if trainer.is_global_zero:
+            found = self._measure()
+            self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up what a checkpoint has kept."""
+        self.rows = [list(row) for row in state_dict["rows"]]
 
 
 class Recorder(pl.Callback):

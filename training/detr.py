@@ -12,6 +12,7 @@ Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -261,6 +262,16 @@ def detector_of(module: RFDETRModelModule, classes: Sequence[str], device: torch
     """The detector that a module is in the midst of training, or at the end."""
     names = dict(enumerate(classes))
     return DetrDetector(module.model, module.postprocess, names, module.model_config.resolution, device)
+
+
+def averaged_detector(
+    module: RFDETRModelModule, average: RFDETREMACallback, classes: Sequence[str], device: torch.device
+) -> DetrDetector:
+    """The detector of the averaged weights in the midst of training, a copy that changes nothing of the module."""
+    network = deepcopy(module.model)
+    if (state := average.get_ema_model_state_dict()) is not None:
+        network.load_state_dict(state)
+    return DetrDetector(network, module.postprocess, dict(enumerate(classes)), module.model_config.resolution, device)
 
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:

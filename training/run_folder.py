@@ -18,9 +18,11 @@ from geometry.files import replacing
 from training.detector import RUN_NAME, WEIGHTS_NAME, DetectorError, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
+VALIDATION_NAME = "validation.csv"
 CHECKPOINT_NAME = "checkpoint.ckpt"
 LOCK_NAME = ".hulldown.lock"
 METRICS = ("step", "loss", "learning_rate", "seconds", "waited_for_data_s")
+VALIDATION = ("step", "ap", "ap50", "ap75")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,15 +63,12 @@ class RunFolder:
         with replacing(self.path / name) as file:
             file.write(json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
 
-    def write_metrics(self, rows: Sequence[Sequence[float]]) -> None:
-        """Replace metrics.csv and the picture of the loss."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(METRICS)
-        writer.writerows([int(step), *(f"{value:.6g}" for value in values)] for step, *values in rows)
-        with replacing(self.path / METRICS_NAME) as file:
-            file.write(text.getvalue().encode())
-        _draw_losses(rows, self.path / CURVE_NAME)
+    def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]] = ()) -> None:
+        """Replace metrics.csv, validation.csv where there is any, and the picture of both."""
+        _write_table(self.path / METRICS_NAME, METRICS, rows)
+        if validated:
+            _write_table(self.path / VALIDATION_NAME, VALIDATION, validated)
+        _draw_curves(rows, validated, self.path / CURVE_NAME)
 
 
 @contextmanager
@@ -130,19 +129,35 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
-def _draw_losses(rows: Sequence[Sequence[float]], path: Path) -> None:
+def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([int(step), *(f"{value:.6g}" for value in values)] for step, *values in rows)
+    with replacing(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def _draw_curves(rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]], path: Path) -> None:
     import numpy as np
     from matplotlib.figure import Figure
 
     steps, losses = (np.array([row[i] for row in rows]) for i in (0, 1))
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
-    axes.plot(steps, losses, lw=0.5, alpha=0.4, color="tab:blue", label="each step")
+    axes.plot(steps, losses, lw=0.5, alpha=0.4, color="tab:blue", label="loss of each step")
     width = max(1, len(losses) // 50)
     if len(losses) >= 2 * width:
         smooth = np.convolve(losses, np.ones(width) / width, mode="valid")
         axes.plot(steps[width - 1 :], smooth, color="tab:blue", label=f"mean of {width}")
     axes.set(xlabel="step", ylabel="loss", ylim=(0.0, None))
-    axes.legend()
+    if validated:
+        points = np.array(validated)
+        right = axes.twinx()
+        right.plot(points[:, 0], points[:, 2], ".-", color="tab:orange", label="AP50 in validation")
+        right.plot(points[:, 0], points[:, 1], ".--", color="tab:orange", label="AP")
+        right.set(ylabel="average precision", ylim=(0.0, 1.0))
+        right.legend(loc="upper right")
+    axes.legend(loc="lower left")
     with replacing(path) as file:
         figure.savefig(file, format="png", dpi=120)

@@ -9,9 +9,10 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytorch_lightning as pl
@@ -20,7 +21,7 @@ import torch
 from geometry.errors import ConfigError
 from geometry.files import replacing
 from training.augment import TABLE, changed_table
-from training.callbacks import AveragedWeights, Recorder, StepSeeds
+from training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
 from training.data import Batches, DrawnExamples, loader
 from training.detector import RUN_NAME, Detector, DetectorError, chosen_device
 from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
@@ -31,6 +32,9 @@ from training.small import SmallDetector, SmallModule, save_small, small_network
 from training.sources import Source, check_pictures, read_sources
 from training.validate import average_precision
 
+Judge: TypeAlias = Callable[[Detector], Mapping[str, float]]  # AP, AP50 and AP75 of a detector
+# The detector, what its weights file holds, the rows of metrics.csv and those of validation.csv but the last.
+Fitted: TypeAlias = tuple[Detector, dict[str, Any], list[list[float]], list[list[float]]]
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
 
@@ -122,16 +126,18 @@ def train(
         with quiet():
             fitted = (_fit_small if small else _fit_detr)(
                 settings, classes, examples, folder, weights=weights, device=chosen, checkpoint_every=checkpoint_every,
+                judge=partial(average_precision, source=held_back[0]) if held_back else None,
                 workers=_workers() if workers is None else workers, progress=partial(progress, "training"), say=say,
             )  # fmt: skip
-        detector, saved, rows = fitted
-        folder.write_metrics(rows)
+        detector, saved, rows, validated = fitted
         with replacing(folder.weights) as file:
             torch.save(saved, file)
         run["figures"] = _figures(rows, settings, time.monotonic() - started)
         if held_back:
             found = average_precision(detector, held_back[0], progress=partial(progress, "validating"))
             run["figures"]["valid"] = found
+            validated = [*validated, [rows[-1][0], found["ap"], found["ap50"], found["ap75"]]]
+        folder.write_metrics(rows, validated)
         run["status"] = "finished"
         folder.write_json(RUN_NAME, run)
         folder.checkpoint.unlink(missing_ok=True)
@@ -158,33 +164,41 @@ def usable_weights(settings: Settings) -> Path | None:
 
 def _fit_small(
     settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
-    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, judge: Judge | None, workers: int,
     progress: Callable[[int, int], None], say: Callable[[str], None],
-) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
+) -> Fitted:  # fmt: skip
     parts, ranks = _parts(settings, device)
     batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
     pl.seed_everything(settings.seed % 2**32, verbose=False)
     module = SmallModule(small_network(len(classes), examples.size), settings, batches.steps)
-    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
+    average = AveragedWeights()
+
+    def averaged() -> Detector:
+        network = deepcopy(module.network)
+        network.load_state_dict(average.averaged("network."))
+        return SmallDetector(network, tuple(classes), examples.size, device)
+
+    validator = Validator(batches.steps, judge and (lambda: judge(averaged())))
+    recorder = _recorder(folder, validator, batches.steps, checkpoint_every, progress, say)
     trainer = pl.Trainer(
         max_epochs=1, accelerator="gpu" if device.type == "cuda" else "cpu", devices=ranks,
         accumulate_grad_batches=parts // ranks, precision="bf16-mixed" if device.type == "cuda" else "32-true",
-        gradient_clip_val=10.0, callbacks=[StepSeeds(settings.seed), AveragedWeights(), recorder], **_OURS,
+        gradient_clip_val=10.0, callbacks=[StepSeeds(settings.seed), average, validator, recorder], **_OURS,
     )  # fmt: skip
     data = loader(list, examples=examples, batches=batches, workers=workers)
     _run(trainer, folder, module, train_dataloaders=data)
     detector = SmallDetector(module.network, tuple(classes), examples.size, device)
-    return detector, save_small(module.network, classes, examples.size), recorder.rows
+    return detector, save_small(module.network, classes, examples.size), recorder.rows, validator.rows
 
 
 def _fit_detr(
     settings: Settings, classes: Sequence[str], examples: DrawnExamples, folder: RunFolder, *,
-    weights: Path | None, device: torch.device, checkpoint_every: int | None, workers: int,
+    weights: Path | None, device: torch.device, checkpoint_every: int | None, judge: Judge | None, workers: int,
     progress: Callable[[int, int], None], say: Callable[[str], None],
-) -> tuple[Detector, dict[str, Any], list[list[float]]]:  # fmt: skip
+) -> Fitted:  # fmt: skip
     from rfdetr.training.trainer import build_trainer
 
-    from training.detr import DrawnData, averaging, detector_of, detr_configs, detr_module, save_detr
+    from training.detr import DrawnData, averaged_detector, averaging, detector_of, detr_configs, detr_module, save_detr
 
     parts, ranks = _parts(settings, device)
     batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
@@ -193,14 +207,16 @@ def _fit_detr(
     )
     pl.seed_everything(settings.seed % 2**32, verbose=False)
     module = detr_module(model_config, train_config)
-    recorder = _recorder(folder, batches.steps, checkpoint_every, progress, say)
+    average = averaging(train_config)
+    validator = Validator(batches.steps, judge and (lambda: judge(averaged_detector(module, average, classes, device))))
+    recorder = _recorder(folder, validator, batches.steps, checkpoint_every, progress, say)
     trainer = build_trainer(
         train_config, model_config, devices=ranks, accumulate_grad_batches=parts // ranks,
-        callbacks=[StepSeeds(settings.seed), averaging(train_config), recorder], **_OURS,
+        callbacks=[StepSeeds(settings.seed), average, validator, recorder], **_OURS,
     )  # fmt: skip
     data = DrawnData(model_config, train_config, partial(loader, examples=examples, batches=batches, workers=workers))
     _run(trainer, folder, module, datamodule=data)
-    return detector_of(module, classes, device), save_detr(module, classes), recorder.rows
+    return detector_of(module, classes, device), save_detr(module, classes), recorder.rows, validator.rows
 
 
 # What Lightning would do beside the steps is done here, or must not be: nothing but the budget ends a run.
@@ -248,14 +264,15 @@ def _steps_done(folder: RunFolder) -> int:
 
 
 def _recorder(
-    folder: RunFolder, steps: int, every: int | None, progress: Callable[[int, int], None], say: Callable[[str], None]
-) -> Recorder:
+    folder: RunFolder, validator: Validator, steps: int, every: int | None,
+    progress: Callable[[int, int], None], say: Callable[[str], None],
+) -> Recorder:  # fmt: skip
     def estimate(seconds: float) -> None:
         say(f"about {_duration(seconds)} of training left")
 
     return Recorder(
         folder.checkpoint, steps=steps, every=every, progress=progress, estimate=estimate,
-        on_checkpoint=folder.write_metrics,
+        on_checkpoint=lambda rows: folder.write_metrics(rows, validator.rows),
     )  # fmt: skip
 
 
