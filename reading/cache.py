@@ -23,7 +23,7 @@ from reading.formats import format_of
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
-EXPORTER = 9  # raised whenever the same file would be read as something else
+EXPORTER = 9
 CHUNK = 1 << 20
 
 
