@@ -11,7 +11,7 @@ from render.parcels import AssetNote, FileNote, Order, Parcel, Versions, decode_
 
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 JOB = RenderJob(
-    scenery=SceneryInput("/field.blend", POSE, ["ground"]),
+    scenery=SceneryInput("/field.blend", POSE, ["ground"], []),
     vehicles=[VehicleInput("/tank.blend", [POSE])],
     camera=CameraInput(POSE, 1.0, 96, 54, 0.1),
     light=LightInput("/sky.exr", 0.0, 1.0, None),
