@@ -292,9 +292,7 @@ class Header(Struct, frozen=True, kw_only=True):
     ] = {}
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
     left_out: Annotated[
-        list[LeftOut],
-        _is("a list of pairs"),
-        _means("pairs for which trials found no place: `vehicle`, `scenery`, `why`"),
+        list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")
     ] = []
 
     @property

@@ -13,7 +13,7 @@ import orjson
 from dataset.document import ANNOTATIONS_NAME
 from dataset.layout import write_coco
 from dataset.pictures import link_or_copy
-from dataset.records import read_usable
+from dataset.records import by_image, read_usable
 from dataset.split import group_of, positions, shuffled
 from dataset.unfinished import all_or_nothing
 from geometry.errors import DatasetError
@@ -63,15 +63,6 @@ def shuffled_images(
     if stratified:
         order = _spread(order, annotations)
     return [int(image["id"]) for members in order for image in members]
-
-
-def boxes_of(coco: Mapping[str, Any]) -> dict[int, list[dict[str, Any]]]:
-    """Image id -> its annotation records, of a COCO dictionary."""
-    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
-    for annotation in coco["annotations"]:
-        if annotation["image_id"] in boxes:
-            boxes[annotation["image_id"]].append(annotation)
-    return boxes
 
 
 def nested_subsets(
@@ -144,7 +135,7 @@ def write_subsets(
     coco = read_usable(dataset)
     if not coco["images"]:
         raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")
-    boxes = boxes_of(coco)
+    boxes = by_image(coco["images"], coco["annotations"])
     subsets = nested_subsets(coco["images"], boxes, fractions, seed=seed, stratified=stratified)
     sizes = [len(ids) for ids in subsets]
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}

@@ -13,6 +13,7 @@ from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict
 
 from dataset.document import read_coco
+from dataset.records import by_image
 from geometry.errors import ConfigError, DatasetError
 from geometry.files import replacing
 from training.draws import Draws, draws_text
@@ -20,7 +21,7 @@ from training.settings import Settings
 from training.sources import Source, check_pictures, read_sources
 from training.study.arms import Run, arm_draws, budget_of, study_runs
 from training.study.config import Arm, StudyConfig
-from training.subset import boxes_of, nested_subsets
+from training.subset import nested_subsets
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
 KEY_DIGITS = 10
@@ -203,7 +204,11 @@ def _shares(config: StudyConfig, real: Source) -> dict[tuple[int, float], Int[np
     shares = {}
     for seed in config.seeds:
         subsets = nested_subsets(
-            coco["images"], boxes_of(coco), config.fractions, seed=seed, stratified=config.stratified
+            coco["images"],
+            by_image(coco["images"], coco["annotations"]),
+            config.fractions,
+            seed=seed,
+            stratified=config.stratified,
         )
         for fraction, ids in zip(config.fractions, subsets, strict=True):
             shares[seed, fraction] = np.array(sorted(number[i] for i in ids), dtype=np.int64)
