@@ -63,7 +63,8 @@ def worth_words(found: Worth) -> str:
     else:
         much = f"{found.images:.0f} photographs"
     low, high = found.ends
-    ends = f"{_photographs(low)} to {_photographs(high) if np.isfinite(high) else f'more than {found.most:.0f}'}"
+    told = [f"{end:.0f}" if np.isfinite(end) else f"more than {found.most:.0f}" for end in (low, high)]
+    ends = " to ".join(dict.fromkeys(told))
     return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {ends})."
 
 
@@ -109,7 +110,3 @@ def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None
             "little shows nothing of what synthetic images add. Give it a larger budget, or clearer pictures."
         )
     return lines
-
-
-def _photographs(value: float) -> str:
-    return "infinity" if np.isinf(value) else f"{value:.0f}"
