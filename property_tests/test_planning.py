@@ -88,8 +88,8 @@ def configs(draw):
 
 
 def planned(config):
-    planner = Planner(config, ASSETS)
     try:
+        planner = Planner(config, ASSETS)
         return planner, planner.rows(0, planner.budget.n_positions)
     except ConfigError:
         # Some configs cannot be met; tests/test_planner.py looks at how they say so.
@@ -245,9 +245,9 @@ def test_the_order_and_company_in_which_positions_are_planned_never_matter(confi
 
 def outcome(config, cuts):
     """The lines, or why there are none, of positions planned in blocks that begin at these."""
-    planner = Planner(config, ASSETS)
-    n = planner.budget.n_positions
     try:
+        planner = Planner(config, ASSETS)
+        n = planner.budget.n_positions
         blocks = [planner.lines(*block) for block in zip([0, *cuts], [*cuts, n], strict=True)]
     except ConfigError as error:
         return str(error)
@@ -259,7 +259,10 @@ def outcome(config, cuts):
 def test_whether_a_plan_succeeds_never_depends_on_how_the_work_is_cut(config, tries, candidates, data):
     placement = config.placement.model_copy(update={"max_tries": tries})
     config = config.model_copy(update={"placement": placement})
-    n = Planner(config, ASSETS).budget.n_positions
+    try:
+        n = Planner(config, ASSETS).budget.n_positions
+    except ConfigError:
+        reject()
     cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
     whole = outcome(config, [])
     with pytest.MonkeyPatch.context() as patch:
