@@ -9,6 +9,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +144,8 @@ class Document:
         info = self.head.get("info", {})
         if not self.runs or not isinstance(info, dict):
             return self.head
-        return {**self.head, "info": {**info, "hulldown_runs": [asdict(run) for run in self.runs.values()]}}
+        runs = [asdict(run) for run in self.runs.values()]
+        return {**self.head, "info": {**rendered_info(), **info, "hulldown_runs": runs}}
 
     def _ordered(self, records: list[tuple[int, bytes]], offset: str) -> Iterable[bytes]:
         """Records as they came, but those of runs by id: the order in which images were finished leaves no trace."""
@@ -210,6 +213,16 @@ def read_document(folder: Path) -> Document:
         except (KeyError, TypeError, ValueError) as error:
             raise _foreign_line(journal, number) from error
     return document
+
+
+@cache
+def rendered_info() -> dict[str, str]:
+    """COCO's `info` of what was rendered here, without a date: the same plan gives the same file on any day."""
+    try:
+        by = f"hulldown {version('hulldown')}"
+    except PackageNotFoundError:  # run from its folder
+        by = "hulldown"
+    return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
 
 def check_is_dataset(folder: Path) -> None:
