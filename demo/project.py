@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from demo.build import build_demo_assets
 from demo.catalogue import CATEGORY, DISTRACTORS, LAUNCHER, SCENERY_FILES, TANK, TRUCK
 from geometry.errors import ConfigError
 from geometry.files import replacing
+from planning.found_assets import FoundFile, found_config
 from planning.template import CONFIG_TEMPLATE, config_text
 
 CONFIG = "hulldown.toml"
@@ -41,14 +42,35 @@ def create_bare_project(folder: Path | str) -> Path:
     ConfigError
         If the folder has a config already.
     """
-    config = Path(folder) / CONFIG
-    _refuse_config(config)
+    return _written(Path(folder) / CONFIG, CONFIG_TEMPLATE)
+
+
+def create_found_project(folder: Path | str, source: Path, found: Sequence[FoundFile]) -> Path:
+    """Path of a config written into `folder`, which lists what was found in the folder `source`.
+
+    Raises
+    ------
+    ConfigError
+        If the folder has a config already.
+    """
+    return _written(Path(folder) / CONFIG, found_config(source, found, Path(folder)))
+
+
+def _written(config: Path, text: str) -> Path:
+    refuse_config(config)
     with replacing(config) as file:
-        file.write(CONFIG_TEMPLATE.encode())
+        file.write(text.encode())
     return config
 
 
-def _refuse_config(config: Path) -> None:
+def refuse_config(config: Path) -> None:
+    """Raise if there is a config, which is the user's.
+
+    Raises
+    ------
+    ConfigError
+        Naming it.
+    """
     if config.exists():
         raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
 
@@ -76,7 +98,7 @@ def create_project(
     """
     folder = Path(folder)
     config = folder / CONFIG
-    _refuse_config(config)
+    refuse_config(config)
     build_demo_assets(folder, seed=seed, progress=progress)
     text = config_text(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
@@ -85,6 +107,4 @@ def create_project(
         hdris=["hdris/*.exr"],
         values=SMALL if small else {},
     )
-    with replacing(config) as file:
-        file.write(text.encode())
-    return config
+    return _written(config, text)

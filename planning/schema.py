@@ -164,6 +164,11 @@ class AssetsSection(Section):
     sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
     distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = ()
 
+    @property
+    def entries(self) -> tuple[VehicleEntry | DistractorEntry | SceneryEntry, ...]:
+        """All that is listed with a file of its own."""
+        return (*self.vehicles, *self.distractors, *self.sceneries)
+
     @model_validator(mode="before")
     @classmethod
     def _name_by_file(cls, data: Any) -> Any:

@@ -16,6 +16,8 @@ def config_text(
     hdris: Sequence[str],
     distractors: Sequence[Mapping[str, Any]] = (),
     values: Mapping[str, Any] = MappingProxyType({}),
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    remarks: Sequence[str] = (),
 ) -> str:
     """A complete config for these assets, with a comment on every key.
 
@@ -27,13 +29,19 @@ def config_text(
         Patterns of HDRI files.
     values
         "section.key" -> what it is set to in place of the default; only numbers, strings, and lists and tables of them.
+    notes
+        Path of an entry, or pattern of HDRIs -> what is said of it in comments, a line each.
+    remarks
+        What is said in comments below the entries, a line each.
     """
     entries = [
-        _table(f"assets.{kind}", entry)
+        _comments(notes.get(entry["path"], ())) + _table(f"assets.{kind}", entry)
         for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
         for entry in listed
     ]
-    text = _TEXT.format(entries="\n".join(entries), hdris=_value(list(hdris)))
+    if remarks:
+        entries.append(_comments(remarks))
+    text = _TEXT.format(entries="\n".join(entries), hdris=_patterns(hdris, notes))
     for key, value in values.items():
         text = _set(text, key, value)
     return text
@@ -53,6 +61,24 @@ def _set(text: str, key: str, value: Any) -> str:
     if not times:
         raise ValueError(f"values: the template has no line for {key!r}")
     return text
+
+
+def _comments(lines: Sequence[str], indent: str = "") -> str:
+    """A comment of each line, whatever characters of other people's names are in it."""
+    return "".join(f"{indent}# {_printable(line)}\n" for line in lines)
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def _patterns(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
+    """A list in a line; a line for each where they have comments."""
+    if not any(notes.get(pattern) is not None for pattern in patterns):
+        return _value(list(patterns))
+    indent = " " * 4
+    lines = [f"{_comments(notes.get(one, ()), indent)}{indent}{_value(one)},\n" for one in patterns]
+    return f"[\n{''.join(lines)}]"
 
 
 def _table(name: str, entry: Mapping[str, Any]) -> str:

@@ -27,6 +27,7 @@ from reading.watch import DEFAULT_LIMITS, ReadLimits
 COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
 PAPER = 250.0
+PAGE = 12  # assets in one picture: three in a row
 # Name, direction of sight, direction that is up in the picture.
 VIEWS = (
     ("from the left", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
@@ -99,24 +100,39 @@ def inspect(
         return Inspected(Path(path).stem, exported.report, picture)
 
 
-def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
-    """Write the pictures as one; several side by side, each under its name.
+def pages(path: Path, assets: int) -> list[Path]:
+    """The files that the pictures of so many assets are written to: all.png, all-2.png, ...
+
+    Examples
+    --------
+    >>> [page.name for page in pages(Path("all.png"), 25)]
+    ['all.png', 'all-2.png', 'all-3.png']
+    """
+    count = max(1, -(-assets // PAGE))
+    return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, count + 1))]
+
+
+def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
+    """Write the pictures as pages and return their names; several side by side, each under its name.
 
     Raises
     ------
     AssetError
-        If it cannot be written.
+        If one cannot be written.
     """
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
-    sheet = drawn[0][1]
-    if len(drawn) > 1:
-        sheet = contact_sheet(
-            [picture for _, picture in drawn], columns=3, tile_width=sheet.width, captions=[name for name, _ in drawn]
-        )
-    try:
-        save_sheet(sheet, path)
-    except (OSError, ValueError) as error:
-        raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
+    written = pages(path, len(drawn))
+    for number, page in enumerate(written):
+        on_it = drawn[number * PAGE : (number + 1) * PAGE]
+        sheet = on_it[0][1]
+        if len(drawn) > 1:
+            names, pictures = zip(*on_it, strict=True)
+            sheet = contact_sheet(pictures, columns=3, tile_width=sheet.width, captions=names)
+        try:
+            save_sheet(sheet, page)
+        except (OSError, ValueError) as error:
+            raise AssetError(f"cannot be written ({error})", path=page, remedy="name a .png file in a folder") from None
+    return written
 
 
 def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:

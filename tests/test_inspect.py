@@ -11,12 +11,12 @@ from PIL import Image
 
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
-from geometry.errors import AssetError
+from geometry.errors import AssetError, HulldownError
 from geometry.meshes import Mesh
 from reading.build import Options
 from reading.doubts import scenery_doubts, vehicle_doubts
 from reading.formats import format_of
-from reading.inspect import COLOURS, draw, inspect, write_pictures
+from reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
 from reading.report import FileReport, Missing, PartRow, Row, gathered
 from reading.roles import Link, Piece, Role
 
@@ -222,3 +222,17 @@ def test_a_forest_is_one_row() -> None:
     rows = gathered([*trees, *wheels, Row("Tree.040", "MESH", "ground", "odd one out")])
     assert rows[0] == Row("Tree*", "MESH", "obstacle", "says 0", 40, 12, (1.0, 1.0, 40.0))
     assert [row.name for row in rows[1:]] == ["Wheel_0", "Wheel_1", "Wheel_2", "Wheel_3", "Tree.040"]
+
+
+def test_many_pictures_are_pages(tmp_path: Path) -> None:
+    # One sheet of all the demo's assets had 3,000 x 8,000 pixels.
+    report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
+    many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(PAGE + 1)]
+    (tmp_path / "all-2.png").write_bytes(b"of somebody else")
+    with pytest.raises(HulldownError, match=r"all-2\.png: exists and is no picture that hulldown drew"):
+        write_pictures(many, tmp_path / "all.png")
+    (tmp_path / "all-2.png").unlink()
+    assert [page.name for page in write_pictures(many, tmp_path / "all.png")] == ["all.png", "all-2.png"]
+    sizes = [Image.open(tmp_path / name).size for name in ("all.png", "all-2.png")]
+    assert sizes[0][1] > 4 * 96 > 3 * 96 > sizes[1][1]
+    assert [page.name for page in write_pictures(many[:PAGE], tmp_path / "few.png")] == ["few.png"]

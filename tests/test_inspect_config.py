@@ -123,3 +123,16 @@ def test_what_is_wrong_with_a_config_is_one_line(
 def test_a_config_that_is_not_there_says_how_to_get_one() -> None:
     with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
         load_config("none.toml")
+
+
+def test_a_page_that_is_somebody_elses_is_found_before_files_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    many = "".join(f'{{ path = "{k}.blend", category = "tank" }},' for k in range(12))
+    Path("hulldown.toml").write_text(
+        f'[assets]\nvehicles = [{many}]\nsceneries = [{{ path = "park.blend" }}]\n[budget]\nimages_per_class = 1\n'
+    )
+    Path("all-2.png").write_bytes(b"of somebody else")
+    assert cli.main(["inspect", "hulldown.toml", "-o", "all.png"]) == 2
+    assert capsys.readouterr().err.startswith("hulldown: all-2.png: exists and is no picture that hulldown drew")

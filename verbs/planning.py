@@ -28,6 +28,8 @@ from verbs.terminal import (
 def _init(arguments: argparse.Namespace) -> int:
     from demo.project import create_bare_project, create_project
 
+    if arguments.source:
+        return _init_from(arguments)
     make_room(arguments.folder / "hulldown.toml")
     if arguments.bare:
         say(f"wrote {create_bare_project(arguments.folder)}; next: name your files in it, and hulldown inspect it")
@@ -38,13 +40,33 @@ def _init(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _init_from(arguments: argparse.Namespace) -> int:
+    from demo.project import CONFIG, create_found_project, refuse_config
+    from planning.found_assets import asset_files, missing_kinds, read_found
+
+    refuse_config(arguments.folder / CONFIG)
+    files = asset_files(arguments.source)
+    with reading_status() as progress:
+        found = read_found(arguments.source, files, progress=progress, limits=read_limits(arguments))
+    make_room(arguments.folder / CONFIG)
+    config = create_found_project(arguments.folder, arguments.source, found)
+    for word in missing_kinds(found):
+        warn(f"no {word} was found in {arguments.source}; name one in {config}")
+    used = sum(bool(file.kind) for file in found)
+    say(f"wrote {config} with {used} of {len(found)} files; next: look at its comments, and hulldown inspect {config}")
+    return DONE
+
+
 def _inspect(arguments: argparse.Namespace) -> int:
     from planning.config import load_config
     from planning.loading import inspect_config
-    from reading.inspect import Inspected, inspect, write_pictures
+    from reading.inspect import Inspected, inspect, pages, write_pictures
 
+    configs = {path: load_config(path) for path in arguments.files if path.suffix.lower() == ".toml"}
     if arguments.output:
-        make_room_for_picture(arguments.output)
+        assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in arguments.files)
+        for page in pages(arguments.output, assets):
+            make_room_for_picture(page)
     inspected: list[Inspected] = []
     for path in arguments.files:
         with reading_status() as progress:
@@ -54,8 +76,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
                 "progress": progress,
                 "limits": read_limits(arguments),
             }
-            if path.suffix.lower() == ".toml":
-                found = inspect_config(load_config(path), **shared)
+            if path in configs:
+                found = inspect_config(configs[path], **shared)
             else:
                 found = [inspect(path, kind=arguments.kind, **shared)]
         if not arguments.json:
@@ -64,7 +86,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
                 show_list(one.report.notes())
         inspected += found
     if arguments.output:
-        write_pictures(inspected, arguments.output)
+        say(f"wrote {', '.join(map(str, write_pictures(inspected, arguments.output)))}")
     if arguments.json:
         print_json([one.report.to_json() for one in inspected])
     return DONE
@@ -169,13 +191,21 @@ def add(verb: AddVerb) -> None:
         "init",
         _init,
         "start a project",
-        "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs.",
+        "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs; or a config of your own files.",
         resumes=True,
     )
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
     sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
-    sub.add_argument("--bare", action="store_true", help="the config alone, to put your own files in; no demo assets")
-    sub.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
+    one_of = sub.add_mutually_exclusive_group()
+    one_of.add_argument(
+        "--bare", action="store_true", help="the config alone, to put your own files in; no demo assets"
+    )
+    one_of.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
+    one_of.add_argument(
+        "--from", dest="source", type=Path, metavar="FOLDER",
+        help="the config alone, with the vehicles, sceneries and HDRIs that are found in this folder",
+    )  # fmt: skip
+    add_read_limits(sub)
 
     sub = verb(
         "inspect", _inspect, "show what will be used of asset files",
@@ -187,7 +217,9 @@ def add(verb: AddVerb) -> None:
         "--as", dest="kind", choices=("vehicle", "scenery"),
         help="default: judged by what is in the file; a config says it itself",
     )  # fmt: skip
-    sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", help="shaded picture of all, parts in colours")
+    sub.add_argument(
+        "-o", "--output", type=picture_name, metavar="PNG", help="shaded picture, parts in colours; 12 a page"
+    )
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
     add_read_limits(sub)
 

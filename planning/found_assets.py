@@ -1,0 +1,198 @@
+"""A config for somebody's folder of assets: what its files are, read as `hulldown inspect` reads them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from glob import escape
+from pathlib import Path
+
+from geometry.errors import AssetError
+from planning.config import HDRI_SUFFIXES
+from planning.template import config_text
+from reading.formats import SUFFIXES
+from reading.hdri import read_hdris
+from reading.inspect import inspect
+from reading.report import FileReport
+from reading.watch import DEFAULT_LIMITS, ReadLimits
+
+# What the names of folders say of the files in them; the contents of the others decide.
+KINDS = {
+    "vehicles": "vehicle",
+    "sceneries": "scenery",
+    "scenes": "scenery",
+    "terrains": "scenery",
+    "distractors": "distractor",
+}
+NO_CATEGORY = ("assets", "models", *KINDS)
+GROUNDS = 4  # names of ground objects in a comment
+NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
+
+
+@dataclass(frozen=True, slots=True)
+class FoundFile:
+    """A file of the folder and what it is.
+
+    Parameters
+    ----------
+    path
+        Relative to the folder.
+    kind
+        "vehicle", "scenery", "distractor", "hdri", or "" for what cannot be used.
+    notes
+        What was found in it, or why it cannot be used; a line each.
+    """
+
+    path: Path
+    kind: str
+    notes: tuple[str, ...]
+
+
+def asset_files(folder: Path) -> list[Path]:
+    """Files that may be vehicles, sceneries or HDRIs by their suffix, relative to `folder`; not in hidden folders.
+
+    Raises
+    ------
+    AssetError
+        If there are none.
+    """
+    known = (*SUFFIXES, *HDRI_SUFFIXES)
+    files = []
+    for inside, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        place = Path(inside).relative_to(folder)
+        files += [place / name for name in sorted(names) if Path(name).suffix.lower() in known and name[0] != "."]
+    if not files:
+        what = f"holds no {', '.join(known)} file" if folder.is_dir() else "is no folder"
+        raise AssetError(what, path=folder, remedy="name the folder of your vehicles, sceneries and HDRIs by --from")
+    return files
+
+
+def read_found(
+    folder: Path,
+    files: Sequence[Path],
+    *,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> list[FoundFile]:
+    """What each of the files is: by the name of a folder that it is in, else by what is in it.
+
+    Parameters
+    ----------
+    folder, files
+        As of `asset_files`.
+    progress
+        Called with a file's path before it is read.
+    limits
+        When reading it is given up.
+
+    Raises
+    ------
+    AssetError
+        If none of them can be used.
+    """
+    at_once = min(4, os.cpu_count() or 1)
+    shared = replace(limits, share=at_once)
+    taken: dict[Path, Path] = {}  # of files of one name in several formats the first
+    for path in sorted(files, key=_preference):
+        taken.setdefault(path.with_suffix(""), path)
+
+    def read(path: Path) -> FoundFile:
+        if not str(path).isprintable():
+            return FoundFile(path, "", ("its name cannot be written; rename it",))
+        if (same := taken[path.with_suffix("")]) != path:
+            return FoundFile(path, "", (f"is called as {same.name} is, which is used",))
+        if progress:
+            progress(str(folder / path))
+        try:
+            return _hdri(folder, path, shared) if path.suffix.lower() in HDRI_SUFFIXES else _model(folder, path, shared)
+        except AssetError as error:
+            return FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))
+
+    with ThreadPoolExecutor(at_once) as pool:
+        found = list(pool.map(read, files))
+    if not any(file.kind for file in found):
+        first = next((file for file in found if taken[file.path.with_suffix("")] == file.path), found[0])
+        raise AssetError(f"none of its {len(found)} files can be used; {first.path}: {first.notes[0]}", path=folder)
+    return found
+
+
+def _preference(path: Path) -> int:
+    suffixes = (*SUFFIXES, *HDRI_SUFFIXES)
+    return suffixes.index(path.suffix.lower())
+
+
+def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
+        return FoundFile(path, "hdri", read_hdris([folder / path], Path(cache), limits=limits)[0].notes)
+
+
+def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
+    said = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
+    report = inspect(folder / path, kind="vehicle" if said == "distractor" else said, limits=limits).report
+    return FoundFile(path, said or report.kind, (*report.notes(), *_ground(report)))
+
+
+def _ground(report: FileReport) -> list[str]:
+    names = [row.name for row in report.rows if row.use == "ground"]
+    more = f" and {len(names) - GROUNDS} more" if len(names) > GROUNDS else ""
+    return [f"ground: {', '.join(names[:GROUNDS])}{more}"] if names else []
+
+
+def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
+    """What a config needs and was not found, in words."""
+    return [word for kind, word in NEEDED.items() if all(file.kind != kind for file in found)]
+
+
+def found_config(folder: Path, found: Sequence[FoundFile], config_folder: Path) -> str:
+    """The text of a config in `config_folder` that lists what was found in `folder`, with comments.
+
+    Parameters
+    ----------
+    folder, found
+        As of `read_found`.
+    config_folder
+        What the paths in it are relative to.
+    """
+    base = os.path.relpath(folder.resolve(), config_folder.resolve())
+    listed = {file.path: Path(base, file.path).as_posix() for file in found}
+    models = [file.path for file in found if file.kind not in ("hdri", "")]
+    stems = Counter(path.stem for path in models)
+    skies: dict[str, Path] = {}
+    unused = [file for file in found if not file.kind]
+    for file in found:
+        if file.kind == "hdri" and (first := skies.setdefault(file.path.stem, file.path)) != file.path:
+            unused.append(replace(file, kind="", notes=(f"is called as {first.as_posix()} is; rename it to use it",)))
+
+    def entries(kind: str) -> list[dict[str, str]]:
+        made = []
+        for path in (file.path for file in found if file.kind == kind):
+            entry = {"path": listed[path]}
+            if stems[path.stem] > 1:
+                entry["name"] = "_".join((*path.parent.parts, path.stem))
+            if kind == "vehicle":
+                entry["category"] = _category(folder, path)
+            made.append(entry)
+        return made
+
+    patterns = {path: escape(listed[path]) for path in skies.values()}
+    notes = {patterns.get(file.path, listed[file.path]): file.notes for file in found if file.kind}
+    missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_kinds(found)]
+    return config_text(
+        vehicles=entries("vehicle"),
+        sceneries=entries("scenery"),
+        distractors=entries("distractor"),
+        hdris=list(patterns.values()),
+        notes=notes,
+        remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
+    )
+
+
+def _category(folder: Path, path: Path) -> str:
+    """The outermost folder that says what a vehicle is."""
+    names = (*path.parent.parts, folder.resolve().name)
+    return next((name for name in names if name and name.lower() not in NO_CATEGORY), "vehicle")

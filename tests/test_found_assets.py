@@ -1,0 +1,137 @@
+"""`hulldown init DIR --from FOLDER`: a config of somebody's files."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cli
+from geometry.errors import AssetError
+from planning.config import hdri_paths, load_config
+from planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
+
+FILES = """
+import bpy, pathlib
+
+def cube(name, size, place):
+    bpy.ops.mesh.primitive_cube_add(size=1, location=place)
+    bpy.context.object.name, bpy.context.object.scale = name, size
+
+def save(path):
+    pathlib.Path(path).parent.mkdir(parents=True, exist_ok=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path(path).resolve()))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+cube("Hull", (6, 3, 1), (0, 0, 0.5))
+cube("Turret", (2, 2, 1), (0, 0, 1.5))
+bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path("tank.blend").resolve()))
+save("mine/tanks/one/scene.blend")
+cube("Ground", (100, 100, 1), (0, 0, 0))
+for x in (-40, 40):
+    cube("Rock", (2, 2, 2), (x, 0, 1))
+save("mine/outside/park.blend")
+"""
+# Two rows of four pixels, as Radiance writes them without run lengths.
+SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
+SQUARE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n" + bytes([128, 130, 140, 129]) * 4
+
+
+@pytest.mark.blender
+def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    subprocess.run([sys.executable, "-c", FILES], check=True, capture_output=True)
+    (tmp_path / "mine/trucks/scene.fbx").parent.mkdir()
+    (tmp_path / "mine/trucks/scene.fbx").write_bytes(b"no FBX at all")
+    (tmp_path / "mine/tanks/one/scene.obj").write_text("v 0 0 0\n")
+    (tmp_path / "mine/tanks/normal.hdr").write_bytes(SQUARE)
+    (tmp_path / "mine/sky [1].hdr").write_bytes(SKY)
+    (tmp_path / "mine/.cache").mkdir()
+    (tmp_path / "mine/.cache/tidy.blend").write_bytes(b"")
+    assert cli.main(["init", "project", "--from", "mine"]) == 0
+    assert [path.name for path in Path("project").iterdir()] == ["hulldown.toml"]
+    assert "with 3 of 6 files" in capsys.readouterr().err.replace("\n", " ")
+    config = load_config("project/hulldown.toml")
+    assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
+        ("../mine/tanks/one/scene.blend", "tanks", "scene")
+    ]
+    assert [s.path for s in config.assets.sceneries] == ["../mine/outside/park.blend"]
+    assert list(hdri_paths(config)) == ["sky [1]"]
+    text = Path("project/hulldown.toml").read_text(encoding="utf-8")
+    above = text.partition('path = "../mine/tanks/one/scene.blend"')[0].rpartition("\n\n")[2]
+    assert "# size 6.00 x 3.00 x 2.00 m" in above
+    assert "# turret on hull: pivot" in above
+    assert "# doubt: " in above
+    assert "# ground: Ground" in text
+    assert "# not used: ../mine/trucks/scene.fbx: is no .fbx file" in text
+    assert "# not used: ../mine/tanks/one/scene.obj: is called as scene.blend is" in text
+    assert "# not used: ../mine/tanks/normal.hdr: is 2 x 2 pixels" in text
+    assert "tidy" not in text
+    assert cli.main(["inspect", "project/hulldown.toml"]) == 0
+    assert cli.main(["init", "project", "--from", "mine"]) == 2  # and what is there stays
+    assert text == Path("project/hulldown.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        ({}, "mine: holds no .blend, .glb, .gltf, .fbx, .obj, .exr, .hdr file; name the folder"),
+        ({"readme.txt": b"x"}, "mine: holds no .blend"),
+        ({"a.fbx": b"x", "b.exr": b"x"}, "mine: none of its 2 files can be used; a.fbx: is no .fbx file"),
+        (None, "mine: is no folder; name the folder"),
+    ],
+)
+def test_nothing_found_is_one_line_and_nothing_is_written(
+    files: dict[str, bytes] | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    if files is not None:
+        Path("mine").mkdir()
+        for name, content in files.items():
+            (Path("mine") / name).write_bytes(content)
+    assert cli.main(["init", "project", "--from", "mine"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"hulldown: {said}")
+    assert error.count("\n") == 1
+    assert not Path("project").exists()
+
+
+def test_what_is_found_of_one_name_gets_names_of_its_own(tmp_path: Path) -> None:
+    found = [
+        FoundFile(Path("vehicles/tanks/a/scene.gltf"), "vehicle", ("a", "name with \x1b[2J")),
+        FoundFile(Path("trucks/scene.gltf"), "vehicle", ()),
+        FoundFile(Path("lone.glb"), "vehicle", ()),
+        FoundFile(Path("hills.blend"), "scenery", ()),
+        FoundFile(Path("day/sky.exr"), "hdri", ()),
+        FoundFile(Path("night/sky.exr"), "hdri", ()),
+    ]
+    path = tmp_path / "hulldown.toml"
+    path.write_text(found_config(tmp_path / "assets", found, tmp_path), encoding="utf-8")
+    assets = load_config(path).assets
+    assert [(v.path, v.name, v.category) for v in assets.vehicles] == [
+        ("assets/vehicles/tanks/a/scene.gltf", "vehicles_tanks_a_scene", "tanks"),
+        ("assets/trucks/scene.gltf", "trucks_scene", "trucks"),
+        ("assets/lone.glb", "lone", "vehicle"),
+    ]
+    assert assets.hdris == ("assets/day/sky.exr",)
+    assert "# not used: assets/night/sky.exr: is called as day/sky.exr is" in path.read_text(encoding="utf-8")
+    assert "# name with \\x1b[2J" in path.read_text(encoding="utf-8")
+    assert missing_kinds(found) == []
+    assert missing_kinds(found[:3]) == ["scenery", "HDRI"]
+
+
+def test_a_name_that_no_config_can_hold_is_not_listed(tmp_path: Path) -> None:
+    (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
+    with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
+        read_found(tmp_path, asset_files(tmp_path))
+
+
+@pytest.mark.parametrize("other", ["--bare", "--small"])
+def test_from_goes_with_no_other_kind_of_project(other: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["init", "project", "--from", "mine", other])
+    assert "not allowed with argument" in capsys.readouterr().err
