@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import orjson
+from msgspec import NODEFAULT, structs
 
 from dataset.records import Finding
 from dataset.runs import find_run, plan_key
@@ -16,6 +17,8 @@ from planning.row import PlannedVehicle, Row, encode, fields, labelling
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
+# What plans and records of earlier versions mean where they do not say it.
+DEFAULTS = {field.name: field.default for field in structs.fields(Row) if field.default is not NODEFAULT}
 LONGEST = 120  # characters of a value in a finding
 
 
@@ -102,6 +105,8 @@ def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
 
 def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
     for key, value in wanted.items():
+        if key not in found and key in DEFAULTS and DEFAULTS[key] == value:
+            continue  # a record that is older than the field says it by saying nothing
         if found.get(key) != value:
             values = (repr(each)[:LONGEST] for each in (found.get(key), value))
             yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))

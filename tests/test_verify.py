@@ -9,7 +9,7 @@ from PIL import Image
 from annotate.masks import encode
 from dataset import picture_files
 from dataset.coco import CocoDataset
-from dataset.planned import IMAGE_KEYS, LABEL_KEYS
+from dataset.planned import IMAGE_KEYS, LABEL_KEYS, check_planned
 from dataset.verify import Finding, compare, verify
 from geometry.errors import ConfigError, DatasetError
 
@@ -214,6 +214,21 @@ def test_every_difference_from_the_plan_is_found(planned, change, severity, text
     path.write_text(json.dumps(coco))
     findings = list(verify(folder, plan=plan))
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
+
+
+@pytest.mark.parametrize(("background", "found"), [(False, 0), (True, 1)])
+def test_a_record_that_is_older_than_a_field_means_its_default(planned, background, found):
+    # Datasets rendered before there were backgrounds: "background is None, planned is False" for each image.
+    folder, plan = planned
+    was = hashlib.sha256(plan.read_bytes()).hexdigest()
+    if background:
+        plan.write_text(plan.read_text().replace('"background": false', '"background": true', 1))
+    text = (folder / "annotations.json").read_text()
+    coco = json.loads(text.replace(was, hashlib.sha256(plan.read_bytes()).hexdigest()))
+    for image in coco["images"]:
+        image.pop("background", None)
+    said = [finding.problem for finding in check_planned(coco, plan) if "background is" in finding.problem]
+    assert said == ["background is None, planned is True"] * found
 
 
 def test_an_annotation_with_an_id_that_belongs_to_another_is_found(planned):
