@@ -233,6 +233,6 @@ def test_many_pictures_are_pages(tmp_path: Path) -> None:
         write_pictures(many, tmp_path / "all.png")
     (tmp_path / "all-2.png").unlink()
     assert [page.name for page in write_pictures(many, tmp_path / "all.png")] == ["all.png", "all-2.png"]
-    sizes = [Image.open(tmp_path / name).size for name in ("all.png", "all-2.png")]
-    assert sizes[0][1] > 4 * 96 > 3 * 96 > sizes[1][1]
+    with Image.open(tmp_path / "all.png") as full, Image.open(tmp_path / "all-2.png") as last:
+        assert full.height > 4 * 96 > 2 * 96 > last.height
     assert [page.name for page in write_pictures(many[:PAGE], tmp_path / "few.png")] == ["few.png"]
