@@ -15,6 +15,7 @@ MAGIC = {
     b"glTF": "gltf",
     b"Kaydara FBX Binary": "fbx",
 }
+LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 SUFFIXES = {".blend": "blend", ".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx", ".obj": "obj"}
 
 
@@ -97,8 +98,25 @@ def format_of(path: Path) -> str:
     )
 
 
+def refuse_large_json(path: Path, size: int) -> None:
+    """Raise if the JSON of a glTF file is larger than can be read at once.
+
+    Raises
+    ------
+    AssetError
+        Saying how large it is.
+    """
+    if size > LARGEST_JSON:
+        raise AssetError(
+            f"its JSON has {size / 2**20:,.0f} MiB, more than {LARGEST_JSON // 2**20}",
+            path=path,
+            remedy="export it as .glb, whose buffers are no JSON",
+        )
+
+
 def _gltf_version(path: Path) -> str:
     """The version that a .gltf file claims, "2.0" if none; empty if it is no JSON object."""
+    refuse_large_json(path, path.stat().st_size)
     try:
         data = json.loads(path.read_bytes())
     except RecursionError:

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from geometry.errors import AssetError
-from reading.formats import kind_of_file
+from reading.formats import kind_of_file, refuse_large_json
 
 AGAIN = "export it again"
 # Where a glTF 2.0 file refers to another of its objects by number: owner, key, what is meant (specification, 5).
@@ -85,11 +85,13 @@ def _check_gltf(path: Path) -> None:
 def _gltf_json(path: Path) -> bytes:
     with open(path, "rb") as file:
         if file.read(4) != b"glTF":
+            refuse_large_json(path, path.stat().st_size)
             return path.read_bytes()
         file.seek(12)
         size, kind = struct.unpack("<I4s", file.read(8))
         if kind != GLB_JSON:
             raise ValueError("its first chunk is no JSON")
+        refuse_large_json(path, size)
         return file.read(size)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from geometry.errors import AssetError
+from reading.build import Options
 from reading.export import export
 from reading.formats import format_of
 from reading.references import refuse_odd_references
@@ -17,6 +18,17 @@ from reading.watch import ReadLimits
 
 ODD = Path(__file__).with_name("odd_blends.py")
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
+BOMB_LIMITS = ReadLimits(silence_s=60.0, memory_bytes=2**30)
+# Of zeros, so that it is small on disk: compressed by Blender with Zstandard.
+BOMB = """
+import bpy, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+for name, count in (("Hull", 8), ("Dust", int(sys.argv[2]))):
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(count)
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1], compress=True)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -154,3 +166,61 @@ def test_an_obj_that_refers_to_no_file_is_refused(tmp_path: Path, text: str, mat
     (tmp_path / "a.obj").write_text(text)
     with pytest.raises(AssetError, match=line):
         refuse_odd_references(tmp_path / "a.obj", "obj")
+
+
+@pytest.mark.blender
+def test_a_compressed_bomb_ends_at_the_limit_of_memory(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.blend"
+    for count in (0, 100_000_000):  # 12 bytes each
+        subprocess.run([sys.executable, "-P", "-c", BOMB, str(path), str(count)], check=True, capture_output=True)
+        with open(path, "rb") as file:
+            assert file.read(4) == b"\x28\xb5\x2f\xfd"
+        line = refused(path, tmp_path, kind="vehicle", limits=BOMB_LIMITS)
+        assert ("GiB of memory, more than the limit of 1.00 GiB" in line) == (count > 0)
+    assert path.stat().st_size < 2**20
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("kind", ["vehicle", "scenery"])
+def test_a_pattern_that_makes_everything_ground_ends_at_the_limit_of_memory(
+    odd: Path, tmp_path: Path, kind: str
+) -> None:
+    options = Options(include=("**",))
+    line = refused(odd / "instances.blend", tmp_path, kind=kind, limits=BOMB_LIMITS, options=options)
+    assert "GiB of memory, more than the limit of 1.00 GiB" in line
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("accessor", "buffer"),
+    [
+        ({"bufferView": 0, "count": 2**27}, 12 * 2**27),  # a buffer that is a hole on disk
+        ({"count": 2**27}, 36),  # zeros without a buffer
+        ({"count": 10**13}, 36),
+    ],
+)
+def test_a_gltf_bomb_is_one_line(tmp_path: Path, accessor: dict, buffer: int) -> None:
+    data = {
+        **GLTF,
+        "accessors": [{"componentType": 5126, "type": "VEC3", **accessor}],
+        "bufferViews": [{"buffer": 0, "byteLength": buffer}],
+        "buffers": [{"uri": "mesh.bin", "byteLength": buffer}],
+    }
+    (tmp_path / "bomb.gltf").write_text(json.dumps(data))
+    with open(tmp_path / "mesh.bin", "wb") as file:
+        file.truncate(buffer)
+    line = refused(tmp_path / "bomb.gltf", tmp_path, kind="vehicle", limits=BOMB_LIMITS)
+    assert "memory" in line or "cannot" in line, line
+
+
+def test_the_json_of_a_gltf_is_not_read_however_large(tmp_path: Path) -> None:
+    with open(tmp_path / "hole.gltf", "wb") as file:
+        file.truncate(2**36)
+    with open(tmp_path / "hole.glb", "wb") as file:
+        file.write(struct.pack("<4sIII4s", b"glTF", 2, 2**31, 2**31 - 20, b"JSON"))
+        file.truncate(2**31)
+    with pytest.raises(AssetError, match=r"hole\.gltf: its JSON has 65,536 MiB, more than 256; export it as \.glb"):
+        format_of(tmp_path / "hole.gltf")
+    for name in ("hole.gltf", "hole.glb"):
+        with pytest.raises(AssetError, match="its JSON has .* MiB, more than 256"):
+            refuse_odd_references(tmp_path / name, "gltf")
