@@ -10,6 +10,7 @@ import pytest
 
 from geometry.errors import AssetError
 from reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris
+from reading.sky_maps import sky_maps
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -118,6 +119,15 @@ def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Pa
     assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is mended"
     sun.path.write_bytes(b"\x76\x2f\x31\x01")
     assert read_hdris([files / "sun.exr"], tmp_path / "cache")[0] == sun, "mended anew where the copy is damaged"
+
+
+@pytest.mark.blender
+def test_a_mended_sky_is_compared_as_it_is_rendered(files: Path, tmp_path: Path) -> None:
+    # `verify --plan` compares pictures with the map of what was rendered; that of the file itself has no end.
+    (sun,) = read_hdris([files / "sun.exr"], tmp_path)
+    maps = sky_maps({"rendered": sun.path, "file": files / "sun.exr"}, tmp_path)
+    assert maps["rendered"].max() <= 5000.0
+    assert not maps["file"].max() <= 5000.0
 
 
 @pytest.mark.blender

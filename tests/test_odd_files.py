@@ -222,5 +222,5 @@ def test_the_json_of_a_gltf_is_not_read_however_large(tmp_path: Path) -> None:
     with pytest.raises(AssetError, match=r"hole\.gltf: its JSON has 65,536 MiB, more than 256; export it as \.glb"):
         format_of(tmp_path / "hole.gltf")
     for name in ("hole.gltf", "hole.glb"):
-        with pytest.raises(AssetError, match="its JSON has .* MiB, more than 256"):
+        with pytest.raises(AssetError, match=r"its JSON has .* MiB, more than 256"):
             refuse_odd_references(tmp_path / name, "gltf")
