@@ -16,11 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from reading.blender.poses import own_pose
+from reading.blender.tidy import VISIBILITY
 
 FEWEST = 1000  # so that files of the usual size are read as they are
-VISIBILITY = tuple(
-    f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
-)
 LOOK = (*VISIBILITY, "is_holdout", "is_shadow_catcher", "pass_index")
 HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
 
