@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -20,6 +21,7 @@ from reading.blender.cutouts import CutoutReader
 from reading.blender.poses import Poses
 from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from reading.blender.twins import Twin
 from reading.drawn import Evaluated, Left
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
@@ -44,6 +46,7 @@ def evaluate(
     scene: Any,
     *,
     metres_from_file: Float[np.ndarray, "4 4"],
+    twins: Mapping[str, Sequence[Twin]],
     texture_size: int = TEXTURE_SIZE,
     keep_mesh: Callable[[Any, list[Any]], None] | None = None,
     keep_look: Callable[[Any], None] | None = None,
@@ -56,6 +59,8 @@ def evaluate(
         A Blender scene.
     metres_from_file
         The file's scale and up axis, for the bounds of the pieces.
+    twins
+        What `reading.blender.twins` took out of the scene; each is read behind the one that it equals.
     texture_size
         Texels of the longer side that textures which cut out are kept at.
     keep_mesh
@@ -72,10 +77,11 @@ def evaluate(
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
     visit_render(
-        scene, lambda depsgraph: _Reader(depsgraph, result, metres_from_file, cutouts, keep_mesh, keep_look).read()
+        scene,
+        lambda depsgraph: _Reader(depsgraph, result, metres_from_file, cutouts, twins, keep_mesh, keep_look).read(),
     )
     result.doubts += cutouts.doubts
-    _list_hidden(scene, result)
+    _list_hidden(scene, result, twins)
     return result
 
 
@@ -86,11 +92,12 @@ class _Reader:
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
         cutouts: CutoutReader,
+        twins: Mapping[str, Sequence[Twin]],
         keep_mesh: Callable[[Any, list[Any]], None] | None,
         keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
-        self.cutouts, self.keep_mesh, self.keep_look = cutouts, keep_mesh, keep_look
+        self.cutouts, self.twins, self.keep_mesh, self.keep_look = cutouts, twins, keep_mesh, keep_look
         self.poses = Poses(depsgraph)
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
@@ -126,7 +133,11 @@ class _Reader:
     def _leave(self, instance: Any, why: str) -> None:
         if instance.object.name == OUR_CAMERA:
             return
-        self.result.left[Left(instance.object.name, instance.object.type, why)] += 1
+        for name in (instance.object.name, *(twin.name for twin in self._twins(instance))):
+            self.result.left[Left(name, instance.object.type, why)] += 1
+
+    def _twins(self, instance: Any) -> Sequence[Twin]:
+        return () if instance.is_instance else self.twins.get(instance.object.original.name_full, ())
 
     def _read_mesh(self, instance: Any) -> None:
         drawn = instance.object
@@ -170,14 +181,7 @@ class _Reader:
         if self.keep_look:
             self.keep_look(drawn)
         scattered = _is_scattered(instance)
-        if not np.isfinite(pose).all():
-            raise AssetError(f"object {drawn.name!r} stands at a place that is no number", remedy=REPAIR)
-        with np.errstate(over="ignore", invalid="ignore"):
-            seen = apply(self.metres @ pose, self.box[number] if scattered or hair else self.used[number])
-        if not np.abs(seen).max() <= FARTHEST:
-            problem = f"object {drawn.name!r} reaches {np.abs(seen).max():.3g} m from the origin"
-            raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
-        bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
+        bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         self.result.pieces.append(
             Piece(
                 data=data,
@@ -197,6 +201,30 @@ class _Reader:
                 level=0.0 if hair else self._level(number, pose, bounds),
             )
         )
+        for twin in () if hair else self._twins(instance):
+            self._add_twin(twin, self.result.pieces[-1], drawn)
+
+    def _add_twin(self, twin: Twin, piece: Piece, drawn: Any) -> None:
+        """Add what is like `piece`, that of `drawn`, but for its name and its pose."""
+        if self.keep_look:
+            self.keep_look(drawn)
+        bounds = self._bounds(twin.name, twin.pose, self.used[piece.mesh])
+        link = replace(piece.chain[0], name=twin.name, pose=twin.pose)
+        level = self._level(piece.mesh, twin.pose, bounds)
+        self.result.pieces.append(replace(piece, chain=(link,), pose=twin.pose, bounds=bounds, level=level))
+
+    def _bounds(
+        self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, "2 3"]:
+        """Around points of a mesh where it is drawn, in metres."""
+        if not np.isfinite(pose).all():
+            raise AssetError(f"object {name!r} stands at a place that is no number", remedy=REPAIR)
+        with np.errstate(over="ignore", invalid="ignore"):
+            seen = apply(self.metres @ pose, points)
+        if not np.abs(seen).max() <= FARTHEST:
+            problem = f"object {name!r} reaches {np.abs(seen).max():.3g} m from the origin"
+            raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
+        return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
     def _level(self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]) -> float:
         """How level a piece is, if it is as wide as ground or water might be."""
@@ -319,14 +347,15 @@ def _is_hidden(original: Any) -> bool:
     return bool(original.hide_viewport or not original.visible_get())
 
 
-def _list_hidden(scene: Any, result: Evaluated) -> None:
+def _list_hidden(scene: Any, result: Evaluated, twins: Mapping[str, Sequence[Twin]]) -> None:
     """Name what the file holds but the render does not."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     off = dict(_switched_off(layer.layer_collection, False))
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN:
-            result.left[Left(obj.name, obj.type, _why_hidden(obj, off))] += 1
+            for name in (obj.name, *(twin.name for twin in twins.get(obj.name_full, ()))):
+                result.left[Left(name, obj.type, _why_hidden(obj, off))] += 1
 
 
 def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:

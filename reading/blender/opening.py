@@ -7,7 +7,7 @@ scene ends with the opening. Needs bpy only, because it also runs inside an inst
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
@@ -17,11 +17,11 @@ WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colours
 SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
-def open_blend(path: str) -> list[str]:
+def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str]:
     """Make `path` the open file; what of it is left out, a sentence each.
 
     Blender evaluates a file while it opens it, caches and fluids included. So the file is disarmed by a handler, which
-    Blender calls when all is read and nothing is evaluated.
+    Blender calls when all is read and nothing is evaluated; right after it, `then` is called.
 
     Raises
     ------
@@ -36,6 +36,8 @@ def open_blend(path: str) -> list[str]:
         try:
             _name_what_cannot_be_read()
             left_out.extend(_disarm())
+            if then:
+                then()
         except Exception as error:  # Blender would print it and go on
             errors.append(error)
 

@@ -110,6 +110,12 @@ class Poses:
         return outer @ inverse @ own, _span(outer @ inverse, size, float(np.abs(own).max()))
 
 
+def own_pose(original: Any) -> Float[np.ndarray, "4 4"]:
+    """`world_from_object` of an object without parent or constraints, that need not be evaluated."""
+    exact = _basis(original)
+    return _agreed(exact, float(np.abs(exact).max()), np.array(original.matrix_basis, np.float64))
+
+
 def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
     return max(outer_size, float(np.abs(outer[:3, :3]).max()) * inner_size, float(np.abs(outer).max()))
 

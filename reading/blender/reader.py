@@ -60,6 +60,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     drawn = evaluate(
         bpy.context.scene,
         metres_from_file=metres,
+        twins=opened.twins,
         texture_size=options.texture_size,
         keep_mesh=keeper.keep_mesh,
         keep_look=keeper.keep_look,

@@ -96,7 +96,8 @@ def write_scenery(
     for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
         if use not in ("backdrop", "removed"):
             alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
-    for same in alike.values():
+    # Blender keeps objects sorted by name and looks for the place of a new one from the end.
+    for same in sorted(alike.values(), key=lambda same: pieces[same[0]].name.lower()):
         poses = scenery_from_file @ np.array([pieces[i].pose for i in same])
         if len(same) >= MANY:
             thing = _object(keeper, pieces[same[0]], same[0])

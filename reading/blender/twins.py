@@ -1,0 +1,104 @@
+"""Objects that differ from another one in name and pose alone, taken out of the scene before it is evaluated.
+
+Blender needs some 50 KB and a millisecond for an object that it evaluates, and large sceneries have a hundred thousand
+stones that share ten meshes. What another object draws already need not be evaluated: its name and its pose are enough.
+Only objects that nothing else can move, change, use or depend on are taken.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float
+
+from reading.blender.poses import own_pose
+from reading.blender.tidy import VISIBILITY
+
+FEWEST = 1000  # so that files of the usual size are read as they are
+LOOK = (*VISIBILITY, "is_holdout", "is_shadow_catcher", "pass_index")
+HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Twin:
+    """An object that was taken out of the scene.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    pose
+        (4, 4) world_from_object.
+    """
+
+    name: str
+    pose: Float[np.ndarray, "4 4"]
+
+
+def set_aside() -> dict[str, list[Twin]]:
+    """Remove twins from the open file if there are many, by the name of the object that stays for them.
+
+    To be called when the file is read and nothing of it is evaluated.
+    """
+    groups = [same for same in _alike().values() if len(same) > 1]
+    if sum(len(same) - 1 for same in groups) < FEWEST:
+        return {}
+    twins = {same[0].name: [Twin(obj.name, own_pose(obj)) for obj in same[1:]] for same in groups}
+    bpy.data.batch_remove([obj for same in groups for obj in same[1:]])
+    return twins
+
+
+def _alike() -> dict[tuple[object, ...], list[Any]]:
+    """The plain objects of the file, those together that only name and pose tell apart."""
+    users = bpy.data.user_map()
+    plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
+    within: dict[Any, list[Any]] = defaultdict(list)
+    for collection in (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)):
+        for obj in collection.objects:
+            within[obj].append(collection)
+    ordinary = {collection for collection in bpy.data.collections if _is_unused(_around(collection, users))}
+    ordinary.update(scene.collection for scene in bpy.data.scenes)
+    cameras = {scene.camera for scene in bpy.data.scenes}
+    cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
+    alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
+    for obj in plain:
+        if obj not in cameras and ordinary.issuperset(within[obj]):
+            alike[obj.data, tuple(within[obj]), _look(obj)].append(obj)
+    return alike
+
+
+def _is_plain(obj: Any) -> bool:
+    """Whether it draws its mesh where its location, rotation and scale say, and does nothing else."""
+    if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
+        return False
+    if obj.modifiers or obj.constraints or obj.particle_systems or obj.instance_type != "NONE":
+        return False
+    if obj.rigid_body or obj.rigid_body_constraint or (obj.field and obj.field.type != "NONE"):
+        return False
+    if obj.hide_render or obj.hide_viewport or obj.hide_get() or obj.mode != "OBJECT":
+        return False
+    return not (obj.data.shape_keys or obj.data.animation_data) and bool(np.isfinite(obj.matrix_basis).all())
+
+
+def _is_unused(users: set[Any]) -> bool:
+    return all(user.bl_rna.identifier in HARMLESS for user in users)
+
+
+def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
+    """All that uses a collection, or a collection that it is in."""
+    found: set[Any] = set()
+    ring = [collection]
+    while ring:
+        more = users.get(ring.pop(), set()) - found
+        found |= more
+        ring += [user for user in more if isinstance(user, bpy.types.Collection)]
+    return found
+
+
+def _look(obj: Any) -> tuple[object, ...]:
+    slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
+    return (*(getattr(obj, name) for name in LOOK), tuple(obj.color), slots)

@@ -1,0 +1,66 @@
+"""Objects that are read without being evaluated are read as if they were."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from assets.bundle import load_scenery
+
+SCRIPT = Path(__file__).with_name("twin_blends.py")
+ALIKE = {
+    # Those that others hang on are no twins: 0 and 1 are parents, 4 to 9 targets; 10 is the first, and is kept.
+    *(f"posed {number}" for number in (2, 3, *range(11, 24))),
+    *("without faces 1", "unrendered 1", "unrendered 2", "excluded 1", "excluded 2", "in the scene and one 1"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("twins")
+    subprocess.run([sys.executable, str(SCRIPT), str(folder)], check=True, capture_output=True, cwd=SCRIPT.parents[1])
+    return folder
+
+
+def test_only_what_nothing_tells_apart_is_a_twin(folder: Path) -> None:
+    assert set(json.loads((folder / "answer.json").read_text())["taken"]) == ALIKE
+
+
+def test_bundles_are_equal(folder: Path) -> None:
+    every, few = (load_scenery(folder / name / "bundle.npz") for name in ("all", "few"))
+
+    def things(scenery):
+        return sorted(
+            (name, pose.tobytes(), scenery.obstacle_meshes[mesh].vertices.tobytes(), bool(soft), bool(water))
+            for name, pose, mesh, soft, water in zip(
+                scenery.instance_names,
+                scenery.world_from_instance,
+                scenery.instance_mesh,
+                scenery.instance_gives_way,
+                scenery.instance_is_water,
+                strict=True,
+            )
+        )
+
+    assert things(every) == things(few)
+    assert len(every.instance_names) > 50
+    assert every.ground_names == few.ground_names
+    np.testing.assert_array_equal(every.ground.vertices, few.ground.vertices)
+    np.testing.assert_array_equal(every.origin, few.origin)
+
+
+def test_reports_are_equal(folder: Path) -> None:
+    every, few = (json.loads((folder / name / "answer.json").read_text()) for name in ("all", "few"))
+    for answer in (every, few):
+        answer["report"]["rows"].sort(key=json.dumps)
+    assert every == few
+    assert sum("xcluded" in json.dumps(row) for row in every["report"]["rows"])
+
+
+def test_what_is_rendered_is_equal(folder: Path) -> None:
+    answer = json.loads((folder / "answer.json").read_text())
+    assert answer["all"] == answer["few"]
+    assert len(answer["all"]) > 50

@@ -1,0 +1,159 @@
+"""Writes a .blend of many like objects with every kind that must not be taken for one; run in Blender.
+
+``python twin_blends.py FOLDER``: ``twins.blend`` is read with all objects evaluated, to the folder ``all``, and with as
+few as possible, to ``few``; ``answer.json`` says what both draw and which objects were not evaluated.
+"""
+
+import json
+import random
+import sys
+from pathlib import Path
+
+import bpy
+
+from reading.blender import reader, twins
+from reading.blender.opening import open_blend
+from reading.export import job_for
+
+CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+DRAW = random.Random(0)
+
+
+def mesh(name, vertices=CUBE, faces=QUADS):
+    made = bpy.data.meshes.new(name)
+    made.from_pydata(vertices, [], faces)
+    return made
+
+
+def add(name, data, collection=None):
+    made = bpy.data.objects.new(name, data)
+    made.location = DRAW.uniform(-80, 80), DRAW.uniform(-80, 80), DRAW.uniform(-1, 1)
+    (collection or bpy.context.scene.collection).objects.link(made)
+    return made
+
+
+def collection(name, around=None):
+    made = bpy.data.collections.new(name)
+    (around or bpy.context.scene.collection).children.link(made)
+    return made
+
+
+def material(name):
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    return made
+
+
+def pairs(name, data, change, count=2):
+    """Objects that are alike, and changed in the same way; so that what is taken of them is seen."""
+    for number in range(count):
+        change(add(f"{name} {number}", data), number)
+
+
+def make():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    edge = [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)]
+    ground = add("ground", mesh("ground", edge, [[0, 1, 2, 3]]))
+    ground.location = 0, 0, 0
+    stone, empty = mesh("stone"), mesh("empty", [(0, 0, 0)], [])
+    stone.materials.append(material("grey"))
+    red = material("red")
+
+    def pose(obj, number):
+        obj.rotation_mode = ("XYZ", "ZXY", "QUATERNION", "AXIS_ANGLE")[number % 4]
+        obj.rotation_euler = [DRAW.uniform(-3, 3) for _ in range(3)]
+        obj.rotation_quaternion = [DRAW.uniform(-3, 3) for _ in range(4)]
+        obj.rotation_axis_angle = [DRAW.uniform(-3, 3) for _ in range(4)]
+        obj.scale = (1, -1 if number % 3 else 1, 0.5)
+        obj.delta_location, obj.delta_scale = (0.5, 0, 0), (1, 2, 1)
+
+    pairs("posed", stone, pose, 24)
+    pairs("without faces", empty, lambda obj, number: None)
+
+    def child(obj, number):
+        obj.parent = bpy.data.objects[f"posed {number}"]
+
+    def swell(obj, number):
+        obj.modifiers.new("bevel", "BEVEL").width = 0.1 * (number + 1)
+
+    def follow(obj, number):
+        obj.constraints.new("COPY_LOCATION").target = bpy.data.objects[f"posed {number + 4}"]
+
+    def key(obj, number):
+        obj.keyframe_insert("location", frame=1)
+
+    def drive(obj, number):
+        curve = obj.driver_add("location", 2)
+        variable = curve.driver.variables.new()
+        variable.type, variable.targets[0].id = "TRANSFORMS", bpy.data.objects[f"posed {number + 6}"]
+        curve.driver.expression = variable.name
+
+    def cut(obj, number):
+        tool = obj.modifiers.new("cut", "BOOLEAN")
+        tool.object, obj.location = bpy.data.objects[f"posed {number + 8}"], (number, 0, 0)
+
+    def dress(obj, number):
+        obj.material_slots[0].link, obj.material_slots[0].material = "OBJECT", red if number else None
+
+    def shade(obj, number):
+        obj.color, obj.pass_index, obj.visible_shadow = (number % 2, 0, 0, 1), number // 2, number != 3
+
+    def hide(obj, number):
+        setattr(obj, ("hide_render", "hide_viewport", "visible_camera", "is_holdout")[number], number != 2)
+
+    def hide_by_eye(obj, number):
+        obj.hide_set(True)
+
+    for change in (child, swell, follow, key, drive, cut, dress, hide_by_eye):
+        pairs(change.__name__, stone, change)
+    pairs("shade", stone, shade, 5)
+    pairs("hide", stone, hide, 4)
+
+    # Collections: one that is drawn elsewhere too, within another, one that is not rendered, one that is left out.
+    inner = collection("inner", collection("outer"))
+    places = {"instanced": inner, "unrendered": collection("unrendered"), "excluded": collection("out")}
+    for name, where in places.items():
+        for number in range(3):
+            add(f"{name} {number}", stone, where)
+    drawn = add("drawn again", None)
+    drawn.instance_type, drawn.instance_collection = "COLLECTION", bpy.data.collections["outer"]
+    bpy.data.collections["unrendered"].hide_render = True
+    bpy.context.view_layer.layer_collection.children["out"].exclude = True
+    for number in range(2):
+        add(f"in two {number}", stone, collection(f"part {number}"))
+        bpy.data.collections["part 0"].objects.link(add(f"in the scene and one {number}", stone))
+
+
+def drawn(path):
+    """What a tidy twin draws: pose, mesh, materials and look of each."""
+    open_blend(str(path))
+    found = []
+    for each in bpy.context.evaluated_depsgraph_get().object_instances:
+        thing = each.object
+        if thing.type == "MESH" and each.show_self:
+            points = [list(vertex.co) for vertex in thing.data.vertices]
+            materials = [slot.material and slot.material.name for slot in thing.material_slots]
+            look = [list(thing.color), thing.pass_index, thing.visible_camera, thing.visible_shadow]
+            found.append(json.dumps([[list(row) for row in each.matrix_world], points, materials, look]))
+    return sorted(found)
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    make()
+    path = folder / "twins.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    answer = {}
+    for name, fewest in (("all", 10**9), ("few", 1)):
+        (folder / name).mkdir()
+        twins.FEWEST = fewest
+        told = job_for(path, folder / name, kind="scenery")
+        job = folder / name / "job.json"
+        job.write_text(json.dumps(told))
+        reader.main(str(job))
+        answer[name] = drawn(told["tidy"])
+    taken = {}
+    open_blend(str(path), then=lambda: taken.update(twins.set_aside()))
+    answer["taken"] = sorted(twin.name for same in taken.values() for twin in same)
+    (folder / "answer.json").write_text(json.dumps(answer))
