@@ -18,8 +18,8 @@ BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken f
 def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
 
-    A scenery has ground, by name or by shape, and what is no ground fills more than a vehicle would; or it is flat and
-    wide.
+    A scenery has ground, by name or by shape, and what is no ground fills more than a vehicle would, and is not called
+    like one; or it is flat and wide.
     """
     if not pieces:
         return "vehicle"
@@ -28,6 +28,8 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
     kept = _vehicle(pieces)
+    if 2 * sum(says(p.name, VEHICLE) for p in kept) >= max(len(kept), 1):
+        return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 

@@ -160,7 +160,8 @@ def test_doubts_about_a_vehicle(size: tuple, unit: float, expected: list[str]) -
 def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
     pose, bounds = np.eye(4), np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
     pieces = [
-        Piece("Mesh", (Link(f"Thing {i}", (), "MESH", pose),), 0, pose, bounds * (1 + (i == 7)), 12) for i in range(20)
+        Piece("Mesh", (Link(f"Thing {i}", (), "MESH", pose),), 0, pose, bounds * (1 + (i == 7)) + 3 * (i == 7), 12)
+        for i in range(20)
     ]
     roles = [Role("obstacle", "by default")] * 20
     missing = (Missing("/a.png", ()),)
