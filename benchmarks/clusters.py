@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[1]
 LOST_S = "12s"  # without a sign of life, until a worker counts as lost
@@ -76,6 +77,11 @@ class Cluster:
         worker = self._start(command, environment or {}, bound if largest_file else None)
         self.workers.append(worker)
         return worker
+
+    def wait(self) -> None:
+        """Until all workers that live have come."""
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(sum(worker.poll() is None for worker in self.workers), timeout=120)
 
     def _start(self, command, environment, before=None):
         everything = {**os.environ, "PYTHONPATH": str(ROOT), "HULLDOWN_CACHE": str(self.folder / "sent"), **environment}

@@ -3,6 +3,7 @@
 Whatever it is, the dataset must be the one that a run on this machine makes, to the byte.
 """
 
+import json
 import os
 import re
 import resource
@@ -191,16 +192,19 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
         if not entry.name.startswith("bpy"):
             (packages / entry.name).symlink_to(entry)
     environment = {"PYTHONPATH": f"{ROOT}{os.pathsep}{packages}"}
-    poor = nodes.add(python=(sys.executable, "-P", "-S"), environment=environment)
     other = tmp_path / "other"
     ignored = shutil.ignore_patterns(".*", "tests", "docs", "benchmarks")
     shutil.copytree(ROOT, other, ignore=ignored)
     cache = other / "reading" / "cache.py"
     cache.write_text(re.sub(r"(?m)^EXPORTER = .*", "EXPORTER = 10**6", cache.read_text()))
-    old = nodes.add(environment={"PYTHONPATH": str(other)})
-    full = nodes.add(largest_file=4096)
+    bad = [
+        nodes.add(python=(sys.executable, "-P", "-S"), environment=environment),
+        nodes.add(environment={"PYTHONPATH": str(other)}),
+        nodes.add(largest_file=4096),
+    ]
+    nodes.wait()
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
-    for worker in (poor, old, full):
+    for worker in bad:
         worker.kill()
     assert_same(folder / "whole", tmp_path / "d")
     assert course.line("gets no images: it has no bpy")

@@ -72,10 +72,11 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     assert sum(row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak") == 15
 
 
-def test_no_ground_is_said_with_the_names_that_are_there(messy: Messy) -> None:
-    assert messy.scenery("unnamed").ground is None
-    (doubt,) = [d for d in messy.exported["unnamed"].report.doubts if d.startswith("NO GROUND")]
-    assert "'Mesh', 'Thing'" in doubt
+def test_ground_without_a_name_for_it_is_found_and_said(messy: Messy) -> None:
+    assert len(messy.scenery("unnamed").ground_names) == 1
+    doubts = messy.exported["unnamed"].report.doubts
+    assert [d for d in doubts if d.startswith("taken as ground: ") and ", by shape" in d]
+    assert not [d for d in doubts if d.startswith("NO GROUND")]
 
 
 def test_map_coordinates_in_the_object_keep_what_hangs_on_it(messy: Messy) -> None:

@@ -64,7 +64,7 @@ def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_p
     pose = np.eye(4)
     pose[1, 3] = 2.5
     beside = make_row(0, world_from_vehicle=pose.tolist(), bbox=[2.0, 6.0, 4.0, 4.0])
-    other = {key: beside[key] for key in PlannedVehicle.__struct_fields__}
+    other = {key: beside[key] for key in PlannedVehicle.__struct_fields__ if key in beside}
     plan = write_plan(tmp_path, [make_row(i, companions=[other]) for i in range(2)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
     path = tmp_path / "d" / "annotations.json"
