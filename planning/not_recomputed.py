@@ -8,6 +8,7 @@ _READ = "read into the assets, which are read again by the header's config; thei
 _RENDERED = "a setting of Cycles: no row holds it, and only a picture shows it"
 NOT_RECOMPUTED: Mapping[str, str] = {
     "assets.cache": "where files are kept; a plan does not depend on it",
+    "assets.texture_size": _READ,
     "assets.hdris": "patterns of files; the names that they give are those of the header",
     **{f"assets.{kind}.{key}": _READ for kind in ("vehicles", "distractors") for key in (
         "path", "category", "name", "forward", "yaw_deg", "up", "scale", "keep", "drop", "turret", "gun",

@@ -104,8 +104,6 @@ CHANGES = [
     ("assets.distractors.weight", 0.01, "distractors, which are not those that were drawn"),
     ("assets.distractors.sceneries", ["bare"], "distractors, which are not those that were drawn"),
     ("placement.distractor_distance", [30.0, 32.0], "distance from what the camera is framed on is"),
-    ("annotate.min_box_px", 0.0, "breaks companions[0].label"),
-    ("annotate.min_visible_fraction", 0.0, "breaks companions[0].label"),
     ("annotate.max_truncated_fraction", 1.0, "breaks companions[0].label"),
     ("annotate.below", "left_out", "breaks companions[0].label"),
     ("placement.articulate", False, "articulation"),
@@ -138,8 +136,31 @@ CHANGES = [
 ]  # fmt: skip
 
 
+# With which seed and least size a plan has a companion whose label is ignored for this alone.
+FLOORS = [("annotate.min_box_px", 3, 100.0), ("annotate.min_visible_fraction", 7, 100.0)]
+
+
 def test_every_checked_key_is_changed_below():
-    assert {key for key, _, _ in CHANGES} == {key for limit in LIMITS for key in limit.keys}
+    assert {key for key, *_ in CHANGES + FLOORS} == {key for limit in LIMITS for key in limit.keys}
+
+
+@pytest.mark.parametrize(("key", "seed", "least"), FLOORS, ids=[key for key, *_ in FLOORS])
+def test_a_floor_that_was_lowered_is_found(assets, tmp_path, key, seed, least):
+    config = small_config(
+        seed=seed,
+        assets={"distractors": DISTRACTOR_ENTRIES},
+        budget={"images_per_class": 10, "images_per_position": 2},
+        placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30], "fording_depth": 9},
+        camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60], "min_box_px": least},
+        weather={"probability": 0.5},
+    )
+    plan = write_plan(config, assets, tmp_path / "plan.jsonl")
+    assert check_plan(plan, assets) == []
+    header, _, rest = plan.path.read_bytes().partition(b"\n")
+    changed = json.loads(header)
+    changed["config"]["annotate"][key.split(".")[1]] = 0.0
+    plan.path.write_bytes(json.dumps(changed, separators=(",", ":")).encode() + b"\n" + rest)
+    assert any(".label, which is" in finding for finding in map(str, check_plan(read_plan(plan.path), assets)))
 
 
 @pytest.mark.parametrize(("key", "value", "message"), CHANGES, ids=[f"{key}: {m[:20]}" for key, _, m in CHANGES])
