@@ -28,7 +28,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
     kept = _vehicle(pieces)
-    if 2 * sum(bool(says(p.name, VEHICLE)) for p in kept) >= max(len(kept), 1):
+    if 2 * sum(bool(says(p.name, VEHICLE)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
