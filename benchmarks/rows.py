@@ -88,7 +88,7 @@ def _plain(hint: Any, *, limits: bool) -> Any:
     if get_origin(hint) in (list, dict):
         return get_origin(hint)[tuple(_plain(one, limits=limits) for one in get_args(hint))]
     if args := get_args(hint):
-        return Union[tuple(_plain(one, limits=limits) for one in args)]  # noqa: UP007
+        return Union[tuple(_plain(one, limits=limits) for one in args)]  # noqa: UP007 (`|` takes no tuple)
     return hint
 
 

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 HIDES = 0.5  # opacity from which on a point hides what is behind it, for masks and the nearest hit
 NEGLIGIBLE = 1e-3  # of a face as opaque or as clear as this nothing is looked up
 ROUNDING = 1e-3  # texels by which a lookup at the edge of a face may be off it
-ONE_TEXEL = np.array([[255]], dtype=np.uint8)
 
 
 class Extension(IntEnum):

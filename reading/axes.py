@@ -13,7 +13,6 @@ from assets.naming import FRONT, REAR, says
 from reading.solids import Solids
 
 UPS = ("z", "-z", "y", "-y", "x", "-x")
-NOSES = ("+x", "-x", "+y", "-y")
 PARALLEL = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
 FLAT_WHEELS = 0.5  # centres of wheels lie in one plane, give or take this share of their radius

@@ -1,8 +1,10 @@
 """Every layout of an export, read by the packages that it is for."""
 
+import importlib
 import io
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -18,6 +20,13 @@ from geometry.errors import DatasetError
 
 WIDTH, HEIGHT = 64, 40
 NAMES = ["tank", 'truck "6x6"', "armoured car"]  # the last has no label
+
+
+def package(name):
+    """A package that reads exports, which must be there; its warnings when it is imported are its own."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return importlib.import_module(name)
 
 
 def mask_of(kind: int) -> np.ndarray:
@@ -142,7 +151,7 @@ def test_pycocotools_reads_coco(exported, labels, capsys, within):
 
 @pytest.mark.parametrize("within", [None, 0.0])
 def test_rfdetr_reads_its_yolo(exported, labels, within):
-    yolo = pytest.importorskip("rfdetr.datasets.yolo")
+    yolo = package("rfdetr.datasets.yolo")
     out, found = exported("rfdetr-yolo", within), []
     assert yolo.is_valid_yolo_dataset(str(out))
     for split in ("train", "valid", "test"):
@@ -169,7 +178,7 @@ def test_rfdetr_reads_its_yolo(exported, labels, within):
 
 
 def test_rfdetr_reads_coco(exported):
-    datasets = pytest.importorskip("rfdetr.datasets.coco")
+    datasets = package("rfdetr.datasets.coco")
     out = exported("coco")
     assert datasets.is_valid_coco_dataset(str(out))
     data = datasets.CocoDetection(out / "train", out / "train" / "_annotations.coco.json", transforms=None)
@@ -178,7 +187,7 @@ def test_rfdetr_reads_coco(exported):
 
 @pytest.mark.parametrize("layout", ["yolo", "rfdetr-yolo"])
 def test_supervision_reads_yolo_with_its_masks(exported, dataset, layout):
-    supervision = pytest.importorskip("supervision")
+    supervision = package("supervision")
     out = exported(layout, 0.0)
     pictures, texts = ("images/train", "labels/train") if layout == "yolo" else ("train/images", "train/labels")
     data = supervision.DetectionDataset.from_yolo(str(out / pictures), str(out / texts), str(out / "data.yaml"))
@@ -214,7 +223,7 @@ def test_yolo_is_as_ultralytics_documents_it(exported, labels):
 
 
 def test_supervision_reads_voc(exported, labels):
-    supervision = pytest.importorskip("supervision")
+    supervision = package("supervision")
     out = exported("voc")
     data = supervision.DetectionDataset.from_pascal_voc(str(out / "JPEGImages"), str(out / "Annotations"))
     found = []
@@ -237,7 +246,7 @@ def test_supervision_reads_voc(exported, labels):
 def test_hugging_face_reads_its_image_folder(exported, labels, tmp_path, monkeypatch, within):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     monkeypatch.setenv("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
-    datasets = pytest.importorskip("datasets")
+    datasets = package("datasets")
     datasets.disable_progress_bars()
     loaded = datasets.load_dataset(
         "imagefolder", data_dir=str(exported("huggingface", within)), cache_dir=str(tmp_path)
@@ -259,7 +268,7 @@ def test_hugging_face_reads_its_image_folder(exported, labels, tmp_path, monkeyp
 # It leaves closing its files to the garbage collector.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_webdataset_reads_its_shards(exported, labels, dataset, tmp_path, monkeypatch):
-    reader = pytest.importorskip("webdataset")
+    reader = package("webdataset")
     out = exported("webdataset")
     found = []
     for split in ("train", "valid", "test"):

@@ -4,6 +4,7 @@ import json
 import re
 
 import numpy as np
+import pandas
 import pytest
 from PIL import Image
 from selenium.webdriver.common.by import By
@@ -196,6 +197,5 @@ def test_tables_have_one_length_and_name_what_is_known(folder):
 
 
 def test_pandas_and_polars_take_the_tables(folder):
-    pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame(Dataset.read(folder).labels)
     assert table.groupby("category")["box_size"].count().to_dict() == {"tank": 8, "truck & <trailer>": 6}

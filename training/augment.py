@@ -181,14 +181,14 @@ class Augmenter:
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))
-        masked = [i for i, mask in enumerate(sample.masks) if mask is not None]
+        masked = {i: mask for i, mask in enumerate(sample.masks) if mask is not None}
         given: dict[str, Any] = {
             "image": sample.picture,
             "bboxes": np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1),
             "index": np.arange(len(sample.label)),
         }
         if masked:
-            given["masks"] = [sample.masks[i].view(np.uint8) for i in masked]  # type: ignore[union-attr]
+            given["masks"] = [mask.view(np.uint8) for mask in masked.values()]
         found = self._compose(**given)
         index = np.asarray(found["index"], dtype=np.int64)
         corners = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)

@@ -59,29 +59,12 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
 
 def positive(text: str) -> float:
     """A finite number above 0."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
-    return number
+    return _number(text, "a number above 0", lambda number: 0.0 < number < math.inf)
 
 
 def at_least_zero(text: str) -> float:
     """A finite number from 0 on."""
-    return 0.0 if text.strip() in ("0", "0.0") else positive(text)
-
-
-def share(text: str) -> float:
-    """A number from 0 to 1."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0.0 <= number <= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
-    return number
+    return _number(text, "a number from 0 on", lambda number: 0.0 <= number < math.inf)
 
 
 def three_shares(text: str) -> tuple[float, ...]:
@@ -119,13 +102,7 @@ def threshold_or_best(text: str) -> float | str:
 
 def fraction(text: str) -> float:
     """A number from 0 to 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
-    return value
+    return _number(text, "a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)
 
 
 def overlap(text: str) -> float:
@@ -168,3 +145,14 @@ def add_allow_links(sub: argparse.ArgumentParser) -> None:
         "--allow-links", type=Path, metavar="DIR", action="append", default=[],
         help="folder that pictures which are links may lead to, besides their dataset; may be repeated",
     )  # fmt: skip
+
+
+def _number(text: str, expected: str, fits: Callable[[float], bool]) -> float:
+    """A number that fits; what is none, or not a number, fits nothing."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not fits(number):
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+    return number

@@ -17,12 +17,12 @@ from verbs.arguments import (
     add_read_limits,
     at_least_one,
     at_least_zero,
+    fraction,
     one_of_shares,
     page_name,
     port,
     positive,
     read_limits,
-    share,
     three_shares,
 )
 from verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, progress_bar, reading_status, say, show_list, warn
@@ -314,8 +314,10 @@ def add(verb: AddVerb) -> None:
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
     )  # fmt: skip
     sub.add_argument("--min-box-px", type=at_least_zero, default=0.0, metavar="PX", help="least side of a label's box")
-    sub.add_argument("--min-visible-fraction", type=share, default=0.0, metavar="SHARE", help="of a label, at least")
-    sub.add_argument("--max-truncated-fraction", type=share, default=1.0, metavar="SHARE", help="of a label, at most")
+    sub.add_argument("--min-visible-fraction", type=fraction, default=0.0, metavar="SHARE", help="of a label, at least")
+    sub.add_argument(
+        "--max-truncated-fraction", type=fraction, default=1.0, metavar="SHARE", help="of a label, at most"
+    )
     sub.add_argument(
         "--below", choices=("ignored", "left_out"), default="ignored",
         help="what becomes of labels that show less: iscrowd = 1, or no label, as always in yolo (default: ignored)",

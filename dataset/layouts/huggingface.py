@@ -26,6 +26,7 @@ def write(shares: Shares, out: Path) -> None:
     mask its box). Its readers take types from the lines, so that a split without any label does not fit the others.
     """
     outlined = any(isinstance(label.get("segmentation"), list) for labels in shares.labels.values() for label in labels)
+    names = shares.class_names
     for split, items in shares:
         folder = out / FOLDERS[split]
         folder.mkdir()
@@ -35,7 +36,7 @@ def write(shares: Shares, out: Path) -> None:
                 record = {
                     **{"file_name": item.name, "image_id": item.image["id"]},
                     **{key: item.image[key] for key in ("width", "height")},
-                    "objects": _objects(item.labels, shares.class_names, outlined),
+                    "objects": _objects(item.labels, names, outlined),
                 }
                 lines.write(orjson.dumps(record) + b"\n")
 

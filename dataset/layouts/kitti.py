@@ -32,14 +32,14 @@ def write(shares: Shares, out: Path) -> None:
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
         folder.mkdir(parents=True)
-    number = 0
+    names, number = shares.class_names, 0
     for split, items in shares:
         with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1
                 item.link(pictures, stem + Path(item.name).suffix)
-                lines = [label_line(label, shares.class_names[label["category_id"]]) for label in item.labels]
+                lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
                 (cameras / f"{stem}.txt").write_text(_calibration(item.image), encoding="utf-8")
                 stems.write(f"{stem}\n")

@@ -28,12 +28,13 @@ def write(shares: Shares, out: Path) -> None:
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
+    names = shares.class_names
     for split, items in shares:
         with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 item.link(pictures)
                 stems.write(f"{item.stem}\n")
-                tree = ElementTree.ElementTree(_annotation(item, shares.class_names))
+                tree = ElementTree.ElementTree(_annotation(item, names))
                 ElementTree.indent(tree)
                 tree.write(texts / f"{item.stem}.xml", encoding="utf-8")
 

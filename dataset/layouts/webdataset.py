@@ -26,11 +26,12 @@ def write(shares: Shares, out: Path) -> None:
     A sample is ``STEM.png`` and ``STEM.json``, which has ``image`` and ``annotations``, COCO's records with the class's
     name as ``category``. The files are the same whenever they are written.
     """
+    names = shares.class_names
     for split, items in shares:
         for number, samples in enumerate(_shards(items)):
             with tarfile.open(out / f"{split}-{number:06d}.tar", "w", format=tarfile.USTAR_FORMAT) as shard:
                 for item in samples:
-                    labels = [{**label, "category": shares.class_names[label["category_id"]]} for label in item.labels]
+                    labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
                     suffix = PurePosixPath(item.name).suffix.lower()
                     _add(shard, f"{item.stem}{suffix}", item.content())
                     _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))

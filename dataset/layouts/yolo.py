@@ -54,13 +54,14 @@ def label_lines(
 
 
 def _write(shares: Shares, out: Path, folders: Mapping[str, tuple[Path, Path]]) -> None:
+    numbers = shares.class_numbers
     for split, items in shares:
         pictures, texts = (out / folder for folder in folders[split])
         pictures.mkdir(parents=True)
         texts.mkdir(parents=True)
         for item in items:
             item.link(pictures)
-            lines = label_lines(item.labels, shares.class_numbers, item.image["width"], item.image["height"])
+            lines = label_lines(item.labels, numbers, item.image["width"], item.image["height"])
             (texts / f"{item.stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     key = {"train": "train", "valid": "val", "test": "test"}
     data = [f"{key[split]}: {pictures.as_posix()}" for split, (pictures, _) in folders.items()]

@@ -294,7 +294,8 @@ def _mapping(node: Any) -> Matrix:
 
 def _after(matrix: Matrix, before: Affine) -> Affine:
     both = np.array(matrix)[:2][:, [0, 1, 3]] @ np.array([*before, (0.0, 0.0, 1.0)])
-    return tuple(map(tuple, both.tolist()))  # type: ignore[return-value]
+    (a, b, c), (d, e, f) = both.tolist()
+    return (a, b, c), (d, e, f)
 
 
 def _light_path(node: Any, output: Any, _: Stack) -> Value:
