@@ -18,7 +18,8 @@ import orjson
 import pydantic
 
 from geometry.transforms import rigid, rotation_z
-from planning.row import Box, PlannedVehicle, Row, Weather, decode_row, encode, picture_name, rounded
+from planning.row import Box, PlannedVehicle, Row, decode_row, encode, picture_name, rounded
+from planning.weather import Weather
 
 CHUNK = 20_000  # rows made before the clock runs
 HELD = 50_000  # rows held in memory at most

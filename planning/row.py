@@ -20,6 +20,7 @@ from msgspec import Meta, Struct
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.files import PICTURE_NAME
+from planning.weather import Weather
 
 FORMAT = 1
 FARTHEST = 1e9  # metres: beyond, float64 keeps less than the tenth of a micrometre
@@ -76,12 +77,6 @@ class Bounds(NamedTuple):
 
     low: tuple[Metre, Metre, Metre]
     high: tuple[Metre, Metre, Metre]
-
-
-class Weather(Struct, frozen=True, gc=False):
-    """What is in the air: fog, through which one sees so many metres."""
-
-    visibility_m: Annotated[float, Meta(gt=0, le=1e9)]
 
 
 Name = Annotated[str, _is("a name", max_length=4096)]

@@ -12,9 +12,10 @@ from placement.settle import Settled
 from planning.group import Group, Planned
 from planning.labels import labels_of
 from planning.light import Lights
-from planning.row import Bounds, Box, PlannedVehicle, Row, Weather, picture_name, rounded
+from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from planning.schema import Config
 from planning.stage import Model, Placed
+from planning.weather import Weather
 
 
 def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]) -> list[Row]:

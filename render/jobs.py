@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
+from msgspec import structs
 
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
@@ -19,7 +20,16 @@ from planning.loading import Library, load_planned_library
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
 from reading.watch import DEFAULT_LIMITS, ReadLimits
-from render.messages import CameraInput, LightInput, MaskJob, RenderJob, SceneryInput, Settings, VehicleInput
+from render.messages import (
+    CameraInput,
+    LightInput,
+    MaskJob,
+    RenderJob,
+    SceneryInput,
+    Settings,
+    VehicleInput,
+    WeatherInput,
+)
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
@@ -135,8 +145,8 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
             hdri=str(_named(assets.hdris, row.hdri, "hdri", row).resolve()),
             yaw=math.radians(row.hdri_yaw_deg),
             strength=row.strength,
-            visibility=row.weather.visibility_m if row.weather else None,
         ),
+        weather=WeatherInput(**structs.asdict(row.weather)) if row.weather else None,
         seed=row.sample_seed % 2**31,
         settings=settings,
         output=str(output),

@@ -74,8 +74,21 @@ class CameraInput:
 
 
 @dataclass(frozen=True, slots=True)
+class WeatherInput:
+    """What is in the air and lies on things; the fields are those of `planning.weather.Weather`."""
+
+    visibility_m: float
+    kind: str
+    rain_mm_h: float
+    wind_m_s: tuple[float, float]
+    exposure_s: float
+    ground_cover: float
+    vehicle_cover: float
+
+
+@dataclass(frozen=True, slots=True)
 class LightInput:
-    """The sky, and fog.
+    """The sky.
 
     Parameters
     ----------
@@ -85,14 +98,11 @@ class LightInput:
         Its turn about the vertical, radians counter-clockwise.
     strength
         Factor on its brightness.
-    visibility
-        Metres that one sees through the fog; None without.
     """
 
     hdri: str
     yaw: float
     strength: float
-    visibility: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,12 +127,13 @@ class MaskJob:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """Render a picture to `output`, a .png file."""
+    """Render a picture to `output`, a .png file; without weather it is clear and dry."""
 
     scenery: SceneryInput
     vehicles: list[VehicleInput]
     camera: CameraInput
     light: LightInput
+    weather: WeatherInput | None
     seed: int
     settings: Settings
     output: str
@@ -139,7 +150,13 @@ class StartJob:
 
 Job = StartJob | RenderJob | MaskJob
 KINDS: Mapping[str, type[Job]] = {"start": StartJob, "render": RenderJob, "mask": MaskJob}
-PARTS: Mapping[str, Any] = {"scenery": SceneryInput, "camera": CameraInput, "light": LightInput, "settings": Settings}
+PARTS: Mapping[str, Any] = {
+    "scenery": SceneryInput,
+    "camera": CameraInput,
+    "light": LightInput,
+    "weather": WeatherInput,
+    "settings": Settings,
+}
 
 
 def to_json(job: Job) -> dict[str, Any]:
@@ -149,7 +166,11 @@ def to_json(job: Job) -> dict[str, Any]:
 
 def from_json(message: Mapping[str, Any]) -> Job:
     """The job that `to_json` made a message of."""
-    parts = {key: PARTS[key](**value) if key in PARTS else value for key, value in message.items() if key != "do"}
+    parts = {
+        key: PARTS[key](**value) if key in PARTS and value is not None else value
+        for key, value in message.items()
+        if key != "do"
+    }
     if "vehicles" in parts:
         parts["vehicles"] = [VehicleInput(**vehicle) for vehicle in parts["vehicles"]]
     return KINDS[message["do"]](**parts)

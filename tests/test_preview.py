@@ -7,8 +7,8 @@ from PIL import Image
 
 from planning.plan_file import read_plan
 from planning.preview import Artist, caption, preview_sheet
-from planning.row import Weather
 from planning.shading import paint_of, sun_of
+from planning.weather import Weather
 from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
 

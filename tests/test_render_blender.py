@@ -21,7 +21,8 @@ from geometry.errors import ConfigError
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.plan_file import Plan
-from planning.row import Source, Weather
+from planning.row import Source
+from planning.weather import Weather
 from planning.write import write_plan
 from render.jobs import SceneryFile, VehicleFile, mask_job, render_assets, render_job
 from render.masks import cycles_masks, verify_masks

@@ -10,8 +10,9 @@ from rich.console import Console
 
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING, sentence
-from planning.row import Box, PlannedVehicle, Row, Weather, picture_name
+from planning.row import Box, PlannedVehicle, Row, picture_name
 from planning.summary import Histogram, summarise
+from planning.weather import Weather
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},

@@ -22,7 +22,7 @@ from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
-from render.messages import CameraInput, LightInput, VehicleInput
+from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
@@ -132,14 +132,17 @@ class Stage:
         render.resolution_x, render.resolution_y = camera.width, camera.height
 
     def set_light(self, light: LightInput) -> None:
-        """Light by an HDRI, and fog if the row has weather."""
+        """Light by an HDRI."""
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery)
-        if not light.visibility:
+
+    def set_weather(self, weather: WeatherInput | None) -> None:
+        """Fill the air, after camera and light are set: its veil glows as this sky lights it."""
+        if not weather:
             self.fog.clear()
             return
         eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
         airlight = self.world.airlight()
-        self.fog.fill(light.visibility, airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
+        self.fog.fill(weather.visibility_m, airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
 
 
 def _delete_delivered() -> None:
