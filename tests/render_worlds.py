@@ -88,6 +88,37 @@ def field(path, *, unit=1.0, centre=(0.0, 0.0, 0.0), drape=None):
     save(path)
 
 
+def trees(folder):
+    """Sixty crossed pairs of cards cut out by a texture of leaves, taller than a tank."""
+
+    def drape():
+        rng = np.random.default_rng(1)
+        leaves = bpy.data.images.new("leaves", 64, 64, alpha=True)
+        rgba = np.full((64, 64, 4), (0.1, 0.3, 0.05, 0.0), dtype=np.float32)
+        rgba[..., 3] = np.kron(rng.random((16, 16)) < 0.5, np.ones((4, 4)))
+        leaves.pixels.foreach_set(rgba.ravel())
+        leaves.filepath_raw, leaves.file_format = str(folder / "leaves.png"), "PNG"
+        leaves.save()
+        material = matt("leaves", (0.1, 0.3, 0.05))
+        texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+        texture.image, texture.interpolation = leaves, "Closest"
+        principled = material.node_tree.nodes["Principled BSDF"]
+        material.node_tree.links.new(texture.outputs["Alpha"], principled.inputs["Alpha"])
+        card = bpy.data.meshes.new("tree")
+        corners = [(-2, 0, 0), (2, 0, 0), (2, 0, 5), (-2, 0, 5), (0, -2, 0), (0, 2, 0), (0, 2, 5), (0, -2, 5)]
+        card.from_pydata(corners, [], [(0, 1, 2, 3), (4, 5, 6, 7)])
+        square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)] * 2, dtype=np.float32)
+        card.uv_layers.new().uv.foreach_set("vector", square.ravel())
+        card.materials.append(material)
+        for x, y in rng.uniform(-36.0, 36.0, (60, 2)):
+            tree = bpy.data.objects.new("tree", card)
+            tree.location = (x, y, 1.2 * math.sin(x / 9.0) * math.cos(y / 7.0) - 0.1)
+            tree.rotation_euler.z = rng.uniform(0.0, 6.3)
+            bpy.context.scene.collection.objects.link(tree)
+
+    return drape
+
+
 def leaking():
     """Every setting of a file that could change pictures which are not its own."""
     scene = bpy.context.scene
@@ -174,6 +205,7 @@ def main(folder):
     field(folder / "map.blend", centre=(512_000.0, 5_403_000.0, 300.0))
     field(folder / "leaking.blend", drape=leaking)
     field(folder / "evil.blend", drape=evil(folder))
+    field(folder / "wood.blend", drape=trees(folder))
     targets(folder / "walls.blend")
     sky(folder / "sky.exr")
     grey(folder / "grey.exr")
