@@ -51,6 +51,15 @@ BODY = (  # what else vehicles have: a file with such names would name a turret 
     *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
+NOT_PAINT = (  # materials that keep their colour when a vehicle is painted, unless their names also say
+    *("tyre", "tire", "rubber", "track", "tread", "chain", "glass", "window", "windscreen"),
+    *("windshield", "lens", "lamp", "light", "headlight", "taillight", "reflector", "mirror", "chrome", "periscope"),
+    *("decal", "logo", "insignia", "number plate", "licence plate", "license plate"),
+    *("reifen", "gummi", "glas", "kette", "scheibe", "scheinwerfer", "pneu", "chenille", "vitre", "verre", "phare"),
+    *("guma", "opona", "vetro", "cingoli", "cristal", "rueda", "neumatico", "шина", "гусеница", "стекло"),
+)
+PAINT = ("paint", "painted", "camo", "camouflage", "body", "hull", "guard", "skirt", "lackierung", "lack")
+
 HELPERS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),

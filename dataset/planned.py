@@ -18,7 +18,11 @@ from planning.row import PlannedVehicle, Row, encode, fields, labelling
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
 # What plans and records of earlier versions mean where they do not say it.
-DEFAULTS = {field.name: field.default for field in structs.fields(Row) if field.default is not NODEFAULT}
+DEFAULTS = {
+    field.name: field.default if field.default is not NODEFAULT else field.default_factory()
+    for field in structs.fields(Row)
+    if not field.required
+}
 LONGEST = 120  # characters of a value in a finding
 
 

@@ -71,6 +71,17 @@ LIMITS = (
         lambda r: r.articulation_is_possible,
         of="vehicle",
     ),
+    Limit(
+        "paint, which is not what was drawn",
+        tuple(
+            f"assets.{kind}.paint.{key}"
+            for kind in ("vehicles", "distractors")
+            for key in ("materials", "colours", "hue_deg", "saturation", "value")
+        ),
+        "`paint` against the draw of the position",
+        lambda r: r.painted_as_drawn,
+        of="vehicle",
+    ),
     FORDING,
     OBSTACLES,
     SKY,

@@ -16,6 +16,7 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from planning.config import Config, hdri_paths, parse_config
+from planning.paint import paint_doubts, paint_notes
 from planning.plan_file import Plan
 from planning.row import HdriSource, Source
 from planning.schema import CACHE_NAME, ModelEntry, SceneryEntry
@@ -137,7 +138,11 @@ def load_library(
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
     if strict:
         refuse_missing([exported.report for exported, _ in read_files])
-    vehicles = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "vehicle"}
+    vehicles = {
+        e.name: (_painted(r[0], e), r[1])
+        for (_, e, _), r in zip(wanted, read_files, strict=True)
+        if isinstance(e, ModelEntry)
+    }
     sceneries = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "scenery"}
     assets = Assets(
         vehicles={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in entries},
@@ -198,6 +203,14 @@ def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
     limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
     parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
     return replace(report, parts=tuple(parts))
+
+
+def _painted(exported: Exported, entry: ModelEntry) -> Exported:
+    """With what the config paints of it, and what of that does nothing."""
+    report = exported.report
+    doubts = paint_doubts(entry.paint, report.materials)
+    notes = paint_notes(entry.paint, report.materials)
+    return replace(exported, report=replace(report, doubts=(*report.doubts, *doubts), painted=tuple(notes)))
 
 
 def planned_cache(plan: Plan) -> Path:

@@ -87,7 +87,7 @@ class Planner:
                 lights = draw_lights(
                     self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
                 )
-                rows += rows_of(group, planned, lights, self.config, self.assets.hdris)
+                rows += rows_of(group, planned, lights, config=self.config, draws=self._draws, hdris=self.assets.hdris)
                 homeless.append(mine[: len(group.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from planning.guests import framed_on, guests_at
 from planning.labels import labels_of, pixels_shown
 from planning.light import Lights, draw_lights
+from planning.paint import COMPANIONS, DISTRACTORS, draw_coats
 from planning.recomputed_poses import RecomputedPoses
 from planning.rejections import AIMING, PLACING
 from planning.row import Label, Row, rounded
@@ -48,6 +49,21 @@ class Recomputed(RecomputedPoses):
                 for a, b, n in zip(found, wanted, lacking, strict=True)
             ]
         )
+
+    @property
+    def painted_as_drawn(self) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle has the colours that are drawn for the position and its place in the row."""
+        companions = len(self.rows[0].companions)
+        place = {
+            "target": 0,
+            "companion": COMPANIONS + self.k - 1,
+            "distractor": DISTRACTORS + self.k - 1 - companions,
+        }[self.kind]
+        position = np.array([row.position for row in self.rows])
+        paint = self.config.paint_of(self.placed.model.shape.name)
+        drawn = draw_coats(paint, self.source.draws, position=position, place=place)
+        said = [row.planned[self.k].paint for row in self.rows]
+        return np.array([one == other for one, other in zip(said, drawn, strict=True)])
 
     @property
     def label_follows(self) -> Bool[np.ndarray, " n"]:
@@ -177,7 +193,7 @@ def _count(row: Row, kinds: tuple[Any, ...]) -> int:
 
 def _shared(row: Row) -> list[Any]:
     """What the shots of a position have in common, poses as lists."""
-    keys = ("vehicle", "articulation", "slope_deg", "gap", "penetration", "tries")
+    keys = ("vehicle", "articulation", "slope_deg", "gap", "penetration", "tries", "paint")
     poses = [vehicle.world_from_vehicle.tolist() for vehicle in row.planned]
     return [row.scenery, row.position, poses, [[getattr(vehicle, key) for key in keys] for vehicle in row.planned]]
 

@@ -20,6 +20,7 @@ from msgspec import Meta, Struct
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.files import PICTURE_NAME
+from planning.paint import Coat
 from planning.weather import Weather
 
 FORMAT = 1
@@ -102,6 +103,7 @@ Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0}', "1e-9 m", _to(9))]
 Room = Annotated[Bounds | None, _is("[[x, y, z], [x, y, z]] or null", "1e-9 m", _to(9))]
+Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
 
@@ -137,6 +139,7 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
             recorded=False,
         ),
     ] = None
+    paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")] = []
 
 
 class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):

@@ -9,16 +9,21 @@ from jaxtyping import Float, Int
 
 from placement.rejection import Rejection
 from placement.settle import Settled
+from planning.company import Slot
+from planning.draws import Draws
 from planning.group import Group, Planned
 from planning.labels import labels_of
 from planning.light import Lights
+from planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from planning.schema import Config
 from planning.stage import Model, Placed
 from planning.weather import Weather
 
 
-def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdris: tuple[str, ...]) -> list[Row]:
+def rows_of(
+    group: Group, planned: Planned, lights: Lights, *, config: Config, draws: Draws, hdris: tuple[str, ...]
+) -> list[Row]:
     """One row for each image of a group's positions that found a place, in the group's order."""
     settled, views, shape = planned.settled, planned.views, group.model.shape
     slope, gap, penetration = _contact(settled)
@@ -26,6 +31,7 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
     found, left_out = planned.found.tolist(), planned.companions.left_out.tolist()
     kinds = [rejection.key for rejection in Rejection]
     bounds = _bounds(group.model, settled.world_from_vehicle, planned.articulation)
+    coats = draw_coats(config.paint_of(shape.name), draws, position=group.position, place=0)
     columns = zip(
         group.owner.tolist(),
         group.shot.tolist(),
@@ -42,8 +48,8 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
         rounded("weather", lights.visibility_m).tolist(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
-        _guests(group, planned, config, "companion"),
-        _guests(group, planned, config, "distractor"),
+        _guests(group, planned, "companion", config=config, draws=draws),
+        _guests(group, planned, "distractor", config=config, draws=draws),
         strict=True,
     )
     width, height = config.render.width, config.render.height
@@ -79,6 +85,7 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
             background=group.background,
             label="none" if group.background else "full",
             bounds=bounds[i],
+            paint=coats[i],
             companions=companions,
             distractors=distractors,
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
@@ -92,10 +99,11 @@ def rows_of(group: Group, planned: Planned, lights: Lights, config: Config, hdri
     ]  # fmt: skip
 
 
-def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[list[PlannedVehicle]]:
+def _guests(group: Group, planned: Planned, kind: str, *, config: Config, draws: Draws) -> list[list[PlannedVehicle]]:
     """For each image of a group its guests of one kind, one slot after the other, as its camera sees them."""
     owner = group.owner.tolist()
     records: list[list[PlannedVehicle]] = [[] for _ in owner]
+    place = np.full(len(group.position), COMPANIONS if kind == "companion" else DISTRACTORS)  # of the next one
     for slot in planned.companions.slots:
         if slot.guests.kind != kind:
             continue
@@ -110,6 +118,8 @@ def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[l
         model, tries, poses = slot.model.tolist(), slot.tries.tolist(), slot.settled.world_from_vehicle
         slope, gap, penetration = _contact(slot.settled)
         bounds = _slot_bounds(slot.guests.models, slot.model, poses, slot.articulation)
+        coats = _slot_coats(slot, config, draws, position=group.position, place=place)
+        place = place + (slot.model >= 0)
         bbox, amodal = (_boxes(slot.views.bbox), _boxes(slot.views.bbox_amodal))
         visible, truncated = (
             rounded(key, getattr(slot.views, key)).tolist() for key in ("visible_fraction", "truncated_fraction")
@@ -133,6 +143,7 @@ def _guests(group: Group, planned: Planned, config: Config, kind: str) -> list[l
                     tries=tries[i],
                     label=labels[image],
                     bounds=bounds[i],
+                    paint=coats[i],
                 )
             )
     return records
@@ -161,6 +172,18 @@ def _slot_bounds(
     for k in np.unique(which[which >= 0]).tolist():
         rows = np.flatnonzero(which == k)
         found |= zip(rows.tolist(), _bounds(models[k], poses[rows], [turned[i] for i in rows.tolist()]), strict=True)
+    return found
+
+
+def _slot_coats(
+    slot: Slot, config: Config, draws: Draws, *, position: Int[np.ndarray, " n"], place: Int[np.ndarray, " n"]
+) -> dict[int, list[Coat]]:
+    """The coats of guests, of which each position has another one, or none."""
+    found: dict[int, list[Coat]] = {}
+    for k in np.unique(slot.model[slot.model >= 0]).tolist():
+        rows = np.flatnonzero(slot.model == k)
+        paint = config.paint_of(slot.guests.models[k].shape.name)
+        found |= zip(rows.tolist(), draw_coats(paint, draws, position=position[rows], place=place[rows]), strict=True)
     return found
 
 

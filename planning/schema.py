@@ -15,31 +15,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from assets.textures import TEXTURE_SIZE
+from planning.paint import Paint, PaintEntry
+from planning.section import Section
+from planning.section import ranged as _range
 
 CACHE_NAME = ".hulldown-cache"
-
-
-def _range(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
-    """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
-    noun = "a whole number" if kind is int else "a number"
-    allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
-
-    def check(value: Any) -> tuple[Any, Any] | None:
-        if optional and value is None:
-            return None
-        pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
-        wanted = int if kind is int else (int, float)
-        if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
-            raise ValueError(allowed)
-        # NaN fails the comparison too.
-        if not lowest <= pair[0] <= pair[1] <= highest:
-            raise ValueError(allowed)
-        return kind(pair[0]), kind(pair[1])
-
-    return BeforeValidator(check)
 
 
 def _forward(value: Any) -> str | float | Pair | None:
@@ -96,12 +79,6 @@ AtLeastZero = Annotated[float, Field(ge=0)]
 PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 
 
-class Section(BaseModel):
-    """What all sections share: no unknown keys, no silent conversions, nothing changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
 class ModelEntry(Section):
     """A file, and what in it is the vehicle."""
 
@@ -119,6 +96,7 @@ class ModelEntry(Section):
     gun_pivot: PivotPoint = None
     turret_limits_deg: TurretLimits = None
     gun_limits_deg: GunLimits = None
+    paint: Paint = ()
     sceneries: Patterns = ()
 
     def is_for(self, scenery: str) -> bool:
@@ -375,6 +353,11 @@ class Config(Section):
                 f"{camera.truncated_fraction[1]:g}, at least, since every target has a label"
             )
         return self
+
+    def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
+        """How a vehicle or distractor is painted; not at all if there is none of this name."""
+        entries = (*self.assets.vehicles, *self.assets.distractors)
+        return next((entry.paint for entry in entries if entry.name == vehicle), ())
 
     _path: Path | None = PrivateAttr(default=None)
 

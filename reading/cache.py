@@ -23,7 +23,7 @@ from reading.formats import format_of
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
-EXPORTER = 9
+EXPORTER = 10
 CHUNK = 1 << 20
 
 

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from geometry.errors import AssetError
+from reading.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first
@@ -142,6 +143,10 @@ class FileReport:
         The version of Blender that wrote the file, or the format.
     axes
         Which way a vehicle's up and nose are in the file, and how that was found out.
+    materials
+        What a vehicle's surface is of, the largest share first.
+    painted
+        What the config paints of it, a line each.
     """
 
     kind: str
@@ -157,6 +162,8 @@ class FileReport:
     doubts: tuple[str, ...] = ()
     written_by: str = ""
     axes: str = ""
+    materials: tuple[MaterialRow, ...] = ()
+    painted: tuple[str, ...] = ()
 
     def table(self) -> Table:
         """Every object and what it is used as, for a terminal."""
@@ -180,6 +187,7 @@ class FileReport:
             pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
             turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
             lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
+        lines += [*_materials(self.materials), *self.painted]
         return [*lines, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
     def to_json(self) -> dict[str, Any]:
@@ -193,8 +201,17 @@ class FileReport:
         known["rows"] = tuple(Row(**{**r, "size": tuple(r["size"])}) for r in data["rows"])
         triples = ("pivot", "axis", "limits")
         known["parts"] = tuple(PartRow(**{**p, **{k: tuple(p[k]) for k in triples}}) for p in data["parts"])
+        known["materials"] = tuple(MaterialRow(**{**m, "colour": tuple(m["colour"])}) for m in data["materials"])
         known["missing"] = tuple(Missing(m["path"], tuple(m["wanted_by"])) for m in data["missing"])
         return cls(**known)
+
+
+def _materials(rows: Sequence[MaterialRow]) -> list[str]:
+    """Which materials can be painted, and why the others cannot."""
+    able = [f"{row.name} ({100 * row.share:.0f} %)" for row in rows if not row.left_alone]
+    others = [f"{row.name} ({row.left_alone})" for row in rows if row.left_alone]
+    lines = [f"materials that can be painted: {', '.join(able)}"] if able else []
+    return lines + ([f"materials left alone: {', '.join(others)}"] if others else [])
 
 
 def refuse_missing(reports: Sequence[FileReport]) -> None:

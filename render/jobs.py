@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -17,13 +17,16 @@ from assets.vehicle import VehicleShape
 from camera.projection import NEAR
 from geometry.errors import ConfigError
 from planning.loading import Library, load_planned_library
+from planning.paint import Coat, linear, luminance
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
+from reading.paintable import MaterialRow, painted
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 from render.messages import (
     CameraInput,
     LightInput,
     MaskJob,
+    PaintInput,
     RenderJob,
     SceneryInput,
     Settings,
@@ -37,11 +40,12 @@ FAR = 5000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's shape, the .blend that `reading.blender.tidy` made of its file, and files that this refers to."""
+    """A vehicle's shape, the .blend that `reading.blender.tidy` made of it, files this refers to, its materials."""
 
     shape: VehicleShape
     tidy: Path
     files: tuple[str, ...] = ()
+    materials: tuple[MaterialRow, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -99,7 +103,10 @@ def render_assets(
     shapes = {**library.assets.vehicles, **library.assets.distractors}
     read = {**library.vehicles, **library.distractors}
     return RenderAssets(
-        vehicles={name: VehicleFile(shape, read[name].tidy, read[name].files) for name, shape in shapes.items()},
+        vehicles={
+            name: VehicleFile(shape, read[name].tidy, read[name].files, read[name].report.materials)
+            for name, shape in shapes.items()
+        },
         sceneries={
             entry.name: _scenery_file(config.folder / entry.path, library, entry.name)
             for entry in config.assets.sceneries
@@ -155,7 +162,7 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
 
 def mask_job(row: Row, assets: RenderAssets, output: Path) -> MaskJob:
     """What to tell a worker that shall render a row's masks; parameters and errors as of `render_job`."""
-    vehicles = [_vehicle(vehicle, assets, row) for vehicle in row.vehicles]
+    vehicles = [_vehicle(structs.replace(vehicle, paint=[]), assets, row) for vehicle in row.vehicles]
     return MaskJob(scenery=_scenery(row, assets), vehicles=vehicles, camera=_camera(row), output=str(output))
 
 
@@ -178,7 +185,23 @@ def _camera(row: Row) -> CameraInput:
 def _vehicle(vehicle: PlannedVehicle, assets: RenderAssets, row: Row) -> VehicleInput:
     file = _named(assets.vehicles, vehicle.vehicle, "vehicle", row)
     parts = vehicle.world_from_vehicle @ file.shape.vehicle_from_parts(vehicle.articulation)
-    return VehicleInput(str(file.tidy.resolve()), parts.tolist())
+    return VehicleInput(str(file.tidy.resolve()), parts.tolist(), _paint(vehicle.paint, file.materials))
+
+
+def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[PaintInput]:
+    """How each painted material is painted."""
+    rows = {row.name: row for row in materials}
+    return [
+        PaintInput(
+            material=name,
+            mean=luminance(rows[name].colour),
+            colour=None if (colour := coats[k].colour) is None else linear(colour),
+            hue=coats[k].hue_deg / 360.0,
+            saturation=coats[k].saturation,
+            value=coats[k].value,
+        )
+        for name, k in painted(materials, [coat.materials for coat in coats]).items()
+    ]
 
 
 Asset = TypeVar("Asset")

@@ -6,7 +6,7 @@ Read on both sides, so it needs the standard library only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 Matrix = list[list[float]]  # (4, 4)
@@ -35,6 +35,32 @@ class SceneryInput:
 
 
 @dataclass(frozen=True, slots=True)
+class PaintInput:
+    """How a material of a vehicle is painted.
+
+    Parameters
+    ----------
+    material
+        Its name in the vehicle's file.
+    mean
+        Mean luminance of its base colour: what is brighter or darker stays so as it is painted.
+    colour
+        Linear red, green and blue in place of its own; None for its own.
+    hue
+        What its hue is turned by, in turns.
+    saturation, value
+        Factors.
+    """
+
+    material: str
+    mean: float
+    colour: tuple[float, float, float] | None
+    hue: float
+    saturation: float
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleInput:
     """A vehicle to stand in the scenery.
 
@@ -44,10 +70,13 @@ class VehicleInput:
         The file that `reading.blender.tidy` made.
     world_from_parts
         (p, 4, 4) where its parts are, in metres.
+    paint
+        Its painted materials.
     """
 
     tidy: str
     world_from_parts: list[Matrix]
+    paint: list[PaintInput] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,5 +201,8 @@ def from_json(message: Mapping[str, Any]) -> Job:
         if key != "do"
     }
     if "vehicles" in parts:
-        parts["vehicles"] = [VehicleInput(**vehicle) for vehicle in parts["vehicles"]]
+        parts["vehicles"] = [
+            VehicleInput(**{**vehicle, "paint": [PaintInput(**paint) for paint in vehicle["paint"]]})
+            for vehicle in parts["vehicles"]
+        ]
     return KINDS[message["do"]](**parts)

@@ -198,6 +198,8 @@ def decode_parcel(data: bytes) -> Parcel:
         numbers = [x for matrix in matrices for row in matrix for x in row]
         numbers += [light.yaw, light.strength, camera.fov_x, camera.near]
         numbers += [job.weather.visibility_m] if job.weather else []
+        coats = [paint for vehicle in job.vehicles for paint in vehicle.paint]
+        numbers += [x for p in coats for x in (p.mean, *(p.colour or ()), p.hue, p.saturation, p.value)]
         if not all(map(math.isfinite, numbers)):
             raise ValueError(f"image {order.index}: expected finite numbers")
         if unknown := named_files(job) - known:

@@ -22,6 +22,7 @@ from geometry.errors import AssetError, HulldownError
 from geometry.files import replacing
 from reading.blender.evaluate import HIDDEN, evaluate
 from reading.blender.importers import open_file
+from reading.blender.materials import material_rows
 from reading.blender.pictures import read_picture, write_sky_map
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
@@ -90,6 +91,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             rows=rows,
             parts=vehicle.parts,
             axes=vehicle.axes,
+            materials=material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part),
             missing=missing,
             doubts=(
                 *vehicle.doubts,

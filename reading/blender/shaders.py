@@ -32,12 +32,19 @@ def is_clear(material: Any) -> bool:
     output = _output(material)
     if not output:
         return False
-    shaders = list(_shaders(output.inputs["Surface"], ()))
+    shaders = [shader for shader, _ in surface_shaders(material)]
     if any(shader.type in REFRACTING or _transmits(shader) for shader in shaders):
         return True
     thin = all(shader.type in (TRANSPARENT, *GLOSSY) for shader in shaders)
     clear = any(shader.type == TRANSPARENT for shader in shaders)
     return thin and (clear or bool(output.inputs["Volume"].is_linked))
+
+
+def surface_shaders(material: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """The shader nodes of a material's surface, each with the group nodes that it is in, innermost first."""
+    output = _output(material)
+    if output:
+        yield from _shaders(output.inputs["Surface"], ())
 
 
 def _output(material: Any) -> Any:
@@ -49,12 +56,12 @@ def _transmits(shader: Any) -> bool:
     return bool(socket and (socket.is_linked or socket.default_value >= SEEN_THROUGH))
 
 
-def _shaders(socket: Any, around: tuple[Any, ...]) -> Iterator[Any]:
+def _shaders(socket: Any, around: tuple[Any, ...]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
     """The shader nodes behind a socket; `around` are the groups that it is in, innermost first."""
     for link in socket.links:
         node = link.from_node
         if node.mute or node.type not in PASSED_ON:
-            yield node
+            yield node, around
         elif node.type == "GROUP":
             inner = node.node_tree and next((n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT"), None)
             if inner:

@@ -22,6 +22,7 @@ from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
+from render.blender.paint import Paintable
 from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
@@ -53,6 +54,7 @@ class Stage:
         self.world = HdriWorld(self.scene)
         self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
+        self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
 
     def _add(self, name: str, data: Any) -> Any:
@@ -79,6 +81,7 @@ class Stage:
             parts = self.file_from_scenery @ np.asarray(vehicle.world_from_parts, dtype=np.float64)
             for obj in collection.objects:
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+            self._paintable[path].paint(collection.objects, vehicle.paint)
             placed.append(list(collection.objects))
         linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
         children = self.scene.collection.children
@@ -94,6 +97,10 @@ class Stage:
         if not copies:
             with bpy.data.libraries.load(path, link=False) as (source, target):
                 target.collections = source.collections[:1]
+                names = list(source.materials)
+                target.materials = list(names)
+            by_name = dict(zip(names, target.materials, strict=True))
+            self._paintable[path] = Paintable(target.collections[0].objects, by_name)
             copies.append(target.collections[0])
             copies[0].use_fake_user = True  # while it is in no scene, nothing else keeps it from being purged
             for obj in copies[0].objects:
@@ -112,6 +119,7 @@ class Stage:
         kept = MAX_VEHICLES if self._companions else 1  # rows are sorted: what stands alone does not come back
         for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
             copies = self._vehicles.pop(path)
+            del self._paintable[path]
             bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
             bpy.data.orphans_purge(do_recursive=True)
 

@@ -1,0 +1,33 @@
+"""What all sections of a config share, and the ranges in them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+
+class Section(BaseModel):
+    """What all sections share: no unknown keys, no silent conversions, nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
+    """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
+    noun = "a whole number" if kind is int else "a number"
+    allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
+
+    def check(value: Any) -> tuple[Any, Any] | None:
+        if optional and value is None:
+            return None
+        pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
+        wanted = int if kind is int else (int, float)
+        if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
+            raise ValueError(allowed)
+        # NaN fails the comparison too.
+        if not lowest <= pair[0] <= pair[1] <= highest:
+            raise ValueError(allowed)
+        return kind(pair[0]), kind(pair[1])
+
+    return BeforeValidator(check)

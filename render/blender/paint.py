@@ -1,0 +1,152 @@
+"""Paint: nodes between what feeds a material's base colour and its shader, told by each object what to do.
+
+The nodes are put in once, when a material is first painted. What they do stands in custom properties of the objects,
+which Cycles looks up where a ray meets them. So vehicles that share a material have paints of their own in one picture,
+nothing is compiled again from one picture to the next, and an object without the properties looks as in its file.
+Runs inside Blender; needs bpy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from render.messages import PaintInput
+
+BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
+BRIGHTEST = 4.0  # times the mean that painted texture is bright, at most
+PREFIX = "hulldown paint "  # of the properties' names
+
+
+class Paintable:
+    """The materials of a vehicle that is loaded.
+
+    Parameters
+    ----------
+    objects
+        Of the vehicle.
+    materials
+        By their names in its file; what was loaded may be called otherwise.
+    """
+
+    def __init__(self, objects: Iterable[Any], materials: Mapping[str, Any]) -> None:
+        self._objects = list(objects)
+        self._materials = dict(materials)
+        for obj in self._objects:
+            for slot in obj.material_slots:
+                if slot.material is not None and slot.material.library is not None:
+                    self._materials.setdefault(slot.material.name, slot.material)
+        self._numbers: dict[str, int] = {}  # of those that have been painted
+
+    def paint(self, objects: Iterable[Any], paints: Sequence[PaintInput]) -> None:
+        """Paint a copy of the vehicle like this, and in no other way.
+
+        Parameters
+        ----------
+        objects
+            Of the copy.
+        paints
+            How its materials are painted; those that it does not have are not.
+        """
+        said: dict[str, tuple[float, ...]] = {}
+        for paint in paints:
+            if paint.material in self._materials:
+                said |= self._properties(paint)
+        for obj in objects:
+            before = {key: tuple(value) for key, value in obj.items() if key.startswith(PREFIX)}
+            if before == said:
+                continue
+            for key in before:
+                del obj[key]
+            for key, value in said.items():
+                obj[key] = value
+            obj.update_tag()
+
+    def _properties(self, paint: PaintInput) -> dict[str, tuple[float, ...]]:
+        if paint.material not in self._numbers:
+            self._numbers[paint.material] = len(self._numbers)
+            material = self._own(paint.material)
+            _insert(material.node_tree, self._numbers[paint.material], paint.mean)
+        colour, shift = _names(self._numbers[paint.material])
+        said: dict[str, tuple[float, ...]] = {}
+        if paint.colour is not None:
+            said[colour] = (*paint.colour, 1.0)
+        if (paint.hue, paint.saturation, paint.value) != (0.0, 1.0, 1.0):
+            said[shift] = (0.5 + paint.hue, paint.saturation, paint.value, 1.0)
+        return said
+
+    def _own(self, name: str) -> Any:
+        """A material that can be changed: one that is linked from another file cannot."""
+        material = self._materials[name]
+        if material.library is None:
+            return material
+        copy = self._materials[name] = material.copy()
+        for obj in self._objects:
+            for slot in obj.material_slots:
+                if slot.material == material:
+                    slot.material = copy
+        return copy
+
+
+def _names(number: int) -> tuple[str, str]:
+    """The properties that have a material's colour, and what its colours are turned by."""
+    return f"{PREFIX}{number} colour", f"{PREFIX}{number} shift"
+
+
+def _insert(tree: Any, number: int, mean: float) -> None:
+    """Put nodes before all base colours of a tree, and of the groups in it, which it gets copies of."""
+    for node in list(tree.nodes):
+        if node.type == "GROUP" and node.node_tree is not None and _is_coloured(node.node_tree):
+            node.node_tree = node.node_tree.copy()
+            _insert(node.node_tree, number, mean)
+        elif node.type in BASE_COLOURS:
+            socket = node.inputs[BASE_COLOURS[node.type]]
+            tree.links.new(_painted(tree, socket, number, mean), socket)
+
+
+def _is_coloured(tree: Any) -> bool:
+    inner = (node.node_tree for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None)
+    return any(node.type in BASE_COLOURS for node in tree.nodes) or any(map(_is_coloured, inner))
+
+
+def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
+    """The output that has what is linked to a socket, painted."""
+    colour, shift = (_attribute(tree, name) for name in _names(number))
+    if socket.is_linked:
+        base = socket.links[0].from_socket
+        grey = _node(tree, "RGBToBW", {0: base}).outputs[0]
+        ratio = _node(tree, "Math", {0: grey, 1: 1.0 / max(mean, 1e-4)}, operation="MULTIPLY").outputs[0]
+        bounded = _node(tree, "Math", {0: ratio, 1: BRIGHTEST}, operation="MINIMUM").outputs[0]
+        fresh = _node(tree, "VectorMath", {0: colour.outputs["Color"], "Scale": bounded}, operation="SCALE").outputs[0]
+    else:
+        rgb = tree.nodes.new("ShaderNodeRGB")
+        rgb.outputs[0].default_value = socket.default_value
+        base, fresh = rgb.outputs[0], colour.outputs["Color"]
+    coloured = _mix(tree, colour.outputs["Alpha"], base, fresh)
+    hue, saturation, value = _node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
+    turned = _node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": coloured})
+    return _mix(tree, shift.outputs["Alpha"], coloured, turned.outputs[0])
+
+
+def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:
+    """From one colour to another, of which no more light comes than falls on it."""
+    bounded = _node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
+    return _node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]
+
+
+def _attribute(tree: Any, name: str) -> Any:
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_type, node.attribute_name = "OBJECT", name
+    return node
+
+
+def _node(tree: Any, kind: str, inputs: Mapping[Any, Any], **settings: Any) -> Any:
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    for name, setting in settings.items():
+        setattr(node, name, setting)
+    for key, value in inputs.items():
+        if hasattr(value, "is_output"):
+            tree.links.new(value, node.inputs[key])
+        else:
+            node.inputs[key].default_value = value
+    return node
