@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from demo.build import build_demo_assets
-from demo.catalogue import CATEGORY, DISTRACTORS, LAUNCHER, SCENERY_FILES, TANK, TRUCK
+from demo.catalogue import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from geometry.errors import ConfigError
 from geometry.files import replacing
 from planning.found_assets import FoundFile, found_config
@@ -101,7 +101,14 @@ def create_project(
     refuse_config(config)
     build_demo_assets(folder, seed=seed, progress=progress)
     text = config_text(
-        vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
+        vehicles=[
+            {
+                "path": f"vehicles/{name}.blend",
+                "category": category,
+                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], **PAINT}],
+            }
+            for name, category in CATEGORY.items()
+        ],
         distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/*.exr"],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from colorsys import hsv_to_rgb, rgb_to_hsv
 from typing import Annotated, Any
 
 import numpy as np
@@ -135,6 +136,16 @@ def luminance(colour: tuple[float, float, float]) -> float:
     """Of a colour in linear light (Rec. 709)."""
     red, green, blue = colour
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
+    """The colour of a vehicle in a preview, linear: that of its first coat, on the one that stands for its own."""
+    if not coats:
+        return own
+    coat = coats[0]
+    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.colour is None else linear(coat.colour)))
+    turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
+    return np.array(hsv_to_rgb(*turned))
 
 
 def paint_doubts(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> list[str]:

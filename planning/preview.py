@@ -17,6 +17,7 @@ from camera.projection import Camera
 from camera.target import PosedVehicle
 from geometry.errors import ConfigError
 from planning.config import parse_config
+from planning.paint import previewed
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row, labelling
 from planning.shading import look, paint_of, sun_of
@@ -70,9 +71,10 @@ def preview_sheet(
 def caption(row: Row) -> str:
     """What a picture does not say by itself."""
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - row.world_from_vehicle[:3, 3])
+    colour = next((f", {coat.colour}" for coat in row.paint if coat.colour and not row.empty), "")
     fog = f", fog {row.weather.visibility_m:.0f} m" if row.weather else ""
     return (
-        f"{row.image_id}: {'nothing' if row.empty else row.vehicle} in {row.scenery}, {distance:.0f} m, "
+        f"{row.image_id}: {'nothing' if row.empty else row.vehicle}{colour} in {row.scenery}, {distance:.0f} m, "
         f"{'' if row.empty else f'{100 * row.visible_fraction:.0f} % visible, '}{row.hdri}{fog}"
     )
 
@@ -146,7 +148,7 @@ class Artist:
             np.tile(camera.position, (len(along), 1)),
             along,
             paints=[
-                paint_of(vehicle.vehicle, distractor=vehicle.vehicle in self._distractors) for vehicle in row.vehicles
+                previewed(paint_of(v.vehicle, distractor=v.vehicle in self._distractors), v.paint) for v in row.vehicles
             ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
             strength=row.strength,

@@ -18,6 +18,7 @@ from rich.table import Table
 from annotate.sheets import SOFTWARE, refuse_foreign
 from geometry.files import replacing
 from placement.rejection import Rejection
+from planning.paint import OWN
 from planning.rejections import AIMING, BY_KEY, PLACING
 from planning.row import LeftOut, Row, labelling
 
@@ -117,6 +118,8 @@ class Summary:
         Images without a target, by the distractor that stands in its place; "" where nothing does.
     companions, distractors, sceneries, hdris
         How often each occurs; a distractor in a target's place is counted with the backgrounds.
+    paints
+        Coats of paint on all vehicles in the images, by colour; "own" where the file's own is kept or turned.
     labels
         Full and ignored labels, those of targets included.
     rejected
@@ -138,6 +141,7 @@ class Summary:
     backgrounds: Counter[str] = field(default_factory=Counter)
     companions: Counter[str] = field(default_factory=Counter)
     distractors: Counter[str] = field(default_factory=Counter)
+    paints: Counter[str] = field(default_factory=Counter)
     labels: Counter[str] = field(default_factory=Counter)
     sceneries: Counter[str] = field(default_factory=Counter)
     hdris: Counter[str] = field(default_factory=Counter)
@@ -165,6 +169,7 @@ class Summary:
             self.no_room += row.left_out if row.shot == 0 else 0
             self.companions.update(companion.vehicle for companion in row.companions)
             self.distractors.update(distractor.vehicle for distractor in row.distractors)
+            self.paints.update(coat.colour or OWN for vehicle in row.vehicles for coat in vehicle.paint)
             self.labels.update(labelling(vehicle) for vehicle in row.labelled)
             for key, n in row.rejected.items():
                 self.rejected[BY_KEY[key]] += n
@@ -195,6 +200,7 @@ class Summary:
             "backgrounds": dict(self.backgrounds),
             "companions": dict(self.companions),
             "distractors": dict(self.distractors),
+            "paints": dict(self.paints),
             "labels": dict(self.labels),
             "sceneries": dict(self.sceneries),
             "hdris": dict(self.hdris),
@@ -231,6 +237,9 @@ class Summary:
             if counts:
                 shares = ", ".join(f"{name} {n:,}" for name, n in sorted(counts.items()))
                 table.add_row(f"beside: {kind}", escape(shares), f"{counts.total():,}")
+        if self.paints:
+            shares = ", ".join(f"{colour} {n:,}" for colour, n in self.paints.most_common())
+            table.add_row("painted", shares, f"{self.paints.total():,}")
         if self.labels["ignored"]:
             ignored, full = self.labels["ignored"], self.labels["full"]
             table.add_row("labels", f"{full:,} full, {ignored:,} to be ignored: they show too little")

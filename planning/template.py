@@ -88,8 +88,14 @@ def _table(name: str, entry: Mapping[str, Any]) -> str:
 def _value(value: Any) -> str:
     # What JSON and TOML write alike: strings, numbers, true and false, lists of them. Tables they do not.
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_value(key)} = {_value(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {_value(one)}" for key, one in value.items()) + " }"
+    if isinstance(value, Sequence) and any(isinstance(one, Mapping) for one in value):
+        return "[" + ", ".join(map(_value, value)) + "]"
     return json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else _value(name)
 
 
 _TEXT = """\
@@ -116,6 +122,10 @@ hdris = {hdris}  # patterns of .exr or .hdr files: light and backdrop
 #                               default: origins, or by shape
 #   turret_limits_deg = [-180, 180], gun_limits_deg = [-5, 20]
 #                               how far they turn from how they stand in the file: left and up are positive
+#   paint = [{{ materials = ["camo*"], colours = ["own", "#4b5320"], hue_deg = [-5, 5], value = [0.8, 1.2] }}]
+#                               materials by name, painted anew at each position: in one of the colours ("own": as
+#                               it is), turned by hue_deg, times saturation and value; never tyres, tracks, glass,
+#                               lamps and bare metal, unless by their whole name; `inspect` lists the materials
 #   sceneries = ["..."]         names or patterns of the sceneries that it is placed on; default: all
 # A scenery: path is needed. Optional: name, up, scale, and
 #   weight = 1.0                how often it is drawn beside the others

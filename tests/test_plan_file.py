@@ -41,6 +41,7 @@ VEHICLE = {
     "tries": 1,
     "label": "full",
     "bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]],
+    "paint": [{"materials": ["camo*"], "colour": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
 }
 ROW = {
     "scenery": "hills",
@@ -361,7 +362,7 @@ def test_names_that_leave_the_folder(name):
 
 
 def test_rows_of_earlier_versions_are_read_as_they_were(tmp_path):
-    new = ("background", "distractors", "label", "bounds")
+    new = ("background", "distractors", "label", "bounds", "paint")
     older = {key: value for key, value in ROW.items() if key not in new}
     beside = {**{key: value for key, value in VEHICLE.items() if key not in new}, "visible_fraction": 0.0}
     row = decode_row(line({**older, "index": 0, "image_id": 1, "file_name": "images/1.png", "companions": [beside]}))

@@ -1,0 +1,106 @@
+"""Makes a vehicle whose materials were not made to be painted; run as a script, with a folder to write into.
+
+An image texture, a shader inside a group that two materials share, a material of an object's slot over its mesh's, one
+that is linked from another file and called as one of the scenery's; and yellow tyres, which are to stay yellow.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+
+def matt(name, colour):
+    material = bpy.data.materials.new(name)
+    shader(material).inputs["Base Color"].default_value = (*colour, 1.0)
+    shader(material).inputs["Roughness"].default_value = 1.0
+    return material
+
+
+def shader(material):
+    return material.node_tree.nodes["Principled BSDF"]
+
+
+def textured(name):
+    """Dark, with bright lines."""
+    image = bpy.data.images.new(name, 64, 64)
+    pixels = np.full((64, 64, 4), 0.3, np.float32)
+    pixels[::16, :, :3] = pixels[:, ::16, :3] = 0.8
+    pixels[..., 3] = 1.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    material = matt(name, (0.0, 0.0, 0.0))
+    node = material.node_tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    material.node_tree.links.new(node.outputs["Color"], shader(material).inputs["Base Color"])
+    return material
+
+
+def shader_group():
+    group = bpy.data.node_groups.new("Shader", "ShaderNodeTree")
+    group.interface.new_socket("Colour", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    given, result = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    inner = group.nodes.new("ShaderNodeBsdfPrincipled")
+    inner.inputs["Roughness"].default_value = 1.0
+    group.links.new(given.outputs[0], inner.inputs["Base Color"])
+    group.links.new(inner.outputs[0], result.inputs[0])
+    return group
+
+
+def grouped(name, group, colour):
+    material = matt(name, colour)
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    node.inputs[0].default_value = (*colour, 1.0)
+    tree.links.new(node.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    tree.nodes.remove(shader(material))
+    return material
+
+
+def box(name, size, at, material, over=None):
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=at)
+    thing = bpy.context.object
+    thing.name, thing.scale = name, size
+    thing.data.materials.append(material)
+    if over:
+        thing.material_slots[0].link = "OBJECT"
+        thing.material_slots[0].material = over
+
+
+def main(folder):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    stone = matt("stone", (0.4, 0.4, 0.4))
+    stone.use_fake_user = True
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True) as (_, target):
+        target.materials = ["stone"]
+    group = shader_group()
+    box("hull", (6.0, 3.0, 1.2), (0.0, 0.0, 1.2), textured("Skin"))
+    box("turret", (2.6, 2.0, 0.7), (-0.4, 0.0, 2.15), grouped("soil", group, (0.2, 0.2, 0.2)))
+    box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 2.15), grouped("Gun", group, (0.2, 0.2, 0.2)))
+    for side, y in (("left", 1.7), ("right", -1.7)):
+        box(
+            f"fender {side}",
+            (5.0, 0.4, 0.3),
+            (0.0, y, 1.5),
+            matt("Mesh", (0.0, 1.0, 0.0)),
+            matt("Slot", (0.3, 0.3, 0.3)),
+        )
+    box("hatch", (1.8, 1.4, 0.3), (-0.6, 0.0, 2.65), target.materials[0])
+    tyre = matt("Tyre", (0.8, 0.6, 0.0))
+    for x in (-2.2, 0.0, 2.2):
+        for y in (-1.4, 1.4):
+            bpy.ops.mesh.primitive_cylinder_add(
+                radius=0.6, depth=0.5, location=(x, y, 0.6), rotation=(math.pi / 2, 0, 0)
+            )
+            bpy.context.object.name = "wheel"
+            bpy.context.object.data.materials.append(tyre)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "odd.blend"))
+
+
+main(Path(sys.argv[1]))

@@ -1,0 +1,204 @@
+"""Paint in pictures by Cycles: on what is to be painted of a file that was not made for it, and on nothing else."""
+
+import colorsys
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as altered
+from PIL import Image
+
+from annotate.masks import vehicle_mask
+from camera.target import PosedVehicle, VehicleTarget
+from camera.world import World
+from planning.check import check_plan
+from planning.config import load_config
+from planning.loading import load_assets, load_library
+from planning.paint import Coat
+from planning.write import write_plan
+from render.jobs import render_assets, render_job
+from render.messages import Settings, to_json
+from render.pool import Pool
+
+pytestmark = pytest.mark.blender
+SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
+CONFIG = """
+seed = 5
+[assets]
+hdris = ["grey.exr"]
+vehicles = [{path = "odd.blend", category = "tank", paint = {colours = ["#c01010"]}}]
+sceneries = [{path = "field.blend"}]
+[budget]
+images_per_class = 1
+images_per_position = 1
+[camera]
+target_fraction = [0.25, 0.3]
+distance_factor = [0.7, 0.8]
+elevation_deg = [10.0, 20.0]
+visible_fraction = [0.95, 1.0]
+framing = 0.0
+[placement]
+vehicles_per_image = [2, 2]
+companion_distance = [8.0, 9.0]
+[render]
+width = 144
+height = 81
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("painted")
+    for script in ("render_worlds.py", "painted_blends.py"):
+        path = Path(__file__).with_name(script)
+        subprocess.run([sys.executable, "-P", str(path), str(made)], check=True, capture_output=True)
+    (made / "hulldown.toml").write_text(CONFIG)
+    return made
+
+
+@pytest.fixture(scope="module")
+def plan(folder):
+    config = load_config(folder / "hulldown.toml")
+    assets = load_assets(config)
+    made = write_plan(config, assets, folder / "plan.jsonl")
+    assert check_plan(made, assets) == []
+    return made
+
+
+@pytest.fixture(scope="module")
+def assets(plan):
+    return render_assets(plan)
+
+
+@pytest.fixture(scope="module")
+def row(plan):
+    """The planned row with its companion at the right of the target, in the picture."""
+    (other,) = plan[0].companions
+    pose = plan[0].world_from_vehicle.copy()
+    pose[:3, 3] += 7.0 * plan[0].world_from_camera[:3, 0]
+    return altered(plan[0], companions=[altered(other, world_from_vehicle=pose)])
+
+
+@pytest.fixture(scope="module")
+def pictures(row, assets, folder):
+    """The row without paint, as planned, with another colour of its companion, brighter and turned, bare once more."""
+    red = row
+    (other,) = red.companions
+    blue = altered(other, paint=[Coat(["*"], "#1010c0")])
+    bare = altered(red, paint=[], companions=[altered(other, paint=[])])
+    turned = altered(bare, paint=[Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tyre"], None, 120.0)])
+    rows = [bare, red, altered(red, companions=[blue]), turned, bare]
+    messages = [to_json(render_job(row, assets, SETTINGS, folder / f"{number}.png")) for number, row in enumerate(rows)]
+    failures = {}
+    with Pool(folder / "logs", workers=1) as pool:
+        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
+    assert failures == {}
+    found = []
+    for message in messages:
+        with Image.open(message["output"]) as image:
+            found.append(np.asarray(image.convert("RGB")).astype(np.float64))
+    return found
+
+
+@pytest.fixture(scope="module")
+def masks(row, assets):
+    """The pixels of the vehicle and of its companion."""
+    world = World.of(assets.sceneries["field"].scenery)
+    shape = VehicleTarget(assets.vehicles["odd"].shape)
+    return [
+        eroded(vehicle_mask(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world))
+        for v in row.vehicles
+    ]
+
+
+def eroded(mask):
+    """Without its outermost pixels, which show some of what is behind."""
+    inner = mask.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(mask, step, axis)
+    return inner
+
+
+def hues(picture):
+    """In degrees."""
+    flat = picture.reshape(-1, 3) / 255.0
+    return np.array([360.0 * colorsys.rgb_to_hsv(*pixel)[0] for pixel in flat]).reshape(picture.shape[:2])
+
+
+def is_hue(picture, wanted, within=25.0):
+    coloured = np.ptp(picture, axis=2) > 15.0
+    return coloured & (np.abs((hues(picture) - wanted + 180.0) % 360.0 - 180.0) < within)
+
+
+def test_all_but_the_tyres_is_painted(pictures, masks):
+    bare, red, *_ = pictures
+    tyres = masks[0] & is_hue(bare, 45.0)
+    body = masks[0] & ~is_hue(bare, 45.0, 40.0)
+    assert tyres.sum() > 30
+    assert body.sum() > 300
+    assert is_hue(red, 0.0)[body].mean() > 0.97
+    assert not is_hue(bare, 0.0)[body].any()
+    # Light comes to the tyres from what was grey and is red.
+    assert is_hue(red, 45.0, 30.0)[tyres].mean() > 0.95
+
+
+def test_light_and_dark_of_a_texture_stay(pictures, masks):
+    bare, red, *_ = pictures
+    body = masks[0] & ~is_hue(bare, 45.0, 40.0)
+    assert np.corrcoef(bare.max(axis=2)[body], red.max(axis=2)[body])[0, 1] > 0.7
+
+
+def test_two_of_one_file_have_paints_of_their_own_in_one_picture(pictures, masks):
+    picture = pictures[2]
+    first, second = masks
+    assert is_hue(picture, 0.0)[first].mean() > 0.6
+    assert not is_hue(picture, 240.0)[first].any()
+    assert is_hue(picture, 240.0)[second].mean() > 0.5
+    assert not is_hue(picture, 0.0)[second].any()
+
+
+def test_the_ground_and_what_stands_on_it_keep_their_colours(pictures, masks):
+    bare, red, *_ = pictures
+    far = ~(masks[0] | masks[1])
+    far[1:-1, 1:-1] = far[1:-1, 1:-1] & ~near(masks[0] | masks[1])[1:-1, 1:-1]
+    assert np.median(np.abs(bare - red)[far]) < 2.0
+    assert (np.abs(bare - red)[far].max(axis=-1) > 40.0).mean() < 0.01
+
+
+def near(mask, pixels=6):
+    for _ in range(pixels):
+        mask = mask | np.roll(mask, 1, 0) | np.roll(mask, -1, 0) | np.roll(mask, 1, 1) | np.roll(mask, -1, 1)
+    return mask
+
+
+def test_a_whole_name_reaches_what_a_pattern_leaves_alone_and_hues_turn(pictures, masks):
+    bare, _, _, turned, _ = pictures
+    tyres = masks[0] & is_hue(bare, 45.0)
+    assert (hues(turned)[tyres] > 120.0).mean() > 0.9
+    brighter = (turned.max(axis=2) - bare.max(axis=2))[masks[0] & ~is_hue(bare, 45.0, 40.0)]
+    assert (brighter > 15.0).any()
+    assert np.median(np.abs(brighter)) < 3.0
+
+
+def test_nothing_of_the_paint_is_left_in_the_next_picture(pictures):
+    assert np.array_equal(pictures[0], pictures[4])
+    assert not np.array_equal(pictures[0], pictures[1])
+
+
+def test_inspect_says_what_can_be_painted(folder, plan):
+    report = load_library(load_config(folder / "hulldown.toml")).vehicles["odd"].report
+    rows = {row.name: row for row in report.materials}
+    assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tyre"}
+    assert [row.name for row in report.materials if row.left_alone] == ["Tyre"]
+    assert rows["Tyre"].left_alone == "'tyre' is in its name"
+    assert sum(row.share for row in report.materials) == pytest.approx(1.0)
+    assert rows["soil"].colour == pytest.approx((0.2, 0.2, 0.2))
+    # A quarter of 3 in 16 texels and more is bright: 15 * 15 / 16 / 16 of them are dark.
+    dark, bright = (((x + 0.055) / 1.055) ** 2.4 for x in (0.3, 0.8))
+    share = (15 / 16) ** 2
+    assert rows["Skin"].colour[0] == pytest.approx(share * dark + (1 - share) * bright, abs=0.01)
+    assert any("materials left alone: Tyre" in note for note in report.notes())
+    assert any(note.startswith("painted: ") and "#c01010" in note for note in report.notes())
