@@ -17,6 +17,7 @@ CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 FACES = np.array([face for a, b, c, d in QUADS for face in ([a, b, c], [a, c, d])])
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
+VEHICLE_ENTRIES = [{"path": f"vehicles/{name}.blend", "category": category} for name, category in CLASSES.items()]
 
 
 def box(low, high):
@@ -137,7 +138,7 @@ DISTRACTOR_ENTRIES = [
 def small_config(**sections):
     data = {
         "assets": {
-            "vehicles": [{"path": f"vehicles/{name}.blend", "category": c} for name, c in CLASSES.items()],
+            "vehicles": VEHICLE_ENTRIES,
             "sceneries": [{"path": "hills.blend"}, {"path": "bare.blend"}],
         },
         "budget": {"images_per_class": 11, "images_per_position": 4},

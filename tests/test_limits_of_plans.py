@@ -15,8 +15,18 @@ from planning.not_recomputed import NOT_RECOMPUTED
 from planning.plan_file import read_plan
 from planning.schema import Config, Section
 from planning.write import write_plan
-from tests.planning_assets import DISTRACTOR_ENTRIES, bare, hills, sheet, small_assets, small_config, with_water
+from tests.planning_assets import (
+    DISTRACTOR_ENTRIES,
+    VEHICLE_ENTRIES,
+    bare,
+    hills,
+    sheet,
+    small_assets,
+    small_config,
+    with_water,
+)
 
+PAINT = {"colours": ["own", "#4b5320", "#94835e"], "hue_deg": [-9, 9], "saturation": [0.5, 1], "value": [0.5, 2]}
 DOCS = Path(__file__).parents[1] / "docs" / "limits.md"
 
 
@@ -68,7 +78,10 @@ def assets():
 def made(assets, tmp_path_factory):
     config = small_config(
         seed=3,
-        assets={"distractors": DISTRACTOR_ENTRIES},
+        assets={
+            "vehicles": [{**entry, "paint": PAINT} for entry in VEHICLE_ENTRIES],
+            "distractors": [{**entry, "paint": PAINT} for entry in DISTRACTOR_ENTRIES],
+        },
         budget={"images_per_class": 10, "images_per_position": 2, "background_share": 0.2},
         placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30], "fording_depth": 9},
         camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60]},
@@ -85,6 +98,17 @@ CHANGES = [
     ("seed", 4, "sample_seed"),
     ("assets.sceneries.weight", 0.0, "scenery, which has no weight"),
     ("assets.vehicles.sceneries", ["bare"], "breaks scenery, which the vehicle is not for"),
+    *(
+        (f"assets.{kind}.paint.{key}", value, message)
+        for kind, message in (("vehicles", "breaks paint, which is"), ("distractors", "].paint, which is not what was"))
+        for key, value in (
+            ("materials", ["hull"]),
+            ("colours", ["#405060"]),
+            ("hue_deg", [-3.0, 3.0]),
+            ("saturation", [0.9, 1.0]),
+            ("value", 1.0),
+        )
+    ),
     ("ground.fallback_z", 1.5, "world_from_vehicle, which is not where the vehicle comes to rest"),
     ("placement.margin", 0.2, "place"),
     ("placement.max_slope_deg", 1.0, "slope_deg is"),
@@ -171,8 +195,8 @@ def test_a_changed_header_is_found(made, assets, tmp_path, key, value, message):
     at = changed["config"]
     for section in sections:
         at = at[section]
-    if isinstance(at, list):
-        at = at[0]
+        if isinstance(at, list) and section != "hdris":
+            at = at[0]
     at[name] = value
     if key == "budget.positions_per_vehicle":
         at["images_per_class"] = None

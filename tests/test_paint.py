@@ -1,0 +1,195 @@
+"""What a config may say of paint, which materials it reaches, what is drawn, and where that is shown."""
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry.errors import ConfigError
+from planning.check import check_plan
+from planning.config import parse_config
+from planning.paint import Coat, PaintEntry, linear, luminance, paint_doubts, paint_notes, previewed
+from planning.plan_file import read_plan
+from planning.preview import caption
+from planning.summary import summarise
+from planning.write import write_plan
+from reading.paintable import MaterialRow, left_alone_by_name, painted
+from tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
+
+GREEN, SAND = "#4b5320", "#94835e"
+GREY = (0.2, 0.2, 0.2)
+MATERIALS = [
+    MaterialRow("Camo_Hull", 0.6, GREY),
+    MaterialRow("camo turret", 0.2, GREY),
+    MaterialRow("Canvas", 0.1, GREY),
+    MaterialRow("Tracks", 0.1, GREY, "'track' is in its name"),
+]
+
+
+def config(paint, **sections):
+    vehicles = [{**VEHICLE_ENTRIES[0], "paint": paint}, *VEHICLE_ENTRIES[1:]]
+    others = [{**DISTRACTOR_ENTRIES[0], "paint": paint}, *DISTRACTOR_ENTRIES[1:]]
+    return small_config(assets={"vehicles": vehicles, "distractors": others}, **sections)
+
+
+@pytest.mark.parametrize(
+    ("paint", "message"),
+    [
+        ({}, "nothing would be changed"),
+        ({"materials": ["camo"]}, "nothing would be changed"),
+        ({"colours": ["green"]}, r"paint\[0\]\.colours\[0\] = 'green': expected a colour such as '#4b5320', or 'own'"),
+        ({"colours": ["#4b53"]}, "expected a colour"),
+        ({"colours": [7]}, "expected a colour"),
+        ({"colours": [GREEN], "hue_deg": [10, -10]}, "-180 <= low <= high <= 180"),
+        ({"colours": [GREEN], "value": -1}, "expected a number or"),
+        ({"colours": [GREEN], "materials": []}, "expected at least one"),
+        ({"colors": [GREEN]}, "did you mean assets.vehicles.*colours"),
+        ("green", "expected"),
+    ],
+)
+def test_paint_that_means_nothing_is_refused(paint, message):
+    with pytest.raises(ConfigError, match=message):
+        config(paint)
+
+
+def test_one_table_is_a_list_of_one():
+    assert config({"colours": [GREEN.upper()]}).paint_of("t72") == (PaintEntry(colours=(GREEN,)),)
+    assert config([]).paint_of("t72") == ()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Tyre", "TIRES", "rubber_black", "Track.001", "TrackLinks_L", "glass", "WindowGlass", "Headlight", "decal_03"],
+)
+def test_what_is_no_paint_by_its_name(name):
+    assert left_alone_by_name(name)
+
+
+@pytest.mark.parametrize("name", ["Camouflage", "Track_Guard_Paint", "hull", "Tarpaulin", "Material.004", "lightning"])
+def test_what_may_be_paint(name):
+    assert not left_alone_by_name(name)
+
+
+def test_the_first_coat_that_matches_is_a_materials():
+    assert painted(MATERIALS, [["camo*"], ["*"]]) == {"Camo_Hull": 0, "camo turret": 0, "Canvas": 1}
+    assert painted(MATERIALS, [["hull"], ["camo"]]) == {"Camo_Hull": 0, "camo turret": 1}
+    assert painted(MATERIALS, [["track*"]]) == {}
+    assert painted(MATERIALS, [["tracks"]]) == {"Tracks": 0}
+
+
+def test_doubts_name_patterns_that_do_nothing():
+    def doubts(*materials):
+        return paint_doubts([PaintEntry(materials=(m,), colours=(GREEN,)) for m in materials], MATERIALS)
+
+    assert doubts("camo*", "canvas") == []
+    assert doubts("camuflage") == [
+        "paint: 'camuflage' matches no material; those that can be painted: 'Camo_Hull', 'camo turret', 'Canvas'"
+    ]
+    (alone,) = doubts("track*")
+    assert "'Tracks' is left alone, 'track' is in its name; give its whole name" in alone
+    assert doubts("*", "canvas") == ["paint: an earlier entry has all materials of ['canvas']"]
+
+
+def test_notes_say_what_is_painted():
+    entry = PaintEntry(materials=("camo*",), colours=("own", GREEN), value=(0.5, 2.0))
+    assert paint_notes([entry], MATERIALS) == ["painted: Camo_Hull, camo turret; own, #4b5320, value 0.5 to 2"]
+
+
+PAINT = [
+    {"materials": ["camo*"], "colours": [GREEN, SAND, "#303030"], "value": [0.5, 1.5]},
+    {"materials": ["canvas"], "hue_deg": [-20, 20]},
+]
+
+
+@pytest.fixture(scope="module")
+def assets():
+    return small_assets(distractors=True)
+
+
+@pytest.fixture(scope="module")
+def made(assets, tmp_path_factory):
+    wanted = config(
+        PAINT,
+        seed=2,
+        budget={"images_per_class": 12, "images_per_position": 2, "background_share": 0.2},
+        placement={"vehicles_per_image": [1, 3], "distractors_per_image": 2, "companion_distance": [9, 30]},
+    )
+    return write_plan(wanted, assets, tmp_path_factory.mktemp("paint") / "plan.jsonl")
+
+
+def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
+    by_position = {}
+    for row in made:
+        for k, vehicle in enumerate(row.planned):
+            assert len(vehicle.paint) == (2 if vehicle.vehicle in ("t72", "car") else 0)
+            by_position.setdefault((row.position, k, vehicle.vehicle), []).append(vehicle.paint)
+    coats = [paints[0] for paints in by_position.values() if paints[0]]
+    assert all(paints == paints[:1] * len(paints) for paints in by_position.values())
+    assert {first.colour for first, _ in coats} == {GREEN, SAND, "#303030"}
+    assert len({first.value for first, _ in coats}) == len(coats)  # no two draw the same numbers
+    assert all((second.colour, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
+
+
+def test_workers_make_no_difference(made, assets, tmp_path):
+    wanted = parse_config(made.header.config, path=made.path)
+    again = write_plan(wanted, assets, tmp_path / "plan.jsonl", workers=2)
+    assert [line for line in again.path.read_bytes().splitlines()[1:]] == made.path.read_bytes().splitlines()[1:]
+
+
+def edited(made, path, change):
+    header, *rows = map(json.loads, made.path.read_text().splitlines())
+    change(header, rows)
+    path.write_text("".join(json.dumps(line) + "\n" for line in (header, *rows)))
+    return read_plan(path)
+
+
+def test_a_colour_that_was_not_drawn_is_found(made, assets, tmp_path):
+    assert check_plan(made, assets) == []
+    first = next(row.index for row in made if row.paint and row.shot == 0)
+
+    def change(_, rows):
+        rows[first]["paint"][0]["value"] += 1e-6
+
+    found = check_plan(edited(made, tmp_path / "plan.jsonl", change), assets)
+    assert f"image {first}: breaks paint, which is not what was drawn" in found
+    assert any(f"image {first + 1}: breaks what the shots" in line for line in found)
+
+
+def test_a_plan_without_paint_is_read_checked_and_drawn_as_it_was(assets, tmp_path):
+    older = write_plan(small_config(assets={"distractors": DISTRACTOR_ENTRIES}), assets, tmp_path / "plan.jsonl")
+
+    def change(header, rows):
+        entries = [*header["config"]["assets"]["vehicles"], *header["config"]["assets"]["distractors"]]
+        for table in [*entries, *rows, *(v for row in rows for v in (*row["companions"], *row["distractors"]))]:
+            del table["paint"]
+
+    plan = edited(older, tmp_path / "older.jsonl", change)
+    assert b"paint" not in plan.path.read_bytes()
+    assert check_plan(plan, assets) == []
+    assert all(vehicle.paint == [] for row in plan for vehicle in row.planned)
+    assert summarise(plan).paints.total() == 0
+
+
+def test_the_summary_counts_coats(made):
+    counts = summarise(made).paints
+    rows = list(made)
+    coats = [coat for row in rows for vehicle in row.vehicles for coat in vehicle.paint]
+    assert counts.total() == len(coats)
+    assert counts["own"] == len(coats) / 2
+    assert summarise(made).to_json()["paints"] == dict(counts)
+
+
+def test_a_preview_has_the_first_coats_colour(made):
+    own = np.array([0.3, 0.4, 0.2])
+    assert np.array_equal(previewed(own, []), own)
+    assert previewed(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
+    assert previewed(own, [Coat(["*"], None, 0.0, 0.0, 0.5)]) == pytest.approx([0.2, 0.2, 0.2])
+    assert previewed(own, [Coat(["*"], None, 120.0)]) == pytest.approx([0.2, 0.3, 0.4])
+    row = next(row for row in made if row.paint and not row.empty)
+    assert f"{row.vehicle}, {row.paint[0].colour} in {row.scenery}" in caption(row)
+
+
+def test_colours_are_linear():
+    assert linear("#ffffff") == (1.0, 1.0, 1.0)
+    assert linear("#808080") == pytest.approx((0.2158605,) * 3)
+    assert luminance((1.0, 1.0, 1.0)) == pytest.approx(1.0)
