@@ -37,6 +37,7 @@ class Purpose(IntEnum):
     DISTRACTOR = 10
     DISTRACTORS = 11
     BACKGROUND = 12
+    EXPOSURE = 21
 
 
 class Draws:

@@ -152,6 +152,7 @@ def load_library(
         },
         distractors={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in others},
         distractor_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in others},
+        skies={name: sky.light for name, sky in skies.items()},
     )
     return Library(
         assets,
