@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from assets.scenery import Scenery
-from assets.skylight import SkyLight, even_sky
+from assets.skylight import EVEN, SkyLight
 from assets.vehicle import VehicleShape
 
 
@@ -76,4 +76,4 @@ class Assets:
 
     def sky(self, hdri: str) -> SkyLight:
         """How an HDRI lights open land."""
-        return self.skies.get(hdri) or even_sky()
+        return self.skies.get(hdri, EVEN)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from camera.metering import clearness
+from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
 from camera.response import displayed, white_balance
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
@@ -58,7 +58,10 @@ def radiance(
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if visibility_m is None:
         return seen
-    clear = clearness(along, visibility_m)[..., None]
+    reach, above = min(FOG_REACH * visibility_m, FOG_SIDE), min(FOG_ABOVE * visibility_m, FOG_TOP)
+    with np.errstate(divide="ignore"):
+        sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
+    clear = np.exp(-extinction(visibility_m) * sides.min(axis=0))[..., None]
     return clear * seen + (1.0 - clear) * airlight(sky) * strength
 
 

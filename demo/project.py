@@ -104,7 +104,7 @@ def create_project(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": category} for name, category in CATEGORY.items()],
         distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
-        hdris=["hdris/*.exr"],
+        hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],  # the others show a street, a wood, a quay
         values=SMALL if small else {},
     )
     return _written(config, text)

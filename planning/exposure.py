@@ -11,8 +11,7 @@ from jaxtyping import Float
 from msgspec.structs import replace
 
 from assets.library import Assets
-from camera.metering import card_radiance
-from camera.response import FARTHEST_EV, metered
+from camera.response import ALBEDO, FARTHEST_EV, metered
 from planning.draws import Draws, Purpose, between
 from planning.row import Row, rounded
 from planning.schema import LightSection
@@ -62,10 +61,12 @@ def expose(rows: Sequence[Row], light: LightSection, assets: Assets, draws: Draw
 
 
 def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
-    """Radiance of a grey card on open land in the light of a row, in linear Rec. 709."""
-    visibility_m = row.weather.visibility_m if row.weather else None
-    radiance = card_radiance(assets.sky(row.hdri), yaw=math.radians(row.hdri_yaw_deg), visibility_m=visibility_m)
-    return radiance * row.strength
+    """Radiance of a level grey card on open land in the light of a row, in linear Rec. 709.
+
+    How the sky is turned changes nothing, nor does weather: fog hides what is far away and does not dim the light on
+    the ground near the camera, as rendered and measured (docs/benchmarks.md).
+    """
+    return np.array(assets.sky(row.hdri).irradiance) * (ALBEDO / math.pi * row.strength)
 
 
 def _metered(rows: Sequence[Row], assets: Assets) -> Float[np.ndarray, " n"]:

@@ -55,7 +55,9 @@ class Library:
         exported = [*self.vehicles.values(), *self.distractors.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
-        return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
+        skies = [(files[name].path, hdri) for name, hdri in self.hdris.items()]
+        doubts += [f"{path}: {note}" for path, hdri in skies for note in hdri.notes]
+        return (*doubts, *(f"{path}: {doubt}" for path, hdri in skies for doubt in hdri.light.misfits))
 
 
 def load_assets(

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from camera.response import LUMINANCE
 
 ROWS = 128  # of the map that is judged: 1.4 degrees each
+FEWEST = 32  # rows that tell anything
 DARK = 0.5  # of the sky above it: what is darker stands before it
 ABOVE_DEG = 25.0  # of sky that something is compared with
 GAP = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
@@ -43,6 +44,8 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
         Radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
     """
     height = len(sky)
+    if height < FEWEST:  # too coarse to tell
+        return round(min(90.0 / height, TOP_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
     grey = sky @ LUMINANCE
     grey += 1e-6 * grey.mean()

@@ -174,14 +174,13 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     try:
         note = json.loads((cache / f"{_key(digest)}.json").read_text(encoding="utf-8"))
         notes, mended_sha256 = tuple(map(str, note["notes"])), str(note["mended_sha256"])
-        patches = np.load(cache / f"{_key(digest)}.npy", allow_pickle=False).reshape(-1, 6)
-        horizon_deg, misfits = float(note["horizon_deg"]), tuple(map(str, note["misfits"]))
-        light = SkyLight(patches[:, :3], patches[:, 3:], horizon_deg, misfits)
+        red, green, blue = map(float, note["irradiance"])
+        light = SkyLight((red, green, blue), float(note["horizon_deg"]), tuple(map(str, note["misfits"])))
         mended = cache / f"{_key(digest)}.exr"
         if not mended_sha256:
             return Hdri(path, digest, light)
         return Hdri(mended, digest, light, mended_sha256, notes) if sha256(mended) == mended_sha256 else None
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
@@ -205,7 +204,6 @@ def _read(
                     "path": str(path.resolve()),
                     "format": "hdri",
                     "mended": str(folder / f"{number}.exr"),
-                    "light": str(folder / f"{number}.npy"),
                     "answer": str(folder / f"{number}.json"),
                 }
             )
@@ -217,8 +215,7 @@ def _read(
             if answer["notes"]:
                 mended_sha256 = sha256(Path(job["mended"]))
                 Path(job["mended"]).replace(cache / f"{_key(digest)}.exr")
-            Path(job["light"]).replace(cache / f"{_key(digest)}.npy")
-            said = {key: answer[key] for key in ("notes", "horizon_deg", "misfits")}
+            said = {key: answer[key] for key in ("notes", "irradiance", "horizon_deg", "misfits")}
             note = {"path": str(path), "mended_sha256": mended_sha256, **said}
             with replacing(cache / f"{_key(digest)}.json") as file:
                 file.write(json.dumps(note, indent=1).encode())

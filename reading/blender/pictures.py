@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from assets.skylight import sky_light
+from assets.skylight import level_irradiance
 from geometry.errors import AssetError
 from reading.backdrop import backdrop, small_map
 from reading.hdri import mend
@@ -17,7 +17,7 @@ from reading.sky_maps import ROWS
 
 
 def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the picture at ``job["path"]``, write how it lights land, and what had to be mended to ``job["mended"]``.
+    """Check the picture at ``job["path"]``; if it has to be mended, write that to ``job["mended"]``.
 
     Raises
     ------
@@ -31,9 +31,9 @@ def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
         bpy.data.images.remove(image)
     if notes:
         _write(pixels, job["mended"])
-    np.save(job["light"], np.concatenate(sky_light(pixels), axis=1))
+    irradiance = level_irradiance(pixels).tolist()
     horizon_deg, misfits = backdrop(small_map(pixels))
-    return {"notes": list(notes), "horizon_deg": horizon_deg, "misfits": list(misfits)}
+    return {"notes": list(notes), "irradiance": irradiance, "horizon_deg": horizon_deg, "misfits": list(misfits)}
 
 
 def write_sky_map(job: Mapping[str, Any]) -> dict[str, Any]:
