@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from assets.scenery import Scenery
+from assets.skylight import EVEN, SkyLight
 from assets.vehicle import VehicleShape
 
 
@@ -44,6 +45,8 @@ class Assets:
         Names of the HDRIs, in the order of the config.
     distractors
         Shape of each vehicle that is no target, in the order of the config.
+    skies
+        How HDRIs light open land; those without an entry were made in memory, and are even skies of radiance 1.
     vehicle_files, scenery_files, hdri_files, distractor_files
         The files they came from; assets without an entry were made in memory.
 
@@ -62,6 +65,7 @@ class Assets:
     hdri_files: Mapping[str, AssetFile] = field(default_factory=dict)
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     distractor_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    skies: Mapping[str, SkyLight] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("vehicles", "sceneries", "hdris"):
@@ -69,3 +73,7 @@ class Assets:
                 raise ValueError(f"{name}: expected at least one, got none")
         if lacking := [name for name in self.vehicles if name not in self.categories]:
             raise ValueError(f"categories: expected one for every vehicle, got none for {lacking}")
+
+    def sky(self, hdri: str) -> SkyLight:
+        """How an HDRI lights open land."""
+        return self.skies.get(hdri, EVEN)

@@ -17,7 +17,7 @@ from camera.projection import Camera
 from camera.world import World
 from dataset.records import Finding
 from dataset.runs import Run, find_run, plan_key
-from dataset.sky import deviation, displayed, inner, radiance
+from dataset.sky import deviation, inner, pictured, radiance
 from planning.loading import load_planned_library, planned_cache
 from planning.plan_file import Plan
 from reading.sky_maps import sky_maps
@@ -58,6 +58,9 @@ class SkyCheck:
             along, sky = self._sky(image, height)
             yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
             visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
+            # Records of earlier versions say nothing of these.
+            horizon_deg, exposure_ev = image.get("horizon_deg"), float(image.get("exposure_ev") or 0.0)
+            white_balance_k = float(image.get("white_balance_k", 0.0))
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
         sky = inner(sky & ~_labelled(image, labels, sky.shape))
@@ -66,8 +69,16 @@ class SkyCheck:
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
 
         def differs(other: str) -> float:
-            seen = radiance(self.skies[other], along, yaw=yaw, strength=strength, visibility_m=visibility_m)
-            return deviation(small, displayed(seen), sky)
+            seen = radiance(
+                self.skies[other],
+                along,
+                yaw=yaw,
+                strength=strength,
+                visibility_m=visibility_m,
+                horizon_deg=horizon_deg,
+            )
+            expected = pictured(seen, exposure_ev=exposure_ev, white_balance_k=white_balance_k)
+            return deviation(small, expected, sky)
 
         figure = differs(hdri)
         if figure > UNLIKE:

@@ -1,44 +1,25 @@
-"""How a sky must look in a picture: an HDRI along rays, through fog and Blender's view transform.
-
-References
-----------
-T. Sobotka, AgX, https://github.com/sobotka/AgX, 2022; in Blender since 4.0 with matrices and a curve of its own.
-"""
+"""How a sky must look in a picture: an HDRI along rays, through fog, white balance, exposure and the view transform."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
+from camera.response import displayed, white_balance
 
-# Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colours that Blender 5.0 has
-# transformed, from 2^-9 to 2^6 and up to saturated; on 3144 others the largest error of a channel is 1.5 of 255 in the
-# mean, below 4.5 for 99 %.
-_IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.07342, 0.14333, 0.59868]])
-_OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [-2.60696, -3.90831, 22.83187]])
-_CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
-_LOWEST, _STOPS = -12.47393, 16.5
-_POWER = 2.2
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
 _SMOOTHED = 5  # pixels: finer than that is the sky of a small map not known
 
 
-def displayed(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-    """Levels from 0 to 255 that linear Rec. 709 radiance has in a picture.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> displayed(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
-    [[0.0, 0.0, 0.0], [255.0, 255.0, 255.0]]
-    """
-    stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
-    curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
-    linear = np.clip(np.sign(curved) * np.abs(curved) ** _POWER @ _OUT.T, 0.0, 1.0)
-    coded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-    return 255.0 * coded
+def pictured(
+    radiance: Float[np.ndarray, "*n 3"], *, exposure_ev: float, white_balance_k: float
+) -> Float[np.ndarray, "*n 3"]:
+    """Levels from 0 to 255 that radiance has in a picture of that exposure and white balance; see `planning.row`."""
+    return displayed(radiance @ white_balance(white_balance_k).T * 2.0**exposure_ev)
 
 
 def radiance(
@@ -48,6 +29,7 @@ def radiance(
     yaw: float,
     strength: float,
     visibility_m: float | None = None,
+    horizon_deg: float | None = None,
 ) -> Float[np.ndarray, "*n 3"]:
     """What rays see of a sky.
 
@@ -63,11 +45,16 @@ def radiance(
         Factor on its radiance.
     visibility_m
         Of fog, if there is any.
+    horizon_deg
+        Elevation whose colour is seen below it too; None: the sky is seen as it is.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)
     column = (0.5 - (np.arctan2(y, x) - yaw) / (2.0 * np.pi)) * width
-    row = (0.5 - np.arctan2(z, np.hypot(x, y)) / np.pi) * height
+    elevation = np.arctan2(z, np.hypot(x, y))
+    if horizon_deg is not None:
+        elevation = np.maximum(elevation, math.radians(horizon_deg))
+    row = (0.5 - elevation / np.pi) * height
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if visibility_m is None:
         return seen

@@ -111,7 +111,7 @@ def create_project(
         ],
         distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
-        hdris=["hdris/*.exr"],
+        hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],  # the others show a street, a wood, a quay
         values=SMALL if small else {},
     )
     return _written(config, text)

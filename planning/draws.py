@@ -38,6 +38,7 @@ class Purpose(IntEnum):
     DISTRACTORS = 11
     BACKGROUND = 12
     PAINT = 20
+    EXPOSURE = 21
 
 
 class Draws:

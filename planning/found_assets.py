@@ -18,6 +18,7 @@ from reading.formats import SUFFIXES
 from reading.hdri import read_hdris
 from reading.inspect import inspect
 from reading.report import FileReport
+from reading.sky_report import REMEDY
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 # What the names of folders say of the files in them; the contents of the others decide.
@@ -128,7 +129,10 @@ def _preference(path: Path) -> int:
 
 def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
-        return FoundFile(path, "hdri", read_hdris([folder / path], Path(cache), limits=limits)[0].notes)
+        sky = read_hdris([folder / path], Path(cache), limits=limits)[0]
+    if sky.light.misfits:
+        return FoundFile(path, "", (f"shows no open land: {sky.light.misfits[0]}; {REMEDY}",))
+    return FoundFile(path, "hdri", sky.notes)
 
 
 def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:

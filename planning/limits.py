@@ -215,6 +215,24 @@ LIMITS = (
         slack=SHARE,
     ),
     Limit(
+        "exposure_ev, which is not what its light asks for",
+        ("light.exposure", "light.exposure_error_ev"),
+        "the grey card under the row's light, and the draw of the image's index",
+        lambda r: r.exposed_as_metered,
+    ),
+    Limit(
+        "white_balance_k, which is not what was drawn",
+        ("light.white_balance_error_k",),
+        "the draw of the image's index",
+        lambda r: r.balanced_as_drawn,
+    ),
+    Limit(
+        "horizon_deg, which is not the HDRI's",
+        ("light.backdrop",),
+        "the HDRI's own horizon, or null",
+        lambda r: r.backdrop_follows,
+    ),
+    Limit(
         "weather, which is not what was drawn",
         ("weather.probability",),
         "`weather` against the draw of the image's index",

@@ -56,7 +56,9 @@ class Library:
         exported = [*self.vehicles.values(), *self.distractors.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
-        return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
+        skies = [(files[name].path, hdri) for name, hdri in self.hdris.items()]
+        doubts += [f"{path}: {note}" for path, hdri in skies for note in hdri.notes]
+        return (*doubts, *(f"{path}: {doubt}" for path, hdri in skies for doubt in hdri.light.misfits))
 
 
 def load_assets(
@@ -157,6 +159,7 @@ def load_library(
         },
         distractors={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in others},
         distractor_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in others},
+        skies={name: sky.light for name, sky in skies.items()},
     )
     return Library(
         assets,

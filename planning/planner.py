@@ -15,6 +15,7 @@ from assets.library import Assets
 from geometry.errors import ConfigError
 from planning.budget import Positions, make_budget
 from planning.draws import Draws, Purpose, choose
+from planning.exposure import expose
 from planning.group import Group, HopelessPosition, plan_group
 from planning.guests import framed_on, guests_at
 from planning.light import draw_lights, hdri_weights
@@ -94,7 +95,7 @@ class Planner:
             problem = f"position {hopeless.position}: {hopeless.problem}"
             raise ConfigError(problem, path=hopeless.path, remedy=hopeless.remedy)
         rows.sort(key=lambda row: row.index)
-        return rows
+        return expose(rows, self.config.light, self.assets, self._draws)
 
     def _groups(
         self,

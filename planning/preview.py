@@ -14,9 +14,11 @@ from annotate.sheets import save_sheet
 from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
+from camera.response import ALBEDO, LUMINANCE
 from camera.target import PosedVehicle
 from geometry.errors import ConfigError
 from planning.config import parse_config
+from planning.exposure import card
 from planning.paint import previewed
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row, labelling
@@ -91,7 +93,7 @@ class Artist:
     """
 
     def __init__(self, plan: Plan, assets: Assets) -> None:
-        self._path = plan.path
+        self._path, self._assets = plan.path, assets
         stage = make_stage(parse_config(plan.header.config, path=plan.path), assets)
         self._models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
@@ -151,10 +153,14 @@ class Artist:
                 previewed(paint_of(v.vehicle, distractor=v.vehicle in self._distractors), v.paint) for v in row.vehicles
             ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
-            strength=row.strength,
+            strength=row.strength if row.exposure_ev is None else self._brightness(row, row.exposure_ev),
             visibility_m=row.weather.visibility_m if row.weather else None,
         )
         return colours.reshape(height, width, 3)
+
+    def _brightness(self, row: Row, exposure_ev: float) -> float:
+        """How much brighter than mid-grey a grey card on open land is in the picture."""
+        return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         target = self._models[vehicle.vehicle].target

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planning.exposure import Exposures, exposures
 from planning.guests import framed_on, guests_at
 from planning.labels import labels_of, pixels_shown
 from planning.light import Lights, draw_lights
@@ -15,6 +16,9 @@ from planning.paint import COMPANIONS, DISTRACTORS, draw_coats
 from planning.recomputed_poses import RecomputedPoses
 from planning.rejections import AIMING, PLACING
 from planning.row import Label, Row, rounded
+from planning.search_limits import DEGREES
+
+EV, KELVIN = 2e-4, 2e-3  # twice what rows are rounded to
 
 
 class Recomputed(RecomputedPoses):
@@ -151,6 +155,28 @@ class Recomputed(RecomputedPoses):
     def seed_as_drawn(self) -> Bool[np.ndarray, " n"]:
         """Whether Cycles' seed is the one drawn."""
         return np.array([row.sample_seed for row in self.rows]) == self.lights.sample_seed
+
+    @cached_property
+    def exposures(self) -> Exposures:
+        """What is planned for the light of these rows."""
+        return exposures(self.rows, self.config.light, self.source.assets, self.source.draws)
+
+    @property
+    def exposed_as_metered(self) -> Bool[np.ndarray, " n"]:
+        """Whether the exposure is that of the row's light and the drawn error; plans of earlier versions say none."""
+        said = self.said("exposure_ev", of_image=True)
+        return np.isnan(said) | (np.abs(said - self.exposures.ev) <= EV)
+
+    @property
+    def balanced_as_drawn(self) -> Bool[np.ndarray, " n"]:
+        """Whether the white balance is the one drawn."""
+        return np.abs(self.said("white_balance_k", of_image=True) - self.exposures.white_balance_k) <= KELVIN
+
+    @property
+    def backdrop_follows(self) -> Bool[np.ndarray, " n"]:
+        """Whether of the HDRI is seen what the config says."""
+        said, wanted = self.said("horizon_deg", of_image=True), self.exposures.horizon_deg
+        return (np.abs(said - wanted) <= DEGREES) | (np.isnan(said) & np.isnan(wanted))
 
     @property
     def image_size_is_the_configs(self) -> Bool[np.ndarray, " n"]:

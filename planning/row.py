@@ -99,6 +99,9 @@ FieldOfView = Annotated[float, _is("a number above 0 and below 180", "1e-12 degr
 Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, rotation to 1e-12", _poses)]
 Frame = Annotated[Box, _is("[x, y, width, height]", "1e-6 pixels", _boxes)]
 FrameOrNone = Annotated[Box | None, _is("[x, y, width, height] or null", "1e-6 pixels", _boxes)]
+Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
+EV = Annotated[Annotated[float, Meta(ge=-32, le=32)] | None, _is("a number from -32 to 32, or null", "1e-4", _to(4))]
+Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0}', "1e-9 m", _to(9))]
@@ -168,6 +171,11 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     hdri: Annotated[Name, _means("the HDRI's name")]
     hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
+    horizon_deg: Annotated[
+        Horizon, _means("elevation whose colour the camera sees below it too; null: it sees the HDRI as it is")
+    ] = None
+    exposure_ev: Annotated[EV, _means("exposure of the picture; null in plans of earlier versions: 0 EV")] = None
+    white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")] = 0.0
     weather: Annotated[Air, _means("fog, if there is any")]
     sample_seed: Annotated[Seed, _means("of Cycles' noise")]
     background: Annotated[

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from assets.textures import TEXTURE_SIZE
+from camera.response import COOLEST, FARTHEST_EV, WARMEST
 from planning.paint import Paint, PaintEntry
 from planning.section import Section
 from planning.section import ranged as _range
@@ -34,6 +35,15 @@ def _forward(value: Any) -> str | float | Pair | None:
     if isinstance(value, (list, tuple)) and len(value) in (2, 3) and _numbers(value) and any(value[:2]):
         return float(value[0]), float(value[1])
     raise ValueError("expected '+x', '-x', '+y', '-y', degrees from -360 to 360, or a vector [x, y]")
+
+
+def _exposure(value: Any) -> str | float:
+    """By the light, or a number of EV."""
+    if value == "auto":
+        return "auto"
+    if _numbers([value]) and abs(value) <= FARTHEST_EV:
+        return float(value)
+    raise ValueError(f"expected 'auto' or EV from {-FARTHEST_EV:g} to {FARTHEST_EV:g}")
 
 
 def _pivot(value: Any) -> str | tuple[float, ...] | None:
@@ -69,6 +79,9 @@ TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
 GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Elevations = Annotated[Pair, _range(-90.0, 90.0)]
 FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
+Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_exposure)]
+ExposureErrors = Annotated[Pair, _range(-10.0, 10.0)]
+Kelvins = Annotated[Pair, _range(COOLEST, WARMEST)]
 Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
 CountsFromZero = Annotated[tuple[int, int], _range(0.0, 64.0, int)]
 Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
@@ -277,11 +290,15 @@ def _choice(value: Any) -> Any:
 
 
 class LightSection(Section):
-    """HDRI, its turn about the vertical, its strength."""
+    """HDRI, its turn about the vertical, its strength, what is seen of it; and how the camera meters it."""
 
     hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = ()
     yaw_deg: Degrees = (0.0, 360.0)
     strength: Strengths = (0.7, 1.3)
+    backdrop: Literal["hdri", "sky"] = "hdri"
+    exposure: Exposure = "auto"
+    exposure_error_ev: ExposureErrors = (-1.0, 1.0)
+    white_balance_error_k: Kelvins = (0.0, 0.0)
 
 
 class WeatherSection(Section):

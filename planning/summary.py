@@ -98,6 +98,7 @@ def _histograms() -> dict[str, Histogram]:
         "elevation_deg": _histogram("camera above the vehicle's foot (degrees)", np.linspace(-90.0, 90.0, 91)),
         "visible_fraction": _histogram("visible fraction", np.linspace(0.0, 1.0, 21)),
         "truncated_fraction": _histogram("truncated fraction", np.linspace(0.0, 1.0, 21)),
+        "exposure_ev": _histogram("exposure (EV)", np.linspace(-32.0, 32.0, 129)),
         "box_px": _histogram("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
     }
 
@@ -185,6 +186,7 @@ class Summary:
         values = {
             "distance_m": np.linalg.norm(away, axis=1),
             "elevation_deg": np.degrees(np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))),
+            "exposure_ev": np.array([row.exposure_ev or 0.0 for row in rows]),
             "box_px": np.sqrt(boxes[:, 2] * boxes[:, 3]),
         }
         for key, histogram in self.histograms.items():

@@ -198,6 +198,10 @@ background_distractors = 0.5  # in this share of them a distractor stands where 
 hdris = []             # names or patterns of HDRIs, or {{ name = "noon*", weight = 2.0 }}; empty: all alike
 yaw_deg = [0.0, 360.0] # turn of the HDRI about the vertical
 strength = [0.7, 1.3]  # factor on its brightness
+backdrop = "hdri"      # what is seen of it: "hdri", all; "sky", what is above its horizon, whose colour goes on below
+exposure = "auto"      # "auto": a grey card on open land is mid-grey; or EV, the same for all images
+exposure_error_ev = [-1.0, 1.0]     # what the camera is off that
+white_balance_error_k = [0.0, 0.0]  # kelvin that its white balance is off 6500 K; more is warmer
 
 [weather]
 probability = 0.0               # share of images with fog

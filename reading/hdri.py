@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from assets.skylight import SkyLight
+from camera.response import LUMINANCE
 from geometry.errors import AssetError
 from geometry.files import replacing
 from reading.cache import sha256
@@ -21,13 +23,12 @@ from reading.formats import refuse_no_file
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
-CHECKED = 1  # raised whenever the same file would be judged or mended otherwise
+CHECKED = 2  # raised whenever the same file would be judged or mended otherwise
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
 NEGATIVE = 1e-3  # of all light may be negative: what filters and colours outside the gamut leave behind
-LUMINANCE = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
-WEIGHTS = (0.2126, 0.7152, 0.0722)  # of linear Rec. 709 (ITU-R BT.709-6)
+MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 BATCH = 16  # pictures that one process reads, one after the other
 
 
@@ -45,10 +46,13 @@ class Hdri:
         Digest of the mended copy's bytes; empty if the file is rendered as it is.
     notes
         What was mended, a sentence each.
+    light
+        How it lights open land, and whether it shows any.
     """
 
     path: Path
     sha256: str
+    light: SkyLight
     mended_sha256: str = ""
     notes: tuple[str, ...] = ()
 
@@ -89,8 +93,8 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
     if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
         raise AssetError("is the same everywhere, which is no sky")
     mean = mean_luminance(pixels)
-    if not LUMINANCE[0] <= mean <= LUMINANCE[1]:
-        allowed = f"{LUMINANCE[0]:g} to {LUMINANCE[1]:g}"
+    if not MEAN[0] <= mean <= MEAN[1]:
+        allowed = f"{MEAN[0]:g} to {MEAN[1]:g}"
         raise AssetError(f"has a mean luminance of {mean:.3g}, expected {allowed}", remedy="scale it, or leave it out")
     return pixels, tuple(notes)
 
@@ -98,7 +102,7 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
 def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
     """Mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
-    rows = pixels.mean(axis=1, dtype=np.float64) @ np.array(WEIGHTS)
+    rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE
     weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
     return float(rows @ weight / weight.sum())
 
@@ -170,10 +174,12 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     try:
         note = json.loads((cache / f"{_key(digest)}.json").read_text(encoding="utf-8"))
         notes, mended_sha256 = tuple(map(str, note["notes"])), str(note["mended_sha256"])
+        red, green, blue = map(float, note["irradiance"])
+        light = SkyLight((red, green, blue), float(note["horizon_deg"]), tuple(map(str, note["misfits"])))
         mended = cache / f"{_key(digest)}.exr"
         if not mended_sha256:
-            return Hdri(path, digest)
-        return Hdri(mended, digest, mended_sha256, notes) if sha256(mended) == mended_sha256 else None
+            return Hdri(path, digest, light)
+        return Hdri(mended, digest, light, mended_sha256, notes) if sha256(mended) == mended_sha256 else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -209,7 +215,8 @@ def _read(
             if answer["notes"]:
                 mended_sha256 = sha256(Path(job["mended"]))
                 Path(job["mended"]).replace(cache / f"{_key(digest)}.exr")
-            note = {"path": str(path), "notes": answer["notes"], "mended_sha256": mended_sha256}
+            said = {key: answer[key] for key in ("notes", "irradiance", "horizon_deg", "misfits")}
+            note = {"path": str(path), "mended_sha256": mended_sha256, **said}
             with replacing(cache / f"{_key(digest)}.json") as file:
                 file.write(json.dumps(note, indent=1).encode())
     finally:

@@ -152,6 +152,7 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
             hdri=str(_named(assets.hdris, row.hdri, "hdri", row).resolve()),
             yaw=math.radians(row.hdri_yaw_deg),
             strength=row.strength,
+            horizon=None if row.horizon_deg is None else math.radians(row.horizon_deg),
         ),
         weather=WeatherInput(**structs.asdict(row.weather)) if row.weather else None,
         seed=row.sample_seed % 2**31,
@@ -179,6 +180,8 @@ def _camera(row: Row) -> CameraInput:
         width=row.width,
         height=row.height,
         near=NEAR,
+        exposure=row.exposure_ev or 0.0,
+        white_balance=row.white_balance_k,
     )
 
 

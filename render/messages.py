@@ -93,6 +93,10 @@ class CameraInput:
         Of the picture, in pixels.
     near
         Metres along the optical axis; nothing closer is seen.
+    exposure
+        Of the picture, in EV.
+    white_balance
+        Offset in kelvin from the white balance that changes nothing.
     """
 
     world_from_camera: Matrix
@@ -100,6 +104,8 @@ class CameraInput:
     width: int
     height: int
     near: float
+    exposure: float
+    white_balance: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,11 +133,14 @@ class LightInput:
         Its turn about the vertical, radians counter-clockwise.
     strength
         Factor on its brightness.
+    horizon
+        Elevation in radians whose colour the camera sees below it too; None: it sees the picture as it is.
     """
 
     hdri: str
     yaw: float
     strength: float
+    horizon: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -196,7 +196,8 @@ def decode_parcel(data: bytes) -> Parcel:
             raise ValueError(f"image {order.index}: expected poses of (4, 4)")
         light, camera = job.light, job.camera
         numbers = [x for matrix in matrices for row in matrix for x in row]
-        numbers += [light.yaw, light.strength, camera.fov_x, camera.near]
+        numbers += [light.yaw, light.strength, light.horizon or 0.0]
+        numbers += [camera.fov_x, camera.near, camera.exposure, camera.white_balance]
         numbers += [job.weather.visibility_m] if job.weather else []
         coats = [paint for vehicle in job.vehicles for paint in vehicle.paint]
         numbers += [x for p in coats for x in (p.mean, *(p.colour or ()), p.hue, p.saturation, p.value)]

@@ -7,10 +7,11 @@ import pytest
 
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
+from camera.response import displayed
 from camera.world import Plane, World
 from dataset.check_skies import SkyCheck
 from dataset.runs import Run
-from dataset.sky import deviation, displayed, inner, radiance
+from dataset.sky import deviation, inner, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x

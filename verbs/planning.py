@@ -58,17 +58,30 @@ def _init_from(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from planning.config import load_config
+    from planning.config import HDRI_SUFFIXES, load_config
     from planning.loading import inspect_config
     from reading.inspect import Inspected, inspect, pages, write_pictures
+    from reading.report import FileReport
+    from reading.sky_report import SkyReport, inspect_sky
 
     configs = {path: load_config(path) for path in arguments.files if path.suffix.lower() == ".toml"}
     if arguments.output:
-        assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in arguments.files)
+        drawn = [path for path in arguments.files if path.suffix.lower() not in HDRI_SUFFIXES]
+        assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in drawn)
         for page in pages(arguments.output, assets):
             make_room_for_picture(page)
     inspected: list[Inspected] = []
+    reports: list[FileReport | SkyReport] = []
     for path in arguments.files:
+        if path.suffix.lower() in HDRI_SUFFIXES:
+            with reading_status() as progress:
+                progress(str(path))
+                sky = inspect_sky(path, limits=read_limits(arguments))
+            reports.append(sky)
+            if not arguments.json:
+                show_table(sky.table())
+                show_list(sky.lines())
+            continue
         with reading_status() as progress:
             shared = {
                 "strict": arguments.strict,
@@ -85,10 +98,11 @@ def _inspect(arguments: argparse.Namespace) -> int:
                 show_table(one.report.table())
                 show_list(one.report.notes())
         inspected += found
-    if arguments.output:
+        reports += [one.report for one in found]
+    if arguments.output and inspected:
         say(f"wrote {', '.join(map(str, write_pictures(inspected, arguments.output)))}")
     if arguments.json:
-        print_json([one.report.to_json() for one in inspected])
+        print_json([report.to_json() for report in reports])
     return DONE
 
 
@@ -209,8 +223,8 @@ def add(verb: AddVerb) -> None:
 
     sub = verb(
         "inspect", _inspect, "show what will be used of asset files",
-        "Reads .blend, .glb, .gltf, .fbx or .obj files, or configs and what they list, with their options; writes a "
-        "table of each, and with -o a picture from four sides.",
+        "Reads .blend, .glb, .gltf, .fbx, .obj, .exr or .hdr files, or configs and what they list, with their options; "
+        "writes a table of each, and with -o a picture of vehicles and sceneries from four sides.",
     )  # fmt: skip
     sub.add_argument("files", type=Path, nargs="+", metavar="FILE", help="an asset, or a config (.toml)")
     sub.add_argument(

@@ -9,7 +9,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from assets.skylight import level_irradiance
 from geometry.errors import AssetError
+from reading.backdrop import backdrop, small_map
 from reading.hdri import mend
 from reading.sky_maps import ROWS
 
@@ -29,7 +31,9 @@ def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
         bpy.data.images.remove(image)
     if notes:
         _write(pixels, job["mended"])
-    return {"notes": list(notes)}
+    irradiance = level_irradiance(pixels).tolist()
+    horizon_deg, misfits = backdrop(small_map(pixels))
+    return {"notes": list(notes), "irradiance": irradiance, "horizon_deg": horizon_deg, "misfits": list(misfits)}
 
 
 def write_sky_map(job: Mapping[str, Any]) -> dict[str, Any]:

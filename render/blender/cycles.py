@@ -10,6 +10,7 @@ Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
 from __future__ import annotations
 
 import contextlib
+import math
 import platform
 from typing import Any
 
@@ -21,6 +22,8 @@ GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for
 OIDN = "OPENIMAGEDENOISE"
 # What a view layer holds besides settings, and what leads from a setting back to where it came from.
 NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
+NEUTRAL_K = 6500.0  # the white balance that changes nothing, but for rounding
+CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
@@ -146,6 +149,24 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
     _bounces(cycles, settings.bounces)
     # Keeps textures, geometry and BVHs from one image to the next.
     render.use_persistent_data = True
+
+
+def expose(scene: Any, settings: Settings, exposure: float, white_balance: float) -> None:
+    """Set a configured scene to a picture's exposure in EV, and to its offset of white balance in kelvin.
+
+    The view transform applies both, so that everything that shines counts, lamps of the scenery too. Cycles' own
+    limits are of radiance: they follow, so that a picture is the same under an HDRI of any scale.
+    """
+    view, scale = scene.view_settings, 2.0**-exposure
+    view.exposure = exposure
+    view.use_white_balance = white_balance != 0.0
+    view.white_balance_temperature = NEUTRAL_K + white_balance
+    for name, value in (
+        ("sample_clamp_indirect", CLAMP_INDIRECT * scale),
+        ("light_sampling_threshold", min(LIGHT_THRESHOLD * scale, 1.0)),
+        ("adaptive_threshold", min(settings.adaptive_threshold * math.sqrt(scale), 1.0)),  # over the root of radiance
+    ):
+        setattr(scene.cycles, name, value)
 
 
 def _denoise(cycles: Any, *, gpu: bool) -> None:

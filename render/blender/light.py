@@ -15,6 +15,7 @@ import numpy as np
 from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
 from reading.blender.frames import pose
 
+HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 
 
@@ -36,14 +37,20 @@ class HdriWorld:
         self._background = nodes.new("ShaderNodeBackground")
         output = nodes.new("ShaderNodeOutputWorld")
         links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
+        self._links, self._lifted = links, _Lifted(nodes, links, self._mapping.outputs["Vector"])
         links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
         links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
         links.new(self._background.outputs["Background"], output.inputs["Surface"])
         self._airlight: dict[str, np.ndarray] = {}
         self._path = ""
 
-    def set(self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray) -> None:
-        """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above."""
+    def set(
+        self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray, *, horizon: float | None = None
+    ) -> None:
+        """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above.
+
+        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it.
+        """
         if path != self._path:
             if not os.path.isfile(path):
                 raise FileNotFoundError(path)
@@ -66,6 +73,9 @@ class HdriWorld:
         axes = file_from_scenery[:3, :3] / np.linalg.norm(file_from_scenery[:3, :3], axis=0)
         self._mapping.inputs["Rotation"].default_value = euler_xyz(turn @ axes.T)
         self._background.inputs["Strength"].default_value = strength
+        seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
+        if self._texture.inputs["Vector"].links[0].from_socket != seen:  # new links make Cycles compile the sky anew
+            self._links.new(seen, self._texture.inputs["Vector"])
 
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
@@ -80,6 +90,35 @@ class HdriWorld:
             weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
             self._airlight[self._path] = (pixels.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
         return self._airlight[self._path] * self._background.inputs["Strength"].default_value
+
+
+class _Lifted:
+    """Nodes that lift directions of camera rays to an elevation; light comes from where it comes from."""
+
+    def __init__(self, nodes: Any, links: Any, direction: Any) -> None:
+        def node(kind: str, *inputs: Any, **settings: Any) -> Any:
+            new = nodes.new(f"ShaderNode{kind}")
+            for name, value in settings.items():
+                setattr(new, name, value)
+            for socket, value in zip(new.inputs, inputs, strict=False):
+                links.new(value, socket)
+            return new
+
+        x, y, z = node("SeparateXYZ", direction).outputs
+        squares = [node("Math", axis, axis, operation="MULTIPLY").outputs[0] for axis in (x, y)]
+        flat = node("Math", node("Math", *squares, operation="ADD").outputs[0], operation="SQRT").outputs[0]
+        self._slope = node("Math", flat, operation="MULTIPLY")
+        lifted = node("Math", z, self._slope.outputs[0], operation="MAXIMUM").outputs[0]
+        camera = nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        self._lifted = node("CombineXYZ", x, y, node("Mix", camera, data_type="FLOAT").outputs[0])
+        mix = self._lifted.inputs[2].links[0].from_node
+        links.new(z, mix.inputs[2])
+        links.new(lifted, mix.inputs[3])
+
+    def at(self, horizon: float) -> Any:
+        """The directions, lifted to an elevation in radians."""
+        self._slope.inputs[1].default_value = math.tan(min(horizon, HIGHEST))
+        return self._lifted.outputs[0]
 
 
 class Fog:

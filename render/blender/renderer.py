@@ -67,6 +67,7 @@ class Renderer:
         stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
         stage.set_light(job.light)
+        cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
         stage.set_weather(job.weather)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)

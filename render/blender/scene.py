@@ -141,7 +141,7 @@ class Stage:
 
     def set_light(self, light: LightInput) -> None:
         """Light by an HDRI."""
-        self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery)
+        self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
 
     def set_weather(self, weather: WeatherInput | None) -> None:
         """Fill the air, after camera and light are set: its veil glows as this sky lights it."""

@@ -1,0 +1,71 @@
+"""How an HDRI lights open land: the light that falls on level ground, and what of it is no sky."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, slots=True)
+class SkyLight:
+    """The light of a sky, and what it shows.
+
+    Parameters
+    ----------
+    irradiance
+        Of level ground, linear Rec. 709.
+    horizon_deg
+        Elevation up to which something other than sky is seen.
+    misfits
+        What tells that it does not show open land, a sentence each.
+    """
+
+    irradiance: tuple[float, float, float] = (math.pi, math.pi, math.pi)
+    horizon_deg: float = 0.0
+    misfits: tuple[str, ...] = ()
+
+
+EVEN = SkyLight()  # of radiance 1 everywhere
+
+
+def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
+    """Irradiance of level ground under an equirectangular picture: the integral of what it is, small suns included.
+
+    Between the centres of its pixels a picture is linear, as it is rendered; the integral is in closed form.
+
+    Parameters
+    ----------
+    pixels
+        Radiance, the lowest row first.
+
+    Examples
+    --------
+    >>> (level_irradiance(np.ones((16, 32, 3))) / np.pi).round(12).tolist()
+    [1.0, 1.0, 1.0]
+    """
+    height, width = pixels.shape[:2]
+    rows = pixels.sum(axis=1, dtype=np.float64) * (2.0 * math.pi / width)
+    return np.asarray(row_weights(height) @ rows)
+
+
+def row_weights(height: int) -> Float[np.ndarray, " h"]:
+    """What a row of an equirectangular picture, the lowest first, adds to the light on level ground, per radian.
+
+    The integral of sin(e) cos(e) above the horizon times the row's hat function, which is 1 at its centre and 0 at
+    those of its neighbours; the last row goes on to the zenith.
+    """
+    step = math.pi / height
+    centre = (np.arange(height) + 0.5) * step - math.pi / 2.0
+
+    def integral(low: Float[np.ndarray, " h"], high: Float[np.ndarray, " h"], slope: float) -> Float[np.ndarray, " h"]:
+        low, high = (np.clip(end, 0.0, math.pi / 2.0) for end in (low, high))
+        at = [(-np.cos(2.0 * e) / 4.0, np.sin(2.0 * e) / 8.0 - e * np.cos(2.0 * e) / 4.0) for e in (low, high)]
+        constant, linear = (end - start for start, end in zip(*at, strict=True))
+        return np.asarray((1.0 - slope * centre) * constant + slope * linear)
+
+    weights = integral(centre - step, centre, 1.0 / step) + integral(centre, centre + step, -1.0 / step)
+    weights[-1] += 0.5 - weights.sum()  # above its centre, where it has no neighbour
+    return weights

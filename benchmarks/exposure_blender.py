@@ -1,0 +1,98 @@
+"""What a grey card on open land is in pictures: `python -P exposure_blender.py JOBS.json ANSWERS.json`.
+
+A job is keys and values of `Job`; an answer is the mean colour, from 0 to 255, of a picture of nothing but the card.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bpy
+import numpy as np
+
+from camera.response import ALBEDO
+from render.blender import cycles
+from render.blender.light import Fog, HdriWorld
+from render.messages import Settings
+
+SIDE = 8  # pixels
+EYE = 0.15  # metres above the card: hardly any air between
+
+
+@dataclass(frozen=True)
+class Job:
+    """A card under an HDRI; angles in radians."""
+
+    hdri: str
+    yaw: float = 0.0
+    strength: float = 1.0
+    horizon: float | None = None
+    visibility_m: float | None = None
+    exposure: float = 0.0
+    white_balance: float = 0.0
+    samples: int = 512
+
+
+def main() -> None:
+    """Answer all jobs of a file."""
+    jobs = [Job(**job) for job in json.loads(Path(sys.argv[1]).read_text())]
+    os.dup2(2, 1)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    card = _card()
+    scene.collection.objects.link(card)
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.location, camera.data.angle = (0.0, 0.0, EYE), 0.2
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    world = HdriWorld(scene)
+    fog = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
+    scene.collection.objects.link(fog)
+    air = Fog(fog)
+    answers = []
+    for job in jobs:
+        settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
+        cycles.configure(scene, settings, device="CPU", threads=2)
+        scene.render.resolution_x = scene.render.resolution_y = SIDE
+        world.set(job.hdri, job.yaw, job.strength, np.eye(4), horizon=job.horizon)
+        cycles.expose(scene, settings, job.exposure, job.white_balance)
+        air.clear()
+        if job.visibility_m is not None:
+            air.fill(job.visibility_m, world.airlight(), np.array([0.0, 0.0, EYE]), np.eye(4), 1.0)
+        scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
+        bpy.ops.render.render(write_still=True)
+        answers.append(_mean(scene.render.filepath))
+    Path(sys.argv[2]).write_text(json.dumps(answers))
+
+
+def _card() -> bpy.types.Object:
+    mesh = bpy.data.meshes.new("card")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    material = bpy.data.materials.new("card")
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    diffuse, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
+    diffuse.inputs["Color"].default_value = (ALBEDO, ALBEDO, ALBEDO, 1.0)
+    material.node_tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    return bpy.data.objects.new("card", mesh)
+
+
+def _mean(path: str) -> list[float]:
+    image = bpy.data.images.load(path)
+    image.colorspace_settings.name = "Non-Color"
+    pixels = np.empty(SIDE * SIDE * image.channels, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    mean = 255.0 * pixels.reshape(SIDE * SIDE, -1)[:, :3].mean(axis=0, dtype=np.float64)
+    return [float(level) for level in mean]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""The light of a sky on level ground: linear, the same however the sky is turned, and near enough from smaller maps."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate
+
+from assets.skylight import level_irradiance, row_weights
+from camera.response import ALBEDO, CARD, LUMINANCE, displayed, metered
+
+
+@st.composite
+def skies(draw, *, rows=(4, 8, 32, 64)):
+    """A sky of noise, with a sun of any brightness anywhere, the lowest row first."""
+    height = draw(st.sampled_from(rows))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    sky = rng.uniform(0.0, 2.0, (height, 2 * height, 3))
+    sky[draw(st.integers(0, height - 1)), draw(st.integers(0, 2 * height - 1))] = draw(st.floats(0.0, 1e6))
+    return sky
+
+
+@given(skies(), st.integers(-8, 8))
+def test_it_scales_with_the_sky_exactly_at_powers_of_two(sky, power):
+    np.testing.assert_array_equal(level_irradiance(sky * 2.0**power), level_irradiance(sky) * 2.0**power)
+
+
+@given(st.data(), st.floats(0.0, 10.0))
+def test_it_is_linear(data, factor):
+    one = data.draw(skies(rows=(16,)))
+    other = data.draw(skies(rows=(16,)))
+    found = level_irradiance(one + factor * other)
+    np.testing.assert_allclose(found, level_irradiance(one) + factor * level_irradiance(other), rtol=1e-12)
+
+
+@given(skies(), st.integers(0, 127))
+def test_a_turn_of_the_sky_changes_nothing(sky, columns):
+    np.testing.assert_allclose(level_irradiance(np.roll(sky, columns, axis=1)), level_irradiance(sky), rtol=1e-12)
+
+
+@given(skies(rows=(128,)), st.sampled_from([2, 4, 8]))
+def test_a_smaller_map_is_off_by_no_more_than_its_sun_may_move(sky, step):
+    # A mean over a square moves light by a square's half diagonal at most, in elevation by `step` rows with the hat's.
+    small = sky.reshape(128 // step, step, 256 // step, step, 3).mean(axis=(1, 3))
+    # The weight is sin e cos e, whose slope is at most 1; what is below the horizon may come up as far.
+    reach = 1.5 * step * np.pi / 128
+    near = (np.arange(128) + 0.5) / 128 * np.pi - np.pi / 2 > -reach
+    light = (sky.sum(axis=1) * near[:, None]).sum(axis=0) * (np.pi / 128) ** 2
+    assert (np.abs(level_irradiance(small) - level_irradiance(sky)) <= light * reach).all()
+
+
+@given(st.integers(2, 40))
+def test_rows_weigh_what_their_hats_integrate_to(height):
+    step = np.pi / height
+    centre = (np.arange(height) + 0.5) * step - np.pi / 2
+
+    def light(elevation, row):
+        hat = max(0.0, 1.0 - abs(elevation - centre[row]) / step)
+        return (1.0 if row == height - 1 and elevation > centre[-1] else hat) * np.sin(elevation) * np.cos(elevation)
+
+    breaks = [0.0, *centre[centre > 0.0], np.pi / 2]
+    expected = [
+        sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks)) for row in range(height)
+    ]
+    np.testing.assert_allclose(row_weights(height), expected, atol=1e-12)
+
+
+COLOURS = st.tuples(*[st.floats(0.2, 1.0)] * 3)
+
+
+@given(COLOURS, st.floats(-12.0, 12.0))
+def test_a_metered_card_is_mid_grey_whatever_its_light(colour, power):
+    card = ALBEDO * np.array([colour]) * 2.0**power
+    (ev,) = metered(card)
+    assert displayed(card[0] * 2.0**ev) @ LUMINANCE == pytest.approx(CARD, abs=1e-6)
+    (brighter,) = metered(2.0 * card)
+    assert brighter == pytest.approx(ev - 1.0, abs=1e-9)

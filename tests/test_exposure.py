@@ -1,0 +1,106 @@
+"""Images are exposed by the light that is planned for them, with the errors of a camera."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from assets.library import Assets
+from assets.skylight import SkyLight
+from camera.response import ALBEDO, CARD, LUMINANCE, displayed, white_balance
+from geometry.errors import ConfigError
+from planning.check import check_plan
+from planning.exposure import card
+from planning.planner import plan
+from planning.weather import Weather
+from planning.write import write_plan
+from tests.planning_assets import small_assets, small_config
+
+NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)
+NOON = SkyLight((6.0, 6.2, 6.6), 1.0)
+LIGHTS = {"noon": NOON, "dusk": NIGHT}
+
+
+def lit() -> Assets:
+    made = small_assets()
+    return Assets(made.vehicles, made.categories, made.sceneries, made.hdris, skies=LIGHTS)
+
+
+def rows(**light):
+    return list(plan(small_config(light=light, budget={"images_per_class": 6}), lit()))
+
+
+def test_a_grey_card_is_mid_grey_under_each_hdri_and_strength():
+    for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
+        level = displayed(card(row, lit()) * 2.0**row.exposure_ev) @ LUMINANCE
+        assert level == pytest.approx(CARD, abs=0.01)
+
+
+def test_the_errors_of_cameras_are_within_their_bounds_and_differ():
+    exact, off = rows(exposure_error_ev=0.0), rows(exposure_error_ev=[-1.0, 0.5], white_balance_error_k=[-300, 600])
+    errors = np.array([b.exposure_ev - a.exposure_ev for a, b in zip(exact, off, strict=True)])
+    assert errors.min() >= -1.0
+    assert errors.max() <= 0.5
+    assert len(set(errors.round(3))) == len(errors)
+    kelvins = [row.white_balance_k for row in off]
+    assert -300 <= min(kelvins) < max(kelvins) <= 600
+    assert {row.white_balance_k for row in exact} == {0.0}
+
+
+def test_a_number_is_the_exposure_of_all_images():
+    assert {row.exposure_ev for row in rows(exposure=-2.5, exposure_error_ev=0)} == {-2.5}
+
+
+def test_weather_and_turn_do_not_change_what_the_ground_gets():
+    row = rows()[0]
+    foggy = replace(row, weather=Weather(visibility_m=200.0), hdri_yaw_deg=200.0)
+    np.testing.assert_array_equal(card(foggy, lit()), card(row, lit()))
+
+
+def test_a_sky_without_light_has_the_longest_exposure():
+    assert {row.exposure_ev for row in rows(strength=0.0, exposure_error_ev=0)} == {32.0}
+
+
+def test_the_sky_as_backdrop_begins_at_the_horizon_of_its_hdri():
+    assert {row.horizon_deg for row in rows()} == {None}
+    assert {(row.hdri, row.horizon_deg) for row in rows(backdrop="sky")} == {("noon", 1.0), ("dusk", 12.5)}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("exposure_ev", 3.0), ("white_balance_k", 50.0), ("horizon_deg", 3.0), ("horizon_deg", None)]
+)
+def test_another_exposure_white_balance_or_backdrop_is_found(tmp_path, key, value):
+    config = small_config(light={"backdrop": "sky"}, budget={"images_per_class": 2})
+    made = write_plan(config, lit(), tmp_path / "plan.jsonl")
+    assert check_plan(made, lit()) == []
+    lines = [replace(row, **({key: value} if row.index == 1 else {})) for row in made]
+    (tmp_path / "plan.jsonl").write_bytes(_file(made, lines))
+    (finding,) = check_plan(made, lit())
+    assert finding.startswith(f"image 1: breaks {key}")
+
+
+def test_a_plan_of_an_earlier_version_breaks_nothing(tmp_path):
+    made = write_plan(small_config(budget={"images_per_class": 2}), lit(), tmp_path / "plan.jsonl")
+    (tmp_path / "plan.jsonl").write_bytes(_file(made, [replace(row, exposure_ev=None) for row in made]))
+    assert check_plan(made, lit()) == []
+
+
+def _file(made, lines):
+    from planning.row import encode, encode_rows
+
+    return encode(made.header) + encode_rows(lines)
+
+
+@pytest.mark.parametrize("exposure", ["bright", 33, True, [0, 1]])
+def test_an_exposure_is_auto_or_a_number(exposure):
+    with pytest.raises(ConfigError, match=r"light\.exposure = .*expected 'auto' or EV from -32 to 32"):
+        small_config(light={"exposure": exposure})
+
+
+def test_white_balance_gives_what_blender_gives():
+    # Blender 5.0.1: grey and orange at 4500 and 8000 K, linear, by `use_white_balance`.
+    eight = np.array([[1.0391, 0.0551, 0.0088], [-0.0026, 0.9893, 0.0031], [-0.0040, -0.0141, 0.8451]])
+    five = np.array([[0.9395, -0.0934, -0.0176], [0.0044, 1.0239, -0.0066], [0.0083, 0.0298, 1.3355]])
+    np.testing.assert_allclose(white_balance(1500.0), eight, atol=4e-3)
+    np.testing.assert_allclose(white_balance(-1500.0), five, atol=4e-3)
+    np.testing.assert_array_equal(white_balance(0.0), np.eye(3))
+    assert (white_balance(-800.0) @ np.full(3, ALBEDO)) @ LUMINANCE == pytest.approx(ALBEDO, rel=5e-3)
