@@ -67,7 +67,7 @@ class Renderer:
         stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
         stage.set_light(job.light)
-        stage.set_weather(job.weather)
+        stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
         output.unlink(missing_ok=True)  # of an attempt that failed
