@@ -29,8 +29,8 @@ FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
 CLASSES = 100  # of diameters
 FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
 NEAREST, FARTHEST = 0.4, 10.0  # metres from the camera; what is farther is in the veil alone
-FAINTEST = 0.02  # the least opacity that a drop is drawn for; what hides less is in the veil alone
-MOST = 60_000  # drops in an image: where more would be seen, the faintest are left out
+FAINTEST = 0.005  # the least opacity that a drop is drawn for; what hides less is in the veil alone
+MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
 
@@ -185,7 +185,7 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: 
 
 def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
     """Of the pyramid of view, its tip so far behind the eye, between the nearest drop and the farthest."""
-    return 4.0 / 3.0 * view.half[0] * view.half[1] * ((reach + behind) ** 3 - (NEAREST + behind) ** 3)
+    return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
 
 
 def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
