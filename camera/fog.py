@@ -12,6 +12,7 @@ FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldo
 FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
 FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
 DUST_LAYERS = 4  # boxes of equal density in each other, whose tops follow an exponential decay with height
+BETWEEN = 0.01  # of their size between the sides of such boxes: a ray must not meet two at once
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
 DUST_ALBEDO = (0.56, 0.42, 0.34)

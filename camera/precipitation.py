@@ -33,6 +33,11 @@ FAINTEST = 0.005  # the least opacity that a drop is drawn for; what hides less 
 MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
+# Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its
+# surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
+SHARE_OF_SKY = {"rain": 0.94, "snow": 0.75}
+OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
@@ -152,6 +157,11 @@ def snow_sizes(visibility_m: float) -> Sizes:
     area = np.pi / 4.0 * (middle / 1000.0) ** 2
     number = share * extinction(visibility_m) / (EFFICIENCY * share @ area)
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER)
+
+
+def rng_of(seed: int) -> np.random.Generator:
+    """Where the drops of an image with this seed are drawn from."""
+    return np.random.default_rng([seed, OF_DROPS])
 
 
 def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: np.random.Generator) -> Drops:

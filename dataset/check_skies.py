@@ -57,7 +57,9 @@ class SkyCheck:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
             along, sky = self._sky(image, height)
             yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
-            visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
+            weather = image["weather"]
+            visibility_m = weather["visibility_m"] if weather else None
+            kind = str(weather.get("kind", "fog")) if weather else "fog"
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
         sky = inner(sky & ~_labelled(image, labels, sky.shape))
@@ -66,7 +68,7 @@ class SkyCheck:
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
 
         def differs(other: str) -> float:
-            seen = radiance(self.skies[other], along, yaw=yaw, strength=strength, visibility_m=visibility_m)
+            seen = radiance(self.skies[other], along, yaw=yaw, strength=strength, visibility_m=visibility_m, kind=kind)
             return deviation(small, displayed(seen), sky)
 
         figure = differs(hdri)

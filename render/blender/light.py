@@ -13,10 +13,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.fog import FOG_REACH, FOG_SIDE, extinction, layer_tops
+from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from reading.blender.frames import pose
 
-BETWEEN = 0.01  # of their size between the sides of boxes in each other: a ray must not meet two at once
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 
 

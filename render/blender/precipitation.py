@@ -10,15 +10,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.precipitation import Streaks, drops_in_view, rain_sizes, snow_sizes, streaks, view_of
+from camera.precipitation import SHARE_OF_SKY, Streaks, drops_in_view, rain_sizes, rng_of, snow_sizes, streaks, view_of
 from reading.blender.frames import pose
 from render.messages import CameraInput, WeatherInput
 
 NAME = "hulldown precipitation"
-# Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its
-# surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
-SHARE_OF_SKY = {"rain": 0.94, "snow": 0.75}
-OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
 
 
 def falling(weather: WeatherInput, camera: CameraInput, seed: int) -> Streaks | None:
@@ -28,8 +24,7 @@ def falling(weather: WeatherInput, camera: CameraInput, seed: int) -> Streaks | 
     sizes = rain_sizes(weather.rain_mm_h) if weather.kind == "rain" else snow_sizes(weather.visibility_m)
     pose = np.array(camera.world_from_camera)
     view = view_of(pose, camera.fov_x, camera.width, camera.height, weather.exposure_s)
-    rng = np.random.default_rng([seed, OF_DROPS])
-    return streaks(drops_in_view(sizes, view, weather.wind_m_s, rng), view)
+    return streaks(drops_in_view(sizes, view, weather.wind_m_s, rng_of(seed)), view)
 
 
 class Precipitation:

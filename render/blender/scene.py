@@ -19,11 +19,12 @@ import numpy as np
 
 from assets.naming import BACKDROPS, says
 from camera.fog import DUST_LAYERS, airlight
+from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
-from render.blender.precipitation import SHARE_OF_SKY, Precipitation, falling
+from render.blender.precipitation import Precipitation, falling
 from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
