@@ -57,7 +57,9 @@ class SkyCheck:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
             along, sky = self._sky(image, height)
             yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
-            visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
+            weather = image["weather"]
+            visibility_m = weather["visibility_m"] if weather else None
+            kind = str(weather.get("kind", "fog")) if weather else "fog"
             # Records of earlier versions say nothing of these.
             horizon_deg, exposure_ev = image.get("horizon_deg"), float(image.get("exposure_ev") or 0.0)
             white_balance_k = float(image.get("white_balance_k", 0.0))
@@ -75,6 +77,7 @@ class SkyCheck:
                 yaw=yaw,
                 strength=strength,
                 visibility_m=visibility_m,
+                kind=kind,
                 horizon_deg=horizon_deg,
             )
             expected = pictured(seen, exposure_ev=exposure_ev, white_balance_k=white_balance_k)

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
+from camera import fog
+from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from camera.response import displayed, white_balance
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
@@ -29,6 +30,7 @@ def radiance(
     yaw: float,
     strength: float,
     visibility_m: float | None = None,
+    kind: str = "fog",
     horizon_deg: float | None = None,
 ) -> Float[np.ndarray, "*n 3"]:
     """What rays see of a sky.
@@ -44,7 +46,9 @@ def radiance(
     strength
         Factor on its radiance.
     visibility_m
-        Of fog, if there is any.
+        Of the weather, if there is any.
+    kind
+        Of the weather.
     horizon_deg
         Elevation whose colour is seen below it too; None: the sky is seen as it is.
     """
@@ -58,11 +62,14 @@ def radiance(
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if visibility_m is None:
         return seen
-    reach, above = min(FOG_REACH * visibility_m, FOG_SIDE), min(FOG_ABOVE * visibility_m, FOG_TOP)
-    with np.errstate(divide="ignore"):
-        sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
-    clear = np.exp(-extinction(visibility_m) * sides.min(axis=0))[..., None]
-    return clear * seen + (1.0 - clear) * airlight(sky) * strength
+    through, tops = np.zeros(along.shape[:-1]), layer_tops(kind, visibility_m)
+    for number, above in enumerate(tops):
+        reach = min(FOG_REACH * visibility_m, FOG_SIDE) * (1.0 - BETWEEN * number)
+        with np.errstate(divide="ignore"):
+            sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
+        through += sides.min(axis=0) / len(tops)
+    clear = np.exp(-extinction(visibility_m) * through)[..., None]
+    return clear * seen + (1.0 - clear) * np.array(fog.airlight(kind, airlight(sky))) * strength
 
 
 def airlight(sky: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "3"]:

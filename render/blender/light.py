@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 import numpy as np
 
-from camera.fog import FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, extinction
+from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from reading.blender.frames import pose
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
@@ -122,21 +123,26 @@ class _Lifted:
 
 
 class Fog:
-    """Even air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
+    """Air in flat boxes around the camera: it dims what is behind it and glows with the sky's light.
 
     Koschmieder's law (`camera.fog`), for every ray that Cycles traces: what is seen through `d` metres of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away. Light that the fog takes from the sun comes back as
     airlight, so that shadows fade as they do in fog.
+
+    Parameters
+    ----------
+    objects
+        As many as there are layers of dust, of one empty mesh.
     """
 
-    def __init__(self, obj: Any) -> None:
-        self._object = obj
-        obj.data.from_pydata(*_unit_box())
-        obj.visible_shadow = True
+    def __init__(self, objects: Sequence[Any]) -> None:
+        self._objects = objects
+        mesh = objects[0].data
+        mesh.from_pydata(*_unit_box())
         material = bpy.data.materials.new("hulldown fog")
-        obj.data.materials.append(material)
+        mesh.materials.append(material)
         nodes, links = material.node_tree.nodes, material.node_tree.links
         nodes.clear()
         self._absorption = nodes.new("ShaderNodeVolumeAbsorption")
@@ -151,45 +157,51 @@ class Fog:
 
     def clear(self) -> None:
         """No fog."""
-        self._hide(True)
+        self._show(0)
 
-    def _hide(self, hidden: bool) -> None:
-        # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
-        if self._object.hide_render != hidden:
-            self._object.hide_render = hidden
+    def _show(self, count: int) -> None:
+        for number, obj in enumerate(self._objects):
+            # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
+            if obj.hide_render != (number >= count):
+                obj.hide_render = number >= count
 
     def fill(
         self,
+        kind: str,
         visibility: float,
         airlight: np.ndarray,
         camera: np.ndarray,
+        *,
         file_from_scenery: np.ndarray,
         units_per_metre: float,
     ) -> None:
-        """Fog.
+        """Fill the air.
 
         Parameters
         ----------
+        kind
+            Of the weather.
         visibility
             In metres.
         airlight
-            (3,) radiance of endless fog.
+            (3,) radiance of endless air.
         camera
             (3,) where the camera is in the scenery, in metres.
         file_from_scenery, units_per_metre
             The frame that everything is posed in.
         """
-        per_unit = extinction(visibility) / units_per_metre
+        tops = layer_tops(kind, visibility)
+        per_unit = extinction(visibility) / len(tops) / units_per_metre
         self._absorption.inputs["Density"].default_value = per_unit
         peak = float(airlight.max())
         self._emission.inputs["Color"].default_value = (*(airlight / max(peak, 1e-12)), 1.0)
         self._emission.inputs["Strength"].default_value = per_unit * peak
-        reach = min(FOG_REACH * visibility, FOG_SIDE)
-        above = min(FOG_ABOVE * visibility, FOG_TOP)
-        box = np.diag([reach, reach, (reach + above) / 2, 1.0])
-        box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        pose(self._object, file_from_scenery @ box)
-        self._hide(False)
+        for number, (obj, above) in enumerate(zip(self._objects, tops, strict=False)):
+            reach = min(FOG_REACH * visibility, FOG_SIDE) * (1.0 - BETWEEN * number)
+            box = np.diag([reach, reach, (reach + above) / 2, 1.0])
+            box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
+            pose(obj, file_from_scenery @ box)
+        self._show(len(tops))
 
 
 def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:

@@ -68,7 +68,7 @@ class Renderer:
         stage.set_camera(job.camera)
         stage.set_light(job.light)
         cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
-        stage.set_weather(job.weather)
+        stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
         output.unlink(missing_ok=True)  # of an attempt that failed

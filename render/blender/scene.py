@@ -18,11 +18,14 @@ import bpy
 import numpy as np
 
 from assets.naming import BACKDROPS, says
+from camera.fog import DUST_LAYERS, airlight
+from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
 from render.blender.paint import Paintable
+from render.blender.precipitation import Precipitation, falling
 from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
@@ -52,7 +55,9 @@ class Stage:
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
-        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
+        box = bpy.data.meshes.new("hulldown fog")
+        self.fog = Fog([self._add("hulldown fog", box) for _ in range(DUST_LAYERS)])
+        self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
@@ -125,6 +130,7 @@ class Stage:
 
     def set_camera(self, camera: CameraInput) -> None:
         """Look through the row's camera."""
+        self._view = camera
         matrix = self.file_from_scenery @ world_from_blender_camera(camera.world_from_camera)
         matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
         pose(self.camera, matrix)
@@ -143,14 +149,23 @@ class Stage:
         """Light by an HDRI."""
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
 
-    def set_weather(self, weather: WeatherInput | None) -> None:
-        """Fill the air, after camera and light are set: its veil glows as this sky lights it."""
+    def set_weather(self, weather: WeatherInput | None, seed: int) -> None:
+        """Fill the air, after camera and light are set: its veil glows as this sky lights it, drops fall by a seed."""
         if not weather:
             self.fog.clear()
+            self.precipitation.clear()
             return
-        eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
-        airlight = self.world.airlight()
-        self.fog.fill(weather.visibility_m, airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
+        pose = np.array(self._view.world_from_camera)
+        glow = np.array(airlight(weather.kind, self.world.airlight()))
+        frame, units = self.file_from_scenery, self.units_per_metre
+        self.fog.fill(
+            weather.kind, weather.visibility_m, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units
+        )
+        streaks = falling(weather, self._view, seed)
+        if streaks is None:
+            self.precipitation.clear()
+        else:
+            self.precipitation.fill(streaks, glow * SHARE_OF_SKY[weather.kind], pose[:3, 3], frame)
 
 
 def _delete_delivered() -> None:

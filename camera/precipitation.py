@@ -1,0 +1,254 @@
+"""Rain and snow near the camera: which drops and flakes are in view, and the quads that show them with their motion.
+
+Needs numpy only, as it runs in Blender too. Diameters are in metres, positions relative to the eye.
+
+References
+----------
+J. S. Marshall, W. McK. Palmer, The distribution of raindrops with size, Journal of Meteorology 5, 1948.
+R. Gunn, G. D. Kinzer, The terminal velocity of fall for water droplets in stagnant air, Journal of Meteorology 6, 1949.
+D. Atlas, R. C. Srivastava, R. S. Sekhon, Doppler radar characteristics of precipitation at vertical incidence, Reviews
+of Geophysics 11, 1973.
+J. D. Locatelli, P. V. Hobbs, Fall speeds and masses of solid precipitation particles, Journal of Geophysical Research
+79, 1974.
+K. Garg, S. K. Nayar, Vision and rain, International Journal of Computer Vision 75, 2007.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from camera.fog import extinction
+
+EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
+RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up
+SNOW_MM = (0.5, 8.0)
+FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
+CLASSES = 100  # of diameters
+FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
+NEAREST, FARTHEST = 0.4, 10.0  # metres from the camera; what is farther is in the veil alone
+FAINTEST = 0.005  # the least opacity that a drop is drawn for; what hides less is in the veil alone
+MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
+WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
+
+# Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its
+# surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
+SHARE_OF_SKY = {"rain": 0.94, "snow": 0.75}
+OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sizes:
+    """How many drops or flakes of each size are in the air, and how they move.
+
+    Parameters
+    ----------
+    edges
+        (k + 1,) the classes' bounds: diameters in metres.
+    number
+        (k,) in a cubic metre of air.
+    fall
+        (k,) speed downwards, m/s.
+    flutter
+        Standard deviation of their own motion in each direction, m/s.
+    """
+
+    edges: np.ndarray
+    number: np.ndarray
+    fall: np.ndarray
+    flutter: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class View:
+    """What a camera sees and how long it looks.
+
+    Parameters
+    ----------
+    axes
+        (3, 3) scenery from camera; x right, y down, z forward.
+    half
+        Tangents of half the horizontal and half the vertical field of view.
+    pixel
+        Width of a pixel at a distance of 1.
+    exposure_s
+        How long the shutter is open.
+    """
+
+    axes: np.ndarray
+    half: tuple[float, float]
+    pixel: float
+    exposure_s: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drops:
+    """Drops or flakes in the middle of the exposure.
+
+    Parameters
+    ----------
+    centres
+        (n, 3) relative to the eye, along the scenery's axes, metres.
+    diameters
+        (n,) metres.
+    velocities
+        (n, 3) m/s.
+    """
+
+    centres: np.ndarray
+    diameters: np.ndarray
+    velocities: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Streaks:
+    """Quads that face the eye, each with a disc that moves along it while the shutter is open.
+
+    Parameters
+    ----------
+    vertices
+        (n, 4, 3) corners in turn, relative to the eye, metres.
+    profile
+        (n, 4, 3) at each corner, in radii of the disc: the place across the motion and along it from the quad's centre,
+        and half of the way that the disc goes.
+    gain
+        (n,) factor on the opacity, of discs that are drawn wider than they are.
+    """
+
+    vertices: np.ndarray
+    profile: np.ndarray
+    gain: np.ndarray
+
+
+def view_of(world_from_camera: np.ndarray, fov_x: float, width: int, height: int, exposure_s: float) -> View:
+    """The view of a pinhole camera with an image of `width` x `height` pixels; `fov_x` in radians."""
+    half = math.tan(fov_x / 2.0)
+    return View(world_from_camera[:3, :3], (half, half * height / width), 2.0 * half / width, exposure_s)
+
+
+def rain_sizes(rate_mm_h: float) -> Sizes:
+    """Drops of rain: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured.
+
+    Parameters
+    ----------
+    rate_mm_h
+        R; none fall at 0.
+    """
+    edges = np.linspace(*RAIN_MM, CLASSES + 1)
+    slope = 4.1 * max(rate_mm_h, 1e-9) ** -0.21
+    number = -8000.0 / slope * np.diff(np.exp(-slope * edges))
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    return Sizes(edges / 1000.0, number, 9.65 - 10.3 * np.exp(-0.6 * middle), 0.0)  # Atlas, Srivastava and Sekhon
+
+
+def snow_sizes(visibility_m: float) -> Sizes:
+    """Flakes of snow: as many as dim the air as far as one sees, falling as Locatelli and Hobbs' aggregates.
+
+    Parameters
+    ----------
+    visibility_m
+        How far one sees.
+    """
+    edges = np.linspace(*SNOW_MM, CLASSES + 1)
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    share = -np.diff(np.exp(-edges / FLAKE_MM))
+    area = np.pi / 4.0 * (middle / 1000.0) ** 2
+    number = share * extinction(visibility_m) / (EFFICIENCY * share @ area)
+    return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER)
+
+
+def rng_of(seed: int) -> np.random.Generator:
+    """Where the drops of an image with this seed are drawn from."""
+    return np.random.default_rng([seed, OF_DROPS])
+
+
+def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: np.random.Generator) -> Drops:
+    """Drops that are large enough in the image to be seen, uniform in the air in front of the camera.
+
+    Parameters
+    ----------
+    sizes
+        What is in the air.
+    view
+        What the camera sees.
+    wind_m_s
+        Where the wind blows to, along the scenery's x and y.
+    rng
+        Where they are.
+    """
+    speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
+    behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
+    reach = _reaches(sizes, speed, view, behind)
+    count = rng.poisson(sizes.number * _volume(view, reach, behind))
+    of = np.repeat(np.arange(len(count)), count)
+    u = rng.random((len(of), 4))
+    near, far = (NEAREST + behind) ** 3, (reach[of] + behind) ** 3
+    depth = np.cbrt(near + u[:, 0] * (far - near))
+    sides = (2.0 * u[:, 1:3] - 1.0) * depth[:, None] * np.array(view.half)
+    centres = np.column_stack([sides, depth - behind]) @ view.axes.T
+    velocities = rng.normal(size=(len(of), 3)) * sizes.flutter
+    velocities += np.column_stack([np.full((len(of), 2), wind_m_s), -sizes.fall[of]])
+    return Drops(centres, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
+
+
+def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
+    """Of the pyramid of view, its tip so far behind the eye, between the nearest drop and the farthest."""
+    return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
+
+
+def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
+    """(k,) how far away drops of each class are drawn."""
+    distances = np.geomspace(NEAREST, FARTHEST, 100)
+    radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
+    wide = np.maximum(radius, WIDEST * view.pixel * distances)
+    way = np.maximum(speed[:, None] * view.exposure_s / 2.0 / wide, 1e-3)
+    inside = np.minimum(way, 1.0)
+    peak = (radius / wide) ** 2 * (inside - inside**3 / 3.0) / way  # falls with the distance
+    for faintest in np.geomspace(FAINTEST, 1.0, 40):
+        seen = np.count_nonzero(peak >= faintest, axis=1)
+        reach = distances[np.maximum(seen - 1, 0)]
+        if float(sizes.number @ _volume(view, reach, behind)) <= MOST:
+            break
+    return reach
+
+
+def streaks(drops: Drops, view: View) -> Streaks:
+    """The quads of drops.
+
+    A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The
+    disc that `opacity` moves has the drop's area and, as a streak, its width at half of its darkness.
+    """
+    distance = np.linalg.norm(drops.centres, axis=1, keepdims=True)
+    towards = drops.centres / distance
+    across = np.cross(towards, drops.velocities)
+    speed = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(speed > 1e-6, across / np.maximum(speed, 1e-6), np.cross(towards, view.axes[:, 1]))
+    along = np.cross(across, towards)
+    radius = drops.diameters[:, None] / math.sqrt(2.0)
+    wide = np.maximum(radius, WIDEST * view.pixel * distance)
+    way = np.maximum(speed * view.exposure_s / 2.0 / wide, 1e-3)
+    u = np.broadcast_to([-1.0, 1.0, 1.0, -1.0], (len(distance), 4))
+    v = np.array([-1.0, -1.0, 1.0, 1.0]) * (way + 1.0)
+    offset = u[..., None] * across[:, None] + v[..., None] * along[:, None]
+    profile = np.stack([u, v, np.broadcast_to(way, u.shape)], axis=2)
+    return Streaks(drops.centres[:, None] + wide[:, None] * offset, profile, ((radius / wide) ** 2)[:, 0])
+
+
+def opacity(profile: np.ndarray) -> np.ndarray:
+    """How much of what is behind it a moving disc hides on average: the law that the material of streaks follows.
+
+    At rest it hides ``1 - r^2`` at `r` radii from its centre, which is as much in all as a hard disc of half its area.
+
+    Parameters
+    ----------
+    profile
+        (..., 3) as of `Streaks`.
+    """
+    u, v, way = np.moveaxis(profile, -1, 0)
+    squared = np.maximum(1.0 - u * u, 0.0)
+    chord = np.sqrt(squared)
+    first = np.maximum(v - way, -chord)
+    last = np.maximum(np.minimum(v + way, chord), first)
+    return (squared * (last - first) - (last**3 - first**3) / 3.0) / (2.0 * way)

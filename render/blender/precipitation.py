@@ -1,0 +1,128 @@
+"""Streaks of rain and flakes of snow in the scene: one mesh of quads, filled anew for each image.
+
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from camera.precipitation import SHARE_OF_SKY, Streaks, drops_in_view, rain_sizes, rng_of, snow_sizes, streaks, view_of
+from reading.blender.frames import pose
+from render.messages import CameraInput, WeatherInput
+
+NAME = "hulldown precipitation"
+
+
+def falling(weather: WeatherInput, camera: CameraInput, seed: int) -> Streaks | None:
+    """What falls in front of a camera; None in weather where nothing does."""
+    if weather.kind not in SHARE_OF_SKY:
+        return None
+    sizes = rain_sizes(weather.rain_mm_h) if weather.kind == "rain" else snow_sizes(weather.visibility_m)
+    pose = np.array(camera.world_from_camera)
+    view = view_of(pose, camera.fov_x, camera.width, camera.height, weather.exposure_s)
+    return streaks(drops_in_view(sizes, view, weather.wind_m_s, rng_of(seed)), view)
+
+
+class Precipitation:
+    """What falls near the camera: seen by the camera alone, it lights nothing and throws no shadow.
+
+    Parameters
+    ----------
+    obj
+        Of an empty mesh.
+    """
+
+    def __init__(self, obj: Any) -> None:
+        self._object = obj
+        for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(obj, f"visible_{rays}", False)
+        material = bpy.data.materials.new(NAME)
+        material.cycles.emission_sampling = "NONE"  # thousands of lamps otherwise
+        self._emission = _glow_by_opacity(material.node_tree)
+        obj.data.materials.append(material)
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing falls."""
+        self._hide(True)
+
+    def _hide(self, hidden: bool) -> None:
+        if self._object.hide_render != hidden:  # as of `render.blender.light.Fog`
+            self._object.hide_render = hidden
+
+    def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray, file_from_scenery: np.ndarray) -> None:
+        """Draw streaks.
+
+        Parameters
+        ----------
+        streaks
+            Their quads.
+        radiance
+            (3,) of what falls.
+        eye
+            (3,) where the camera is in the scenery, in metres.
+        file_from_scenery
+            The frame that everything is posed in.
+        """
+        mesh, count = self._object.data, len(streaks.gain)
+        mesh.clear_geometry()
+        mesh.vertices.add(4 * count)
+        mesh.loops.add(4 * count)
+        mesh.polygons.add(count)
+        mesh.vertices.foreach_set("co", streaks.vertices.astype(np.float32).ravel())
+        mesh.loops.foreach_set("vertex_index", np.arange(4 * count, dtype=np.int32))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, 4 * count, 4, dtype=np.int32))
+        profile = mesh.attributes.new("profile", "FLOAT_VECTOR", "POINT")
+        profile.data.foreach_set("vector", streaks.profile.astype(np.float32).ravel())
+        gain = mesh.attributes.new("gain", "FLOAT", "POINT")
+        gain.data.foreach_set("value", np.repeat(streaks.gain, 4).astype(np.float32))
+        mesh.update(calc_edges=True)
+        self._emission.inputs["Color"].default_value = (*radiance, 1.0)
+        around = np.eye(4)
+        around[:3, 3] = eye
+        pose(self._object, file_from_scenery @ around)
+        self._hide(False)
+
+
+def _glow_by_opacity(tree: Any) -> Any:
+    """Make `camera.precipitation.opacity` times the gain the opacity of an emission, which is the answer."""
+    nodes, links = tree.nodes, tree.links
+    nodes.clear()
+
+    def math(operation: str, *values: Any) -> Any:
+        node = nodes.new("ShaderNodeMath")
+        node.operation = operation
+        for socket, value in zip(node.inputs, values, strict=False):
+            if isinstance(value, float):
+                socket.default_value = value
+            else:
+                links.new(value, socket)
+        return node.outputs[0]
+
+    def attribute(name: str) -> Any:
+        node = nodes.new("ShaderNodeAttribute")
+        node.attribute_name = name
+        return node.outputs
+
+    parts = nodes.new("ShaderNodeSeparateXYZ")
+    links.new(attribute("profile")["Vector"], parts.inputs[0])
+    u, v, way = parts.outputs
+    squared = math("MAXIMUM", math("SUBTRACT", 1.0, math("MULTIPLY", u, u)), 0.0)
+    chord = math("SQRT", squared)
+    first = math("MAXIMUM", math("SUBTRACT", v, way), math("MULTIPLY", chord, -1.0))
+    last = math("MAXIMUM", math("MINIMUM", math("ADD", v, way), chord), first)
+    cubes = math("SUBTRACT", math("POWER", last, 3.0), math("POWER", first, 3.0))
+    hidden = math("MULTIPLY_ADD", cubes, -1.0 / 3.0, math("MULTIPLY", squared, math("SUBTRACT", last, first)))
+    share = math("DIVIDE", hidden, math("MULTIPLY", way, 2.0))
+    mix = nodes.new("ShaderNodeMixShader")
+    emission = nodes.new("ShaderNodeEmission")
+    output = nodes.new("ShaderNodeOutputMaterial")
+    links.new(math("MULTIPLY", share, attribute("gain")["Fac"]), mix.inputs[0])
+    links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
+    links.new(emission.outputs[0], mix.inputs[2])
+    links.new(mix.outputs[0], output.inputs["Surface"])
+    return emission

@@ -1,0 +1,167 @@
+"""Dust, rain and snow in Cycles' pictures: the veil follows its law, the streaks are those that were drawn."""
+
+import math
+import queue
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from camera.fog import DUST_ALBEDO, extinction, layer_tops
+from camera.precipitation import SHARE_OF_SKY, drops_in_view, rain_sizes, rng_of, view_of
+from dataset.sky import displayed
+from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, WeatherInput, to_json
+from render.process import WorkerProcess, worker_command
+
+pytestmark = pytest.mark.blender
+WORLDS = """
+import sys
+from pathlib import Path
+from tests.render_worlds import box, fresh, glowing, grey, save, targets
+folder = Path(sys.argv[1])
+targets(folder / "walls.blend")
+grey(folder / "grey.exr")
+fresh()
+box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
+save(folder / "wall.blend")
+"""
+AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+UP = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+IDENTITY = np.eye(4).tolist()
+SKY = 0.5  # radiance of grey.exr
+WALL = 0.05  # of the wall in wall.blend
+NO_VEIL = 1e9
+RAIN = WeatherInput(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
+SNOW = WeatherInput(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
+
+
+class Studio:
+    """A worker that renders one job after the other in small worlds."""
+
+    def __init__(self, folder):
+        root = Path(__file__).parents[1]
+        subprocess.run([sys.executable, "-c", WORLDS, str(folder)], check=True, capture_output=True, cwd=root)
+        self.folder, self._answers, self._count = folder, queue.SimpleQueue(), 0
+        self.worker = WorkerProcess(worker_command(None), folder / "log", lambda _, answer: self._answers.put(answer))
+        assert "ready" in self._answers.get(timeout=120)
+        self._ask({"do": "start", "device": "cpu", "index": 0, "threads": 0})
+
+    def _ask(self, message):
+        self.worker.send(message)
+        answer = self._answers.get(timeout=300)
+        assert "failed" not in answer, answer
+
+    def picture(self, weather, *, world="wall", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
+        output = self.folder / f"{self._count}.png"
+        self._count += 1
+        job = RenderJob(
+            scenery=SceneryInput(str(self.folder / f"{world}.blend"), IDENTITY, [], []),
+            vehicles=[],
+            camera=CameraInput(pose, math.radians(fov_x_deg), width, width * 9 // 16, 0.1),
+            light=LightInput(str(self.folder / "grey.exr"), 0.0, 1.0),
+            weather=weather,
+            seed=seed,
+            settings=Settings(samples, False, 0.0, 2),
+            output=str(output),
+        )
+        self._ask(to_json(job))
+        with Image.open(output) as image:
+            return np.asarray(image.convert("RGB")).astype(np.float64)
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    made = Studio(tmp_path_factory.mktemp("air"))
+    yield made
+    made.worker.stop()
+
+
+@pytest.mark.parametrize(("kind", "colour"), [("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)])
+@pytest.mark.parametrize("visibility", [50.0, 200.0])
+def test_the_veil_of_rain_and_dust_follows_koschmieders_law(studio, kind, colour, visibility):
+    """Black walls at three distances have the airlight's radiance times 1 - exp(-3.912 d / visibility)."""
+    weather = WeatherInput(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    seen = studio.picture(weather, world="walls", fov_x_deg=90.0, width=128, samples=4)
+    for x, y in ((19.75, -8.0), (59.75, 0.0), (149.75, 70.0)):
+        veil = 1.0 - math.exp(-3.912 * math.hypot(x, y) / visibility)
+        column = round(64.0 - 64.0 * y / x)
+        expected = displayed(SKY * veil * np.array(colour))
+        assert np.abs(seen[35:37, column - 1 : column + 1] - expected).max() <= 4.0
+
+
+def test_dust_thins_above_the_camera(studio):
+    """Straight up one sees through the layers, each to its top; the sky is brown by what they hide."""
+    visibility = 400.0
+    weather = WeatherInput(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    tops = layer_tops("dust", visibility)
+    assert len(tops) == 4
+    assert max(tops) > 5.0 * min(tops)
+    clear = math.exp(-extinction(visibility) * sum(tops) / 4)
+    seen = studio.picture(weather, pose=UP, fov_x_deg=5.0, width=32, samples=4)
+    expected = displayed(SKY * (clear + (1.0 - clear) * np.array(DUST_ALBEDO)))
+    assert np.abs(seen - expected).max() <= 4.0
+
+
+def hidden_by(picture, radiance):
+    """Share of the wall that streaks of this radiance hide in a grey picture, of blocks of 6 x 6 pixels."""
+    levels = np.linspace(WALL / 2.0, radiance, 4000)
+    curve = displayed(np.repeat(levels[:, None], 3, axis=1))[:, 1]
+    share = (np.interp(picture[..., 1], curve, levels) - WALL) / (radiance - WALL)
+    h, w = share.shape
+    return share.reshape(h // 6, 6, w // 6, 6).mean(axis=(1, 3))
+
+
+def moved(drops, view, width, *, times=96, fine=3):
+    """The same by discs that move, sampled in time, on a finer grid: neither quads nor closed form."""
+    height = width * 9 // 16
+    y, x = np.mgrid[0 : height * fine, 0 : width * fine]
+    rays = np.stack([((x + 0.5) / fine - width / 2) * view.pixel, ((y + 0.5) / fine - height / 2) * view.pixel], axis=2)
+    rays = np.concatenate([rays, np.ones((*x.shape, 1))], axis=2)
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    through = np.ones(x.shape)
+    centres, velocities = drops.centres @ view.axes, drops.velocities @ view.axes
+    for centre, diameter, velocity in zip(centres, drops.diameters, velocities, strict=True):
+        moments = centre + ((np.arange(times) + 0.5) / times - 0.5)[:, None] * view.exposure_s * velocity
+        wide = max(diameter / math.sqrt(2.0), 0.75 * view.pixel * np.linalg.norm(centre))
+        at = moments[:, :2] / moments[:, 2:] / view.pixel + [width / 2, height / 2]
+        margin = wide / centre[2] / view.pixel + 2.0
+        low = np.floor((at.min(axis=0) - margin) * fine).astype(int).clip(0)
+        high = np.ceil((at.max(axis=0) + margin) * fine).astype(int).clip(0)
+        part = rays[low[1] : high[1], low[0] : high[0]]
+        along = part @ moments.T
+        beside = (moments**2).sum(axis=1) - along**2  # of the ray from the disc's centre, squared
+        hidden = np.maximum(1.0 - beside / wide**2, 0.0).mean(axis=2)
+        through[low[1] : high[1], low[0] : high[0]] *= 1.0 - hidden * (diameter / math.sqrt(2.0) / wide) ** 2
+    share = 1.0 - through
+    return share.reshape(height // 6, 6 * fine, width // 6, 6 * fine).mean(axis=(1, 3))
+
+
+def test_streaks_are_those_of_the_drops_that_fall(studio):
+    """Before a dark wall, a picture's brightness is what the moving drops hide of it."""
+    found = studio.picture(RAIN, fov_x_deg=25.0, samples=64, seed=7)
+    view = view_of(np.array(AHEAD), math.radians(25.0), 96, 54, RAIN.exposure_s)
+    drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
+    expected = moved(drops, view, 96)
+    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, samples=1), SKY * SHARE_OF_SKY["rain"])
+    share = hidden_by(found, SKY * SHARE_OF_SKY["rain"]) - bare
+    assert len(drops.diameters) > 500
+    assert share.mean() == pytest.approx(expected.mean(), rel=0.1)
+    assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95
+
+
+def test_streaks_leave_nothing_behind_in_clear_pictures(studio):
+    """A clear picture is the same before and after a rainy, a snowy and a dusty one."""
+    settings = {"width": 64, "samples": 4}
+    dust = WeatherInput(300.0, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    clear, rain, again, snow, dusty, last = (
+        studio.picture(weather, **settings) for weather in (None, RAIN, RAIN, SNOW, dust, None)
+    )
+    assert np.array_equal(clear, last)
+    assert np.array_equal(rain, again)
+    assert not np.array_equal(rain, clear)
+    assert not np.array_equal(snow, clear)
+    assert not np.array_equal(dusty, clear)
+    assert not np.array_equal(studio.picture(RAIN, seed=2, **settings), rain)

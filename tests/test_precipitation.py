@@ -1,0 +1,161 @@
+"""Rain and snow in front of a camera: as many, as large and as fast as the laws say, and each hides what it passes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from camera.fog import extinction
+from camera.precipitation import (
+    FARTHEST,
+    MOST,
+    NEAREST,
+    Drops,
+    drops_in_view,
+    opacity,
+    rain_sizes,
+    snow_sizes,
+    streaks,
+    view_of,
+)
+
+AHEAD = np.array([[0.0, 0.0, 1.0, 5.0], [-1.0, 0.0, 0.0, 6.0], [0.0, -1.0, 0.0, 7.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def view(width=1280, exposure_s=0.004, fov_x_deg=50.0):
+    return view_of(AHEAD, math.radians(fov_x_deg), width, width * 9 // 16, exposure_s)
+
+
+def drawn(sizes, seen, wind=(0.0, 0.0), seed=3):
+    return drops_in_view(sizes, seen, wind, np.random.default_rng(seed))
+
+
+def middle(sizes):
+    return (sizes.edges[1:] + sizes.edges[:-1]) / 2.0
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0])
+def test_rain_has_the_extinction_and_about_the_rate_of_its_law(rate):
+    sizes = rain_sizes(rate)
+    area, volume = np.pi / 4.0 * middle(sizes) ** 2, np.pi / 6.0 * middle(sizes) ** 3
+    # Drops below 0.3 mm are left out.
+    assert 2.0 * sizes.number @ area * 1000.0 == pytest.approx(0.365 * rate**0.63, rel=0.13)
+    # Marshall and Palmer's intercept is a round number: their law is off by so much itself.
+    assert sizes.number * volume @ sizes.fall * 3.6e6 == pytest.approx(rate, rel=0.2)
+
+
+@pytest.mark.parametrize(("diameter", "speed"), [(1.0, 4.03), (2.0, 6.49), (3.0, 8.06), (5.0, 9.09)])
+def test_drops_fall_as_gunn_and_kinzer_measured(diameter, speed):
+    sizes = rain_sizes(10.0)
+    assert np.interp(diameter / 1000.0, middle(sizes), sizes.fall) == pytest.approx(speed, rel=0.02)
+
+
+@pytest.mark.parametrize("visibility", [100.0, 1000.0])
+def test_flakes_dim_the_air_as_far_as_one_sees(visibility):
+    sizes = snow_sizes(visibility)
+    assert 2.0 * sizes.number @ (np.pi / 4.0 * middle(sizes) ** 2) == pytest.approx(extinction(visibility))
+    assert 0.7 < sizes.fall.min() < sizes.number @ sizes.fall / sizes.number.sum() < 1.0
+
+
+def test_drops_are_as_dense_and_as_large_as_in_the_air():
+    """Those of 3 mm and more, within 5 m of a long exposure, against the integral of their law over that volume."""
+    seen = view(exposure_s=0.02)
+    drops = [drawn(rain_sizes(50.0), seen, seed=seed) for seed in range(12)]
+    local = np.concatenate([d.centres for d in drops]) @ AHEAD[:3, :3]
+    diameters = np.concatenate([d.diameters for d in drops])
+    inside = (np.abs(local[:, :2]) < local[:, 2:] * seen.half).all(axis=1)
+    volume = 12 * 4.0 / 3.0 * math.prod(seen.half) * (5.0**3 - 2.0**3)
+    slope = 4.1 * 50.0**-0.21
+    for low, high in ((3.0, 3.5), (3.5, 4.5), (4.5, 6.0)):
+        of_size = (diameters >= low / 1000.0) & (diameters < high / 1000.0)
+        found = np.count_nonzero(inside & (local[:, 2] > 2.0) & (local[:, 2] < 5.0) & of_size)
+        expected = volume * 8000.0 / slope * (math.exp(-slope * low) - math.exp(-slope * high))
+        assert expected > 50
+        assert abs(found - expected) < 4.0 * math.sqrt(expected)
+    # Even in space: as many to the left as to the right, above as below.
+    assert np.abs(np.sign(local[inside, :2]).mean(axis=0)).max() < 4.0 / math.sqrt(np.count_nonzero(inside))
+
+
+def test_drops_beyond_the_frame_reach_into_it_with_their_streaks():
+    seen = view(exposure_s=0.03)
+    local = drawn(rain_sizes(50.0), seen).centres @ AHEAD[:3, :3]
+    assert np.abs(local[:, 1] / local[:, 2]).max() > 1.5 * seen.half[1]
+
+
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (0.0, 6.0), (5.0, 0.0)])
+def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
+    seen = view(width=100_000, exposure_s=0.03)
+    drops = drawn(rain_sizes(50.0), seen, wind)
+    made = streaks(drops, seen)
+    assert np.array_equal(made.gain, np.ones(len(made.gain)))
+    along = (made.vertices[:, 3] + made.vertices[:, 2] - made.vertices[:, 1] - made.vertices[:, 0]) / 2.0
+    across = made.vertices[:, 1] - made.vertices[:, 0]
+    towards = drops.centres / np.linalg.norm(drops.centres, axis=1, keepdims=True)
+    way = drops.velocities * seen.exposure_s
+    way -= np.sum(way * towards, axis=1, keepdims=True) * towards
+    wide = math.sqrt(2.0) * drops.diameters
+    assert np.linalg.norm(across, axis=1) == pytest.approx(wide)
+    assert along == pytest.approx(way * (1.0 + wide / np.linalg.norm(way, axis=1))[:, None])
+    assert made.vertices.mean(axis=1) == pytest.approx(drops.centres)
+
+
+def test_a_streak_hides_its_middle_for_as_long_as_the_drop_passes_and_has_its_width():
+    diameter, length = 0.002, 0.05
+    u = np.linspace(-1.0, 1.0, 2001)
+    way = length / 2.0 / (diameter / math.sqrt(2.0))
+    hidden = opacity(np.stack([u, np.zeros_like(u), np.full_like(u, way)], axis=1))
+    assert hidden.max() == pytest.approx(diameter / (diameter + length), rel=0.05)
+    half = u[hidden >= hidden.max() / 2.0]
+    hard = math.sqrt(3.0) / 2.0 * diameter  # where the chord of a disc is half as long as its diameter
+    assert (half.max() - half.min()) * diameter / math.sqrt(2.0) == pytest.approx(hard, rel=0.01)
+
+
+@pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
+def test_opacity_is_that_of_a_disc_that_moves(way):
+    v, u = np.meshgrid(np.linspace(-1 - way, 1 + way, 81), np.linspace(-1, 1, 41))
+    times = np.linspace(-way, way, 4001)[:, None, None]
+    expected = np.zeros_like(u)
+    for chunk in np.array_split(times, 40):
+        expected += np.maximum(1.0 - u**2 - (v - chunk) ** 2, 0.0).sum(axis=0) / len(times)
+    found = opacity(np.stack([u, v, np.full_like(u, way)], axis=2))
+    assert found == pytest.approx(expected, abs=2e-3)
+
+
+@pytest.mark.parametrize("width", [64, 320, 1920])
+def test_a_fine_streak_fades_and_hides_as_much_as_its_drop(width):
+    """The opacity over a quad's area is a drop's area at any size of the image."""
+    seen = view(width)
+    drops = Drops(np.array([[4.0, 0.3, 0.2]]), np.array([0.0015]), np.array([[0.0, 1.0, -5.0]]))
+    made = streaks(drops, seen)
+    grid = np.linspace(0.0, 1.0, 401)
+    a, b = np.meshgrid(grid, grid)
+    corners = made.profile[0]
+    profile = corners[0] + a[..., None] * (corners[1] - corners[0]) + b[..., None] * (corners[3] - corners[0])
+    sides = [np.linalg.norm(made.vertices[0, i] - made.vertices[0, 0]) for i in (1, 3)]
+    hidden = opacity(profile).mean() * math.prod(sides) * made.gain[0]
+    assert hidden == pytest.approx(np.pi / 4.0 * 0.0015**2, rel=0.01)
+    assert sides[0] >= 1.5 * seen.pixel * 4.0
+
+
+def test_a_drop_that_comes_straight_at_the_camera_is_a_disc():
+    made = streaks(Drops(np.array([[3.0, 0.0, 0.0]]), np.array([0.02]), np.array([[-5.0, 0.0, 0.0]])), view())
+    assert np.isfinite(made.vertices).all()
+    assert np.ptp(made.vertices[0], axis=0) == pytest.approx([0.0] + [0.02 * math.sqrt(2.0)] * 2, rel=2e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize("fov_x_deg", [0.1, 5.0, 50.0, 179.0])
+@pytest.mark.parametrize("exposure_s", [1e-4, 0.004, 10.0])
+@pytest.mark.parametrize("sizes", [rain_sizes(0.0), rain_sizes(1000.0), snow_sizes(1.0), snow_sizes(1e9)])
+def test_no_view_has_more_than_it_can_be_drawn_with(sizes, fov_x_deg, exposure_s):
+    seen = view(1920, exposure_s, fov_x_deg)
+    drops = drawn(sizes, seen, (100.0, -100.0))
+    assert len(drops.diameters) <= MOST + 6.0 * math.sqrt(MOST)
+    depth = drops.centres @ AHEAD[:3, 2]
+    assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
+    assert np.isfinite(streaks(drops, seen).vertices).all()
+
+
+def test_the_same_seed_is_the_same_rain():
+    one, again, other = (drawn(rain_sizes(10.0), view(), seed=seed).centres for seed in (1, 1, 2))
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one[:10], other[:10])
