@@ -21,7 +21,9 @@ from assets.naming import BACKDROPS, says
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
+from render.blender.covers import PLANE
 from render.blender.light import Fog, HdriWorld
+from render.blender.surfaces import Surfaces
 from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
@@ -52,6 +54,7 @@ class Stage:
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
         self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
+        self.surfaces = Surfaces(self.file_from_scenery, self.units_per_metre)
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._companions = False  # whether any row has had more than one vehicle file
 
@@ -77,7 +80,9 @@ class Stage:
             used[path] = copy + 1
             collection = self._vehicle(path, copy)
             parts = self.file_from_scenery @ np.asarray(vehicle.world_from_parts, dtype=np.float64)
+            above = np.linalg.inv(parts[0])[2].tolist()
             for obj in collection.objects:
+                obj[PLANE] = above
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
             placed.append(list(collection.objects))
         linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
@@ -136,10 +141,13 @@ class Stage:
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery)
 
     def set_weather(self, weather: WeatherInput | None) -> None:
-        """Fill the air, after camera and light are set: its veil glows as this sky lights it."""
+        """Fill the air and cover what is solid, after all else is set: the veil glows as this sky lights it."""
         if not weather:
             self.fog.clear()
+            self.surfaces.clear()
             return
+        vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
+        self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         eye = np.linalg.inv(self.file_from_scenery) @ np.array(self.camera.matrix_parent_inverse)[:, 3]
         airlight = self.world.airlight()
         self.fog.fill(weather.visibility_m, airlight, eye[:3], self.file_from_scenery, self.units_per_metre)
