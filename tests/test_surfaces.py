@@ -48,8 +48,8 @@ def middle(folder, name):
     ],
 )
 def test_rain_darkens_what_is_porous_as_measured(folder, name, dry, wet):
-    assert middle(folder, f"{name} dry") == pytest.approx(dry, abs=0.004)
-    assert middle(folder, f"{name} wet") == pytest.approx(wet, abs=0.004)
+    assert middle(folder, f"{name} dry") == pytest.approx(dry, abs=0.005)
+    assert middle(folder, f"{name} wet") == pytest.approx(wet, abs=0.005)
 
 
 @pytest.mark.parametrize("name", ["paint", "metal", "glass"])
