@@ -7,7 +7,7 @@ by says which of the two shares is its. Runs inside Blender; needs numpy and bpy
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import Any
 
 import bpy
@@ -22,6 +22,8 @@ MARK = "hulldown weather"  # label of the nodes that are put in
 OURS = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
 UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
+
+Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
 
 
 class Surfaces:
@@ -41,8 +43,8 @@ class Surfaces:
         self._units_per_metre = units_per_metre
         self._kind = ""
         self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
-        self._dressed: set[int] = set()  # session ids of materials
-        self.left = 0  # materials that wetness found nothing in that it understands
+        self._dressed: dict[int, Shape] = {}  # by session id of a material
+        self.left: list[str] = []  # materials that wetness found nothing in that it understands
 
     def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
         """Cover scenery and vehicles.
@@ -57,17 +59,12 @@ class Surfaces:
             The objects of all vehicles in memory.
         """
         kind = kind if kind in ("rain", "snow", "dust") and max(ground, vehicle) > 0 else ""
-        if kind != self._kind:
+        if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _materials()):
             self.clear()
             self._kind = kind
         if not kind:
             return
-        worn = {slot.material for obj in vehicles for slot in obj.material_slots if slot.material is not None}
-        for material in list(bpy.data.materials):
-            new = material.session_uid not in self._dressed
-            if new and material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
-                self._dressed.add(material.session_uid)
-                self._dress(material, VEHICLES if material in worn else SCENERY)
+        self._dress_new({slot.material for obj in vehicles for slot in obj.material_slots})
         for wearer, share in ((SCENERY, ground), (VEHICLES, vehicle)):
             for group in self._group(wearer):
                 value = group.nodes[covers.SHARE].outputs[0]
@@ -77,13 +74,23 @@ class Surfaces:
     def clear(self) -> None:
         """Take out all that was put in."""
         if self._kind:
-            for material in bpy.data.materials:
-                if material.node_tree:
-                    _undress(material.node_tree)
+            for material, _ in _materials():
+                _undress(material.node_tree)
             for tree in bpy.data.node_groups:
                 _undress(tree)
-        self._kind, self.left = "", 0
+        self._kind = ""
         self._dressed.clear()
+        self.left.clear()
+
+    def _dress_new(self, worn: Set[Any]) -> None:
+        """Put groups into materials that have none yet; those that are `worn` are vehicles'."""
+        known = len(self.left)
+        if new := [material for material, _ in _materials() if material.session_uid not in self._dressed]:
+            for material in new:
+                self._dress(material, VEHICLES if material in worn else SCENERY)
+            self._dressed = {material.session_uid: shape for material, shape in _materials()}
+        if self.left[known:]:  # in the log
+            print(f"rain leaves materials as they are, whose shaders are not understood: {self.left[known:]}")
 
     def _group(self, wearer: str) -> list[Any]:
         key = self._kind, wearer
@@ -102,9 +109,17 @@ class Surfaces:
         groups = self._group(wearer)
         if self._kind == "rain":
             wetted = [_wet(tree, *groups) for tree in _trees(material.node_tree)]
-            self.left += not any(wetted)
+            if not any(wetted):
+                self.left.append(material.name)
         elif self._kind == "dust" or wearer == VEHICLES or not _is_water(material):
             _cover(material, groups[0])
+
+
+def _materials() -> Iterator[tuple[Any, Shape]]:
+    """The materials of scenery and vehicles, and what tells whether somebody has put nodes into them since."""
+    for material in list(bpy.data.materials):
+        if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
+            yield material, tuple((tree.name, len(tree.nodes)) for tree in _trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
