@@ -23,9 +23,11 @@ from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
+from render.blender.covers import PLANE
 from render.blender.light import Fog, HdriWorld
 from render.blender.paint import Paintable
 from render.blender.precipitation import Precipitation, falling
+from render.blender.surfaces import Surfaces
 from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
@@ -58,6 +60,7 @@ class Stage:
         box = bpy.data.meshes.new("hulldown fog")
         self.fog = Fog([self._add("hulldown fog", box) for _ in range(DUST_LAYERS)])
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
+        self.surfaces = Surfaces(self.file_from_scenery, self.units_per_metre)
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
@@ -84,7 +87,9 @@ class Stage:
             used[path] = copy + 1
             collection = self._vehicle(path, copy)
             parts = self.file_from_scenery @ np.asarray(vehicle.world_from_parts, dtype=np.float64)
+            above = np.linalg.inv(parts[0])[2].tolist()
             for obj in collection.objects:
+                obj[PLANE] = above
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
             self._paintable[path].paint(collection.objects, vehicle.paint)
             placed.append(list(collection.objects))
@@ -150,13 +155,24 @@ class Stage:
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
 
     def set_weather(self, weather: WeatherInput | None, seed: int) -> None:
-        """Fill the air, after camera and light are set: its veil glows as this sky lights it, drops fall by a seed."""
+        """Fill the air and cover what is solid, after all else is set: the veil glows as the sky lights it.
+
+        Parameters
+        ----------
+        weather
+            None clears the air and uncovers all.
+        seed
+            Drops and flakes fall by it.
+        """
         if not weather:
             self.fog.clear()
             self.precipitation.clear()
+            self.surfaces.clear()
             return
+        vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
+        self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
-        glow = np.array(airlight(weather.kind, self.world.airlight()))
+        glow = np.array(airlight(weather.kind, self.world.airlight().tolist()))
         frame, units = self.file_from_scenery, self.units_per_metre
         self.fog.fill(
             weather.kind, weather.visibility_m, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units

@@ -1,0 +1,189 @@
+"""Node groups that weather puts into materials: water in and on a surface, snow or dust over it.
+
+Each group holds its share in a node called `SHARE`, which is all that changes from one picture to the next. Runs
+inside Blender; needs bpy only.
+
+References
+----------
+Lagarde, "Water drop 3b: physically based wet surfaces", 2013.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+
+from render import laws
+
+SHARE = "hulldown share"
+PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
+FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
+WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
+PATCH = 0.35  # metres of a patch of snow, where it lies in patches
+PATCH_EDGE = 0.12  # of its noise
+NOISE_MEAN, NOISE_SPREAD = 0.498, 0.0717  # of Blender's noise with detail 2, measured
+SKY_REACH = 10.0  # metres above which nothing keeps snow off
+SKY_RAYS = 2
+SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
+
+
+class Group:
+    """A node group being built, with its inputs as given."""
+
+    def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> None:
+        self.tree = bpy.data.node_groups.new(name, "ShaderNodeTree")
+        for way, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
+            for socket, kind in sockets.items():
+                self.tree.interface.new_socket(socket, in_out=way, socket_type=f"NodeSocket{kind}")
+        self.given = self.tree.nodes.new("NodeGroupInput").outputs
+        self._end = self.tree.nodes.new("NodeGroupOutput")
+        self.share = self.add("Value").outputs[0]
+        self.share.node.name = SHARE
+        self.share.default_value = 0.0
+
+    def add(self, kind: str, inputs: dict[Any, Any] | None = None, /, **settings: Any) -> Any:
+        """A node with inputs set to values or linked to sockets."""
+        node = self.tree.nodes.new(f"ShaderNode{kind}")
+        for name, setting in settings.items():
+            setattr(node, name, setting)
+        for key, value in (inputs or {}).items():
+            self._give(value, node.inputs[key])
+        return node
+
+    def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
+        """One operation on numbers."""
+        inputs = dict(enumerate(values))
+        return self.add("Math", inputs, operation=operation, use_clamp=clamp).outputs[0]
+
+    def dot(self, a: Any, b: Any) -> Any:
+        """The scalar product of two vectors."""
+        return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
+
+    def ramp(self, value: Any, low: float, high: float) -> Any:
+        """0 at `low` to 1 at `high`, smoothly."""
+        return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
+
+    def even_noise(self, where: Any, size: float) -> Any:
+        """Noise in patches of `size`, as often below any number from 0 to 1 as that number says, within 0.02."""
+        noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, "Detail": 2.0, "Roughness": 0.5})
+        reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
+        return self.ramp(noise.outputs[0], NOISE_MEAN - reach, NOISE_MEAN + reach)
+
+    def end(self, **outputs: Any) -> Any:
+        """Give the outputs their values; the finished tree."""
+        for name, value in outputs.items():
+            self._give(value, self._end.inputs[name.replace("_", " ")])
+        return self.tree
+
+    def _give(self, value: Any, socket: Any) -> None:
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+
+
+def wetting(name: str, *, film: bool) -> Any:
+    """Between a principled shader and what gives it colour, roughness and coat; `film`: water stands on it too."""
+    floats = ("Roughness", "Specular IOR Level", "Coat Weight", "Coat Roughness")
+    kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
+    g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
+    rough, shine = g.given["Roughness"], g.given["Specular IOR Level"]
+    scale = 1 / (laws.POROUS_AT - laws.POROUS_FROM)
+    soaks = g.maths("MULTIPLY_ADD", rough, scale, -laws.POROUS_FROM * scale, clamp=True)
+    soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
+    soaked = g.maths("MULTIPLY", soaks, g.share)
+    colour = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, laws.WET_DIFFUSE - 1, 1.0))
+    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, laws.WET_ROUGHNESS - 1, 1.0))
+    shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
+    coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
+    if film:
+        coat = g.maths("MAXIMUM", coat, g.maths("MULTIPLY", g.share, FILM_COAT))
+        blur = g.maths("MAXIMUM", blur, g.maths("MULTIPLY", g.share, FILM_ROUGHNESS))
+    return g.end(Base_Color=colour, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur)
+
+
+def soaking(name: str) -> Any:
+    """Between a diffuse shader, which is all pores, and what gives it colour."""
+    g = Group(name, {"Color": "Color"}, {"Color": "Color"})
+    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, laws.WET_DIFFUSE - 1, 1.0)))
+
+
+def _times(g: Group, colour: Any, factor: Any) -> Any:
+    return g.add("VectorMath", {0: colour, "Scale": factor}, operation="SCALE").outputs[0]
+
+
+def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> Any:
+    """Between a surface and the output: white where it is level enough, and open to the sky.
+
+    The sky is looked for where the camera looks, and nowhere else: rays of bounced light see snow under roofs too.
+
+    Parameters
+    ----------
+    name
+        Of the group.
+    up
+        Unit vector in the file's coordinates.
+    units_per_metre
+        Of the file.
+    """
+    g = _cover(name)
+    seen = g.add("NewGeometry").outputs
+    low, high = (math.cos(math.radians(slope)) for slope in (laws.SNOW_SLIDES_FROM, laws.SNOW_LIES_TO))
+    lies = g.ramp(g.dot(seen["Normal"], up), low, high)
+    # A distance of 0 costs no ray: of what is too steep, and of what the camera does not see itself.
+    camera = g.add("LightPath").outputs["Is Camera Ray"]
+    wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
+    reach = g.maths("MULTIPLY", wanted, SKY_REACH * units_per_metre)
+    # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
+    between = g.add(
+        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: up}).outputs[0]}, operation="NORMALIZE"
+    )
+    rays = {"Distance": reach, "Normal": between.outputs[0]}
+    sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
+    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
+    patches = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCH)
+    covered = g.maths("SUBTRACT", g.maths("MULTIPLY", share, 1 + PATCH_EDGE), patches)
+    return _covered(g, g.maths("DIVIDE", covered, PATCH_EDGE, clamp=True), laws.SNOW_ALBEDO)
+
+
+def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, climbs: bool) -> Any:
+    """Between a surface and the output: a thin brown film on what lies level and, if it `climbs`, near the ground.
+
+    Parameters
+    ----------
+    name
+        Of the group.
+    up, units_per_metre
+        As of `snow`.
+    climbs
+        Whether what wears it is a vehicle, whose objects say by `PLANE` how high a point is.
+    """
+    g = _cover(name)
+    seen = g.add("NewGeometry").outputs
+    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCH)
+    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), laws.DUST_ON_TOPS)
+    if climbs:
+        plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
+        height = g.maths("ADD", g.dot(seen["Position"], plane["Vector"]), plane["Alpha"])
+        ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
+        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, laws.DUST_FULL_TO, laws.DUST_TO))
+        lies = g.maths("MAXIMUM", lies, low)
+    thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
+    return _covered(g, g.maths("MULTIPLY", thick, g.share), laws.DUST_ALBEDO)
+
+
+def _cover(name: str) -> Group:
+    return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
+
+
+def _metres(g: Group, position: Any, units_per_metre: float) -> Any:
+    return g.add("VectorMath", {0: position, "Scale": 1 / units_per_metre}, operation="SCALE").outputs[0]
+
+
+def _covered(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:
+    """Close a cover: holes in the surface stay holes."""
+    matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]
+    solid = g.maths("MULTIPLY", share, g.given["Opacity"])
+    return g.end(Surface=g.add("MixShader", {0: solid, 1: g.given["Surface"], 2: matt}).outputs[0])

@@ -1,0 +1,294 @@
+"""Renders small scenes under weather for test_surfaces; run as a script, with a folder to write into.
+
+Pictures of light are .npy files, linear; what they show is in test_surfaces.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from reading.blender.tidy_properties import PART, REST
+from render.blender import cycles
+from render.blender.renderer import Renderer
+from render.blender.scene import Stage
+from render.messages import (
+    CameraInput,
+    LightInput,
+    MaskJob,
+    RenderJob,
+    SceneryInput,
+    Settings,
+    VehicleInput,
+    WeatherInput,
+    to_json,
+)
+
+TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
+Z_FROM_Y_UP = [[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]
+SETTINGS = Settings(samples=16, denoise=False, adaptive_threshold=0.0, bounces=2)
+
+
+def principled(name, albedo, rough, **inputs):
+    material = bpy.data.materials.new(name)
+    shader = material.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Base Color"].default_value = (albedo, albedo, albedo, 1.0)
+    shader.inputs["Roughness"].default_value = rough
+    for key, value in inputs.items():
+        shader.inputs[key.replace("_", " ")].default_value = value
+    return material
+
+
+def grouped(name):
+    """Soil whose shader is in a group, as packs of materials have it."""
+    material = bpy.data.materials.new(name)
+    tree = bpy.data.node_groups.new("pack", "ShaderNodeTree")
+    tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    tree.interface.new_socket("Colour", in_out="INPUT", socket_type="NodeSocketColor")
+    shader, end, start = (tree.nodes.new(k) for k in ("ShaderNodeBsdfPrincipled", "NodeGroupOutput", "NodeGroupInput"))
+    shader.inputs["Roughness"].default_value = 0.95
+    tree.links.new(start.outputs["Colour"], shader.inputs["Base Color"])
+    tree.links.new(shader.outputs[0], end.inputs[0])
+    nodes = material.node_tree.nodes
+    nodes.remove(nodes["Principled BSDF"])
+    group = nodes.new("ShaderNodeGroup")
+    group.node_tree = tree
+    group.inputs["Colour"].default_value = (0.245, 0.245, 0.245, 1.0)
+    material.node_tree.links.new(group.outputs[0], nodes["Material Output"].inputs["Surface"])
+    return material
+
+
+def mixed(name):
+    """Two soils mixed, each with its own shader."""
+    material = principled(name, 0.245, 0.95)
+    tree = material.node_tree
+    first, output = tree.nodes["Principled BSDF"], tree.nodes["Material Output"]
+    second, mix = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeMixShader")
+    second.inputs["Color"].default_value = (0.26, 0.26, 0.26, 1.0)
+    tree.links.new(first.outputs[0], mix.inputs[1])
+    tree.links.new(second.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def matt(name):
+    material = bpy.data.materials.new(name)
+    tree = material.node_tree
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+    shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    shader.inputs["Color"].default_value = (0.26, 0.26, 0.26, 1.0)
+    tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    return material
+
+
+def holes(name):
+    """A black leaf card with holes in stripes 0.1 m wide."""
+    material = principled(name, 0.0, 1.0)
+    tree = material.node_tree
+    wave, place = tree.nodes.new("ShaderNodeMath"), tree.nodes.new("ShaderNodeNewGeometry")
+    split, scale = tree.nodes.new("ShaderNodeSeparateXYZ"), tree.nodes.new("ShaderNodeMath")
+    scale.operation, scale.inputs[1].default_value = "MULTIPLY", 5.0
+    wave.operation = "FRACT"
+    step = tree.nodes.new("ShaderNodeMath")
+    step.operation, step.inputs[1].default_value = "GREATER_THAN", 0.5
+    tree.links.new(place.outputs["Position"], split.inputs[0])
+    tree.links.new(split.outputs[0], scale.inputs[0])
+    tree.links.new(scale.outputs[0], wave.inputs[0])
+    tree.links.new(wave.outputs[0], step.inputs[0])
+    tree.links.new(step.outputs[0], tree.nodes["Principled BSDF"].inputs["Alpha"])
+    return material
+
+
+def fresh():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save(path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+
+
+def plane(size, location, material, rotation=(0.0, 0.0, 0.0)):
+    bpy.ops.mesh.primitive_plane_add(size=size, location=location, rotation=rotation)
+    bpy.context.object.data.materials.append(material)
+
+
+def tiles(path):
+    """Level squares of 1 m in a row, one of each material; the middle of the n-th is at x = n."""
+    fresh()
+    made = [
+        principled("asphalt", 0.1, 0.85),
+        principled("soil", 0.245, 0.95),
+        principled("paint", 0.2, 0.3),
+        principled("metal", 0.6, 0.6, Metallic=1.0),
+        principled("glass", 1.0, 0.0, Transmission_Weight=1.0),
+        grouped("grouped"),
+        mixed("mixed"),
+        matt("matt"),
+    ]
+    for n, material in enumerate(made):
+        plane(1.0, (n, 0.0, 0.0), material)
+    save(path)
+
+
+def dome(path):
+    """A black sphere of 20 m in the air: from above, a pixel's distance from the middle says its slope."""
+    fresh()
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=20.0)
+    bpy.ops.object.shade_smooth()
+    bpy.context.object.data.materials.append(principled("rock", 0.0, 1.0, Specular_IOR_Level=0.0))
+    save(path)
+
+
+def yard(path, scenery_from_file=None):
+    """Black ground, a roof of 12 m with nothing under it, a wall at x = 12, water, a leaf card beyond the ground."""
+    fresh()
+    soil = principled("black", 0.0, 1.0, Specular_IOR_Level=0.0)
+    plane(100.0, (0.0, 0.0, 0.0), soil)
+    plane(12.0, (0.0, 0.0, 2.0), soil)
+    plane(8.0, (12.0, 0.0, 4.0), soil, (0.0, math.pi / 2, 0.0))
+    plane(6.0, (0.0, 20.0, 0.1), principled("lake", 0.0, 1.0, Specular_IOR_Level=0.0))
+    plane(4.0, (-80.0, 0.0, 5.0), holes("leaf"))
+    if scenery_from_file is not None:
+        file_from_scenery = np.linalg.inv(scenery_from_file)
+        for obj in bpy.data.objects:
+            bpy.context.view_layer.update()
+            obj.matrix_world = (file_from_scenery @ np.array(obj.matrix_world)).T.tolist()
+    save(path)
+
+
+def vehicle(path):
+    """A black box of 4 x 4 x 3 m that wears the ground's material: what `reading.tidy` would have made of it."""
+    fresh()
+    bpy.ops.mesh.primitive_cube_add(size=1.0)
+    obj = bpy.context.object
+    obj.data.materials.append(principled("black", 0.0, 1.0, Specular_IOR_Level=0.0))
+    rest = np.diag([4.0, 4.0, 3.0, 1.0])
+    rest[2, 3] = 1.5
+    obj[PART], obj[REST] = 0, rest.ravel().tolist()
+    collection = bpy.data.collections.new("hulldown vehicle")
+    collection.objects.link(obj)
+    bpy.data.libraries.write(str(path), {collection}, fake_user=True)
+
+
+def white(path, value=1.0):
+    image = bpy.data.images.new(path.stem, 8, 4, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(np.full(8 * 4 * 4, value, dtype=np.float32))
+    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
+    image.save()
+
+
+def weather(kind, ground, vehicles):
+    return WeatherInput(1e9, kind, 0.0, (0.0, 0.0), 0.004, ground, vehicles)
+
+
+def at(x, y, z):
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def looking_down(x, y, z, width):
+    """A camera that sees `width` metres of what is at z = 0."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = x, y, z
+    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / z), 64, 64, 0.01)
+
+
+def looking_along_x(x, y, z, width, distance):
+    """A level camera that sees `width` metres at a distance."""
+    pose = np.array([[0.0, 0, 1, x], [-1, 0, 0, y], [0, -1, 0, z], [0, 0, 0, 1]])
+    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / distance), 64, 64, 0.01)
+
+
+class Studio:
+    """One scenery, and linear pictures of it."""
+
+    def __init__(self, folder, name, scenery_from_file=None):
+        self.folder = folder
+        file = np.eye(4) if scenery_from_file is None else np.asarray(scenery_from_file)
+        self.stage = Stage(str(folder / f"{name}.blend"), file)
+        cycles.configure(self.stage.scene, SETTINGS, device="CPU")
+        settings = self.stage.scene.render.image_settings
+        settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+
+    def picture(self, name, camera, covered, vehicles=()):
+        stage, path = self.stage, self.folder / "picture.exr"
+        cars = [VehicleInput(str(self.folder / "vehicle.blend"), [pose.tolist()]) for pose in vehicles]
+        stage.place_vehicles(cars)
+        stage.set_camera(camera)
+        stage.set_light(LightInput(str(self.folder / "white.exr"), 0.0, 1.0))
+        stage.set_weather(covered)
+        stage.scene.render.filepath = str(path)
+        bpy.ops.render.render(write_still=True, scene=stage.scene.name)
+        image = bpy.data.images.load(str(path))
+        image.colorspace_settings.name = "Non-Color"
+        pixels = np.empty(64 * 64 * image.channels, dtype=np.float32)
+        image.pixels.foreach_get(pixels)
+        bpy.data.images.remove(image)
+        np.save(self.folder / f"{name}.npy", pixels.reshape(64, 64, -1)[::-1, :, :3])
+
+
+def albedos(folder):
+    studio = Studio(folder, "tiles")
+    for n, name in enumerate(TILES):
+        camera = looking_down(n, 0.0, 50.0, 0.5)
+        studio.picture(f"{name} dry", camera, None)
+        studio.picture(f"{name} wet", camera, weather("rain", 1.0, 0.0))
+    np.save(folder / "left.npy", studio.stage.surfaces.left)
+
+
+def slopes(folder):
+    studio = Studio(folder, "dome")
+    for share in (0.3, 1.0):
+        studio.picture(f"dome {share}", looking_down(0.0, 0.0, 4000.0, 40.0), weather("snow", share, 0.0))
+
+
+def yards(folder):
+    for name, turned in (("yard", None), ("turned", np.asarray(Z_FROM_Y_UP) @ np.diag([0.01, 0.01, 0.01, 1.0]))):
+        yard(folder / f"{name}.blend", turned)
+        studio, snow = Studio(folder, name, turned), weather("snow", 1.0, 0.0)
+        car = [at(-30.0, -20.0, 0.0)]
+        above = looking_down(-30.0, -20.0, 100.0, 12.0)
+        level = looking_along_x(-50.0, -20.0, 1.5, 6.0, 18.0)
+        studio.picture(f"{name} open", looking_down(-15.0, 0.0, 20.0, 4.0), snow)
+        studio.picture(f"{name} roofed", looking_down(0.0, 0.0, 1.9, 2.0), snow)
+        studio.picture(f"{name} wall", looking_along_x(6.5, 0.0, 4.0, 3.0, 5.5), snow)
+        studio.picture(f"{name} lake", looking_down(0.0, 20.0, 50.0, 4.0), snow)
+        studio.picture(f"{name} driven", above, snow, car)
+        studio.picture(f"{name} parked", above, weather("snow", 0.0, 1.0), car)
+        studio.picture(f"{name} dusty", level, weather("dust", 0.0, 1.0), car)
+        studio.picture(f"{name} leaf", looking_down(-80.0, 0.0, 50.0, 2.0), snow)
+
+
+def bytes_of_clear_pictures(folder):
+    """The same clear row before, between and after the others, in one worker; and masks."""
+    renderer = Renderer()
+    pose = at(-24.0, 20.0, 0.0)
+    for name in ("tiles", "yard"):
+        scenery = SceneryInput(str(folder / f"{name}.blend"), np.eye(4).tolist(), [], [])
+        cars = [VehicleInput(str(folder / "vehicle.blend"), [pose.tolist()])]
+        camera = looking_down(-21.0, 20.0, 40.0, 14.0) if name == "yard" else looking_down(3.5, 0.0, 50.0, 9.0)
+        if name == "yard":
+            renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask before.npy"))))
+        kinds = ("clear", "rain", "clear 2", "snow", "rain 2", "dust", "clear 3")
+        for kind in kinds:
+            covered = None if kind.startswith("clear") else weather(kind.split()[0], 1.0, 1.0)
+            light = LightInput(str(folder / "white.exr"), 0.0, 1.0)
+            output = str(folder / f"{name} {kind}.png")
+            renderer.do(to_json(RenderJob(scenery, cars, camera, light, covered, 7, SETTINGS, output)))
+    renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask after.npy"))))
+
+
+def main(folder):
+    for make in (tiles, dome, vehicle, white):
+        make(folder / f"{make.__name__}{'.exr' if make is white else '.blend'}")
+    albedos(folder)
+    slopes(folder)
+    yards(folder)
+    bytes_of_clear_pictures(folder)
+
+
+main(Path(sys.argv[1]))

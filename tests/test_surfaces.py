@@ -1,0 +1,138 @@
+"""Water, snow and dust on surfaces, in linear pictures under an even white sky that surface_pictures renders."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from render.laws import DUST_ALBEDO, SNOW_ALBEDO, snow_share, wet_albedo_factor
+
+pytestmark = pytest.mark.blender
+MAKER = Path(__file__).with_name("surface_pictures.py")
+YARDS = ["yard", "turned"]  # in metres with z up, and in centimetres with y up
+NOISE = 0.01  # of what 16 samples a pixel and the snow's own patches leave in a mean
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("surfaces")
+    command = [
+        sys.executable,
+        "-c",
+        f"import runpy, sys; sys.argv[1:] = [{str(made)!r}]; runpy.run_path({str(MAKER)!r})",
+    ]
+    subprocess.run(command, check=True, capture_output=True, cwd=MAKER.parents[1])
+    return made
+
+
+def light(folder, name):
+    """Radiance (64, 64, 3); under this sky that of a matt surface is its albedo."""
+    return np.load(folder / f"{name}.npy").astype(np.float64)
+
+
+def middle(folder, name):
+    return light(folder, name)[16:48, 16:48].mean(axis=(0, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "dry", "wet"),
+    [
+        pytest.param("asphalt", 0.12, 0.08, id="asphalt as measured"),
+        pytest.param("soil", 0.26, 0.16, id="moraine soil as measured"),
+        pytest.param("grouped", 0.26, 0.16, id="soil, its shader inside a group"),
+        pytest.param("mixed", 0.26, 0.16, id="soil, two shaders mixed"),
+        pytest.param("matt", 0.26, 0.16, id="soil, a diffuse shader"),
+    ],
+)
+def test_rain_darkens_what_is_porous_as_measured(folder, name, dry, wet):
+    assert middle(folder, f"{name} dry") == pytest.approx(dry, abs=0.005)
+    assert middle(folder, f"{name} wet") == pytest.approx(wet, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["paint", "metal", "glass"])
+def test_paint_metal_and_glass_keep_their_albedo_in_rain(folder, name):
+    assert middle(folder, f"{name} wet") == pytest.approx(middle(folder, f"{name} dry"), abs=0.002)
+
+
+def test_no_material_is_left_dry(folder):
+    assert np.load(folder / "left.npy").size == 0
+
+
+def test_half_the_water_darkens_half_as_much():
+    assert wet_albedo_factor(np.array([0.3, 0.7, 0.9]), 0.5) == pytest.approx([1.0, 0.9, 0.8])
+
+
+@pytest.mark.parametrize("cover", [0.3, 1.0])
+def test_snow_lies_by_the_law_of_slopes(folder, cover):
+    """A black dome from above: a ring of pixels shows one slope."""
+    white = light(folder, f"dome {cover}") / SNOW_ALBEDO
+    y, x = np.mgrid[:64, :64] + 0.5
+    radius = np.hypot(x - 32, y - 32) / 32
+    slope = np.degrees(np.arcsin(np.minimum(radius, 1.0)))
+    for low in range(0, 80, 10):
+        ring = (slope >= low) & (slope < low + 10) & (radius < 0.99)
+        assert white[ring].mean() == pytest.approx(snow_share(slope[ring], cover).mean(), abs=0.04)
+
+
+@pytest.mark.parametrize("yard", YARDS)
+@pytest.mark.parametrize(
+    ("place", "share"),
+    [
+        pytest.param("open", 1.0, id="level ground"),
+        pytest.param("roofed", 0.0, id="ground under a roof"),
+        pytest.param("wall", 0.0, id="wall"),
+        pytest.param("lake", 0.0, id="water"),
+    ],
+)
+def test_snow_lies_where_it_falls(folder, yard, place, share):
+    assert middle(folder, f"{yard} {place}") == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+
+
+@pytest.mark.parametrize("yard", YARDS)
+def test_holes_in_leaves_stay_holes_under_snow(folder, yard):
+    """Half of the card is holes, through which the sky is seen."""
+    assert middle(folder, f"{yard} leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+
+
+@pytest.mark.parametrize("yard", YARDS)
+@pytest.mark.parametrize(("car", "vehicle", "ground"), [("driven", 0.0, 1.0), ("parked", 1.0, 0.0)])
+def test_vehicles_and_ground_have_their_own_snow(folder, yard, car, vehicle, ground):
+    """From above; both wear a material of the same name."""
+    picture = light(folder, f"{yard} {car}")
+    assert picture[28:36, 28:36].mean(axis=(0, 1)) == pytest.approx(vehicle * np.array(SNOW_ALBEDO), abs=NOISE)
+    assert picture[:4].mean(axis=(0, 1)) == pytest.approx(ground * np.array(SNOW_ALBEDO), abs=NOISE)
+
+
+@pytest.mark.parametrize("yard", YARDS)
+def test_dust_climbs_a_little_way_up_a_vehicle(folder, yard):
+    """The black side of a box from the ground to 3 m, seen level: 6 m in 64 rows, with the ground at row 48."""
+    side = light(folder, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # upwards, of 3 m
+    height = (np.arange(32) + 0.5) * 3 / 32
+    assert side[height > 1.5].max() == 0.0
+    low = side[height < 0.4].mean(axis=0)
+    assert low / low.sum() == pytest.approx(np.array(DUST_ALBEDO) / sum(DUST_ALBEDO), abs=0.01)
+    assert np.all(np.diff(side[height < 1.4].sum(axis=1)[::4]) < 0)
+
+
+@pytest.mark.parametrize("scene", ["yard", "tiles"])
+def test_clear_pictures_do_not_know_what_weather_was_before(folder, scene):
+    """One worker rendered: clear, rain, clear, snow, rain, dust, clear."""
+
+    def picture(kind):
+        return np.asarray(Image.open(folder / f"{scene} {kind}.png").convert("RGB"))
+
+    assert np.array_equal(picture("clear"), picture("clear 2"))
+    assert np.array_equal(picture("clear"), picture("clear 3"))
+    assert np.array_equal(picture("rain"), picture("rain 2"))
+    for kind in ("rain", "snow", "dust"):
+        assert not np.array_equal(picture("clear"), picture(kind))
+
+
+def test_masks_do_not_know_of_weather(folder):
+    """Of the vehicle in the camera's view, after a worker rendered it under snow and dust."""
+    before, after = np.load(folder / "mask before.npy"), np.load(folder / "mask after.npy")
+    assert before[1].any()
+    assert np.array_equal(before, after)
