@@ -179,4 +179,5 @@ def main(folder):
     grey(folder / "grey.exr")
 
 
-main(Path(sys.argv[1]))
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
