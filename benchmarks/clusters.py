@@ -63,11 +63,19 @@ class Cluster:
     def address(self) -> str:
         return self._address()
 
-    def add(self, *more, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None):
+    def add(
+        self,
+        *more,
+        python=(sys.executable, "-P"),
+        before=(),
+        environment=None,
+        largest_file=None,
+        resources="render=1",
+    ):
         """Start a worker: with another Python, by another command, or unable to write files above a size."""
         number = len(self.workers)
         scratch = self.folder / f"worker-{number}"
-        options = ["--nthreads", "1", "--resources", "render=1", "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
+        options = ["--nthreads", "1", "--resources", resources, "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
         options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
         command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *more]
 

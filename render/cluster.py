@@ -134,6 +134,11 @@ class ClusterPool:
         if dashboard := self._tasks.dashboard:
             self._say(f"dashboard: {dashboard}")
 
+    @property
+    def working(self) -> int:
+        """How many workers render."""
+        return len(self._usable())
+
     def run(
         self,
         jobs: Sequence[int],
