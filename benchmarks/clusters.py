@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -39,13 +40,14 @@ os.execv(command[0], command)
 class Cluster:
     """A scheduler and the workers that were started for it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, tls: Sequence[str] = ()) -> None:
         folder.mkdir(parents=True)
         self.folder, self.file = folder, folder / "scheduler.json"
         self.workers: list[subprocess.Popen] = []
+        self._tls = tls
         self.log = (folder / "log").open("ab")
         environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": LOST_S}
-        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard"]
+        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard", *tls]
         self.scheduler = self._start(
             [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
         )
@@ -77,7 +79,7 @@ class Cluster:
         scratch = self.folder / f"worker-{number}"
         options = ["--nthreads", "1", "--resources", resources, "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
         options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
-        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *more]
+        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *self._tls, *more]
 
         def bound():
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
@@ -105,8 +107,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder, workers=0):
-    made = Cluster(folder)
+def cluster(folder, workers=0, *, tls=()):
+    """A cluster; `tls` are options of `dask scheduler` and `dask worker`."""
+    made = Cluster(folder, tls)
     try:
         for _ in range(workers):
             made.add()

@@ -9,8 +9,6 @@ import pytest
 from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
-from render.tasks import Tasks
-from tests.cluster_waits import until_unwanted
 from tests.test_study import SMALL, written
 from tests.training_pictures import make_dataset
 from training.study.config import load_study
@@ -67,23 +65,6 @@ def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_p
     assert sum("was lost; another goes on" in line for line in said) == 1
     assert sum("begins on" in line for line in said) == 3
     assert report_of(out) == report_of(tmp_path / "here")
-
-
-@pytest.mark.parametrize("leave", [lambda tasks, task: tasks.take_back([task]), lambda tasks, task: tasks.close()])
-def test_a_task_learns_that_nobody_waits_for_it(tmp_path, leave):
-    """So that a training ends with the study that wanted it, even if that was killed."""
-    with cluster(tmp_path / "nodes", 1) as nodes:
-        nodes.wait()
-        tasks = Tasks(Scheduler(nodes.address), "render")
-        while not (workers := tasks.workers()):
-            time.sleep(0.1)
-        task = tasks.submit(next(iter(workers)), until_unwanted, str(tmp_path).encode())
-        wait_for(tmp_path / "begun")
-        time.sleep(0.5)
-        assert not (tmp_path / "ended").exists()
-        leave(tasks, task)
-        wait_for(tmp_path / "ended")
-        tasks.close()
 
 
 def order_for(study, out, **changes):

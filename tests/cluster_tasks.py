@@ -14,3 +14,7 @@ def until_unwanted(folder: bytes) -> bytes:
         time.sleep(0.05)
     (Path(folder.decode()) / "ended").touch()
     return b""
+
+
+def echo(data: bytes) -> bytes:
+    return data
