@@ -40,13 +40,13 @@ os.execv(command[0], command)
 class Cluster:
     """A scheduler and the workers that were started for it."""
 
-    def __init__(self, folder: Path, tls: Sequence[str] = ()) -> None:
+    def __init__(self, folder: Path, tls: Sequence[str] = (), lost: str = LOST_S) -> None:
         folder.mkdir(parents=True)
         self.folder, self.file = folder, folder / "scheduler.json"
         self.workers: list[subprocess.Popen] = []
         self._tls = tls
         self.log = (folder / "log").open("ab")
-        environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": LOST_S}
+        environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": lost}
         options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard", *tls]
         self.scheduler = self._start(
             [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
@@ -107,9 +107,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder, workers=0, *, tls=()):
-    """A cluster; `tls` are options of `dask scheduler` and `dask worker`."""
-    made = Cluster(folder, tls)
+def cluster(folder, workers=0, *, tls=(), lost=LOST_S):
+    """A cluster; `tls` are options of `dask scheduler` and `dask worker`, `lost` is when a silent worker is lost."""
+    made = Cluster(folder, tls, lost)
     try:
         for _ in range(workers):
             made.add()
