@@ -18,6 +18,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+import verbs.cluster
 import verbs.planning
 import verbs.rendering
 import verbs.study
@@ -126,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
-    for stage in (verbs.planning, verbs.rendering, verbs.training, verbs.study):
+    for stage in (verbs.planning, verbs.rendering, verbs.cluster, verbs.training, verbs.study):
         stage.add(verb)
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+from distributed import Client
 from matplotlib.figure import Figure
 
 from benchmarks.clusters import Cluster, blenders, cluster
@@ -22,6 +23,7 @@ from benchmarks.rendering_error import FAST
 from benchmarks.resuming import differences
 from demo.project import create_project
 from planning.config import parse_config
+from planning.plan_file import Plan
 from render.cluster import ClusterPool
 from render.confinement import confinement_of
 from render.jobs import RenderAssets, render_job
@@ -60,7 +62,7 @@ def run(quick: bool) -> dict[str, Any]:
             "scheduler": large_plan(
                 *planned(folder, config, 2, SIZES[0], one_of_a_class=True),
                 folder / "pixels",
-                20_000 if quick else 1_000_000,
+                10_000 if quick else 100_000,
             ),
         }
 
@@ -203,8 +205,41 @@ def large_plan(plan: Plan, assets: RenderAssets, output: Path, rows: int) -> dic
             began, spent = time.perf_counter(), _cpu(scheduler)
             pool.run(range(rows), lambda i: job, done, lambda i, why: None)
             seconds, spent = time.perf_counter() - began, _cpu(scheduler) - spent
-            tasks = pool.submitted
-    return {"rows": rows, "tasks": tasks, "seconds": seconds, "scheduler_cpu_s": spent, "memory": memory}
+            tasks, sent = pool.submitted, _sent(nodes.address)
+    return {
+        "rows": rows,
+        "tasks": tasks,
+        "seconds": seconds,
+        "scheduler_cpu_s": spent,
+        "memory": memory,
+        "mb_per_million": [float(slope) for slope in _slopes(memory)],
+        "sent": sent,
+    }
+
+
+def _slopes(memory: list[tuple[int, float, float]]) -> np.ndarray:
+    """(2,) MB that scheduler and client grow by in a million rows, once the first fifth is done."""
+    rows, *held = np.array(memory[len(memory) // 5 :]).T
+    return np.array([1e6 * np.polyfit(rows, one, 1)[0] for one in held])
+
+
+def _sent(address: str) -> dict[str, list[int]]:
+    """Messages and bytes that the scheduler and the workers have sent so far."""
+    with Client(address, set_as_default=False) as client:
+        of_workers = client.run(_sent_by_worker).values()
+        return {
+            "scheduler": list(client.run_on_scheduler(_sent_by_scheduler)),
+            "workers": [sum(counts) for counts in zip(*of_workers, strict=True)],
+        }
+
+
+def _sent_by_scheduler(dask_scheduler: Any) -> tuple[int, int]:
+    streams = [*dask_scheduler.stream_comms.values(), *dask_scheduler.client_comms.values()]
+    return sum(stream.message_count for stream in streams), sum(stream.byte_count for stream in streams)
+
+
+def _sent_by_worker(dask_worker: Any) -> tuple[int, int]:
+    return dask_worker.batched_stream.message_count, dask_worker.batched_stream.byte_count
 
 
 def _cpu(process: psutil.Process) -> float:
@@ -252,11 +287,17 @@ def _told_kills(kills: dict) -> str:
 
 def _told_plan(plan: dict) -> str:
     (first, *start), (_, *end) = plan["memory"][0], plan["memory"][-1]
+    by_scheduler, by_workers = (plan["sent"][who] for who in ("scheduler", "workers"))
+    tasks = plan["tasks"]
     return (
         f"**A large plan.** {plan['rows']:,} rows on {WORKERS} workers, a pixel in place of each picture: "
-        f"{plan['tasks']:,} tasks, {plan['seconds']:.0f} s, {1e3 * plan['scheduler_cpu_s'] / plan['tasks']:.1f} ms of "
-        f"the scheduler's CPU a task. From the first {first:,} rows to the last, the scheduler's memory goes from "
-        f"{start[0]:.0f} to {end[0]:.0f} MB, and the client's from {start[1]:.0f} to {end[1]:.0f} MB."
+        f"{tasks:,} tasks, {plan['seconds']:.0f} s, {1e3 * plan['scheduler_cpu_s'] / tasks:.1f} ms of the scheduler's "
+        f"CPU a task. A task is {by_scheduler[0] / tasks:.1f} messages of the scheduler "
+        f"({by_scheduler[1] / tasks / 1e3:.1f} kB) and {by_workers[0] / tasks:.1f} of its worker "
+        f"({by_workers[1] / tasks / 1e3:.1f} kB). From the first {first:,} rows to the last, the scheduler's memory "
+        f"goes from {start[0]:.0f} to {end[0]:.0f} MB, and the client's from {start[1]:.0f} to {end[1]:.0f} MB; the "
+        f"slopes over the last four fifths are {plan['mb_per_million'][0]:+.0f} and {plan['mb_per_million'][1]:+.0f} "
+        "MB for a million rows."
     )
 
 

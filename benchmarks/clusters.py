@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -39,13 +40,14 @@ os.execv(command[0], command)
 class Cluster:
     """A scheduler and the workers that were started for it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, tls: Sequence[str] = (), lost: str = LOST_S) -> None:
         folder.mkdir(parents=True)
         self.folder, self.file = folder, folder / "scheduler.json"
         self.workers: list[subprocess.Popen] = []
+        self._tls = tls
         self.log = (folder / "log").open("ab")
-        environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": LOST_S}
-        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard"]
+        environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": lost}
+        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard", *tls]
         self.scheduler = self._start(
             [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
         )
@@ -63,13 +65,21 @@ class Cluster:
     def address(self) -> str:
         return self._address()
 
-    def add(self, *more, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None):
+    def add(
+        self,
+        *more,
+        python=(sys.executable, "-P"),
+        before=(),
+        environment=None,
+        largest_file=None,
+        resources="render=1",
+    ):
         """Start a worker: with another Python, by another command, or unable to write files above a size."""
         number = len(self.workers)
         scratch = self.folder / f"worker-{number}"
-        options = ["--nthreads", "1", "--resources", "render=1", "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
+        options = ["--nthreads", "1", "--resources", resources, "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
         options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
-        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *more]
+        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *self._tls, *more]
 
         def bound():
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
@@ -97,8 +107,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder, workers=0):
-    made = Cluster(folder)
+def cluster(folder, workers=0, *, tls=(), lost=LOST_S):
+    """A cluster; `tls` are options of `dask scheduler` and `dask worker`, `lost` is when a silent worker is lost."""
+    made = Cluster(folder, tls, lost)
     try:
         for _ in range(workers):
             made.add()

@@ -19,12 +19,21 @@ import msgspec
 
 from geometry.errors import HulldownError
 from render.jobs import RenderAssets
-from render.kept import note, pieces
 from render.messages import RenderJob
 from render.node import keep_piece, render_parcel
-from render.parcels import Answer, AssetNote, Order, Parcel, Piece, decode_answer, encode, named_files, versions
+from render.parcels import (
+    Answer,
+    Order,
+    Parcel,
+    Piece,
+    decode_answer,
+    encode,
+    named_files,
+    versions,
+)
 from render.pool import POLL_S, Limits, Stopped
 from render.scheduler import Scheduler
+from render.sent import ClientFiles, pieces
 from render.shares import Shares
 from render.tasks import Task, Tasks, scratch
 
@@ -117,15 +126,18 @@ class ClusterPool:
         self._address, self._device, self._limits = scheduler.address, device, limits
         self._shared = shared if scheduler.shared_disk else None
         self._say, self._stopping = say, stopping
-        self._references = _references(assets)
-        self._notes: dict[str, AssetNote] = {}  # by path
-        self._files: dict[str, str] = {}  # path by SHA-256
+        self._files = ClientFiles(assets)
         self._nodes: dict[str, _Node] = {}
         self._refusal = ("", "")  # the last: address and reason
         self._told = -1
         self._tasks = Tasks(scheduler, RESOURCE)
         if dashboard := self._tasks.dashboard:
             self._say(f"dashboard: {dashboard}")
+
+    @property
+    def working(self) -> int:
+        """How many workers render."""
+        return len(self._usable())
 
     def run(
         self,
@@ -212,20 +224,11 @@ class ClusterPool:
         named = sorted({path for order in orders for path in named_files(order.job)})
         return Parcel(
             orders=orders,
-            assets=[self._note(path) for path in named],
+            assets=[self._files.asset(path) for path in named],
             device=self._device,
             image_s=self._limits.job_s,
             shared=str(self._shared) if self._shared else "",
         )
-
-    def _note(self, path: str) -> AssetNote:
-        if path not in self._notes:
-            file = note(Path(path))
-            references = [
-                note(Path(reference)) for reference in self._references.get(path, ()) if Path(reference).is_file()
-            ]
-            self._notes[path], self._files[file.sha256] = AssetNote(file, references), path
-        return self._notes[path]
 
     def _hear(self, node: _Node, task: Task, positions: Sequence[int], outcome: bytes | BaseException) -> None:
         """A parcel has come back, rendered or not."""
@@ -272,10 +275,13 @@ class ClusterPool:
     def _send(self, node: _Node, lacking: Sequence[str]) -> None:
         """Begin to send a worker the files of these hashes."""
         node.sent.update(lacking)
-        if lost := [sha256 for sha256 in lacking if node.sent[sha256] > SENDINGS]:
-            self._refuse(node, f"does not keep {self._files[lost[0]]}, which it was sent {SENDINGS} times")
+        files = [file for sha256 in lacking if (file := self._files.with_hash(sha256)) is not None]
+        if len(files) < len(lacking):
+            self._refuse(node, "asks for files that no image needs")
+        elif lost := [file.path for file in files if node.sent[file.sha256] > SENDINGS]:
+            self._refuse(node, f"does not keep {lost[0]}, which it was sent {SENDINGS} times")
         else:
-            node.pieces = pieces([self._notes[self._files[sha256]].file for sha256 in lacking])
+            node.pieces = pieces(files)
 
     def _receive(self, png: bytes, output: Path, folder: str) -> None:
         """Put a picture where a worker of this machine would have written it."""
@@ -368,10 +374,3 @@ class ClusterPool:
 def _render_here(client: bytes, parcel: bytes) -> bytes:
     """What runs in a worker of the cluster."""
     return render_parcel(client, parcel, scratch())
-
-
-def _references(assets: RenderAssets) -> dict[str, tuple[str, ...]]:
-    """The files that each rendered file refers to, by its path as jobs have it."""
-    files = [(vehicle.tidy, vehicle.files) for vehicle in assets.vehicles.values()]
-    files += [(scenery.path, scenery.files) for scenery in assets.sceneries.values()]
-    return {str(path.resolve()): references for path, references in files}

@@ -15,6 +15,7 @@ from geometry.errors import HulldownError
 from render.cluster import RESOURCE
 from render.node import SHARE_VARIABLE
 
+RESOURCES = f"{RESOURCE}=1,train=1"
 HOST = "127.0.0.1"  # whoever reaches the port of a scheduler can run programs here
 LOST_S = 60  # a worker that says nothing for so long is lost
 END_S = 10  # what workers get to end by themselves
@@ -64,5 +65,14 @@ def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
 def worker_command(address: str, workers: int) -> list[str]:
     """How workers of this machine are started, as docs/cluster.md says."""
     # Of memory Dask would see its own process, and not Blender, which is watched by `render.pool`.
-    options = ["--nworkers", str(workers), "--nthreads", "1", "--resources", f"{RESOURCE}=1", "--memory-limit", "0"]
+    options = [
+        "--nworkers",
+        str(workers),
+        "--nthreads",
+        "1",
+        "--resources",
+        f"{RESOURCE}=1,train=1",
+        "--memory-limit",
+        "0",
+    ]
     return [sys.executable, "-m", "distributed.cli.dask_worker", address, *options, "--host", HOST, "--no-dashboard"]

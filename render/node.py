@@ -19,7 +19,7 @@ from typing import Any
 
 from geometry.errors import HulldownError
 from render.confinement import Confinement
-from render.kept import Kept, cache_folder, readable
+from render.kept import Kept, cache_folder
 from render.messages import RenderJob, to_json
 from render.parcels import (
     Answer,
@@ -123,12 +123,11 @@ class Node:
     def _render(self, parcel: Parcel) -> Answer:
         began = time.monotonic()
         try:
-            places = {asset.file.path: self._kept.place(asset) for asset in parcel.assets}
-            if lacking := [a.file.sha256 for a in parcel.assets if places[a.file.path] is None]:
-                return Answer(lacking=lacking)
-            here = {path: place for path, place in places.items() if place is not None}
-            references = [Path(file.path) for asset in parcel.assets for file in asset.references]
-            pool = self._pool_for(parcel, readable([*here.values(), *references]))
+            if lacking := [sha256 for asset in parcel.assets for sha256 in self._kept.lacking(asset)]:
+                return Answer(lacking=list(dict.fromkeys(lacking)))
+            here = {asset.file.path: self._kept.place(asset) for asset in parcel.assets}
+            read = [folder for asset in parcel.assets for folder in self._kept.readable(asset)]
+            pool = self._pool_for(parcel, read)
             restarts = pool.restarts
             pictures, failures = self._run(pool, parcel, here)
         except HulldownError as error:

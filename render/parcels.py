@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import math
+import os
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -77,6 +78,11 @@ class AssetNote(Struct, frozen=True):
 
     file: FileNote
     references: list[FileNote] = []
+
+    @property
+    def files(self) -> list[FileNote]:
+        """All of them."""
+        return [self.file, *self.references]
 
 
 class Order(Struct, frozen=True):
@@ -185,6 +191,11 @@ def decode_parcel(data: bytes) -> Parcel:
         If it is none, or has matrices, sizes or numbers that no plan could have.
     """
     parcel = _parcel(data)
+    for note in parcel.assets:
+        for file in note.files:
+            # Nodes lay files out below a folder of theirs.
+            if not (file.path.startswith("/") and "\0" not in file.path and file.path == _normal(file.path)):
+                raise ValueError(f"expected an absolute path without detours, got {file.path!r}")
     known = {note.file.path for note in parcel.assets}
     for order in parcel.orders:
         job = order.job
@@ -206,6 +217,10 @@ def decode_parcel(data: bytes) -> Parcel:
         if unknown := named_files(job) - known:
             raise ValueError(f"image {order.index}: {min(unknown)!r} is not among its files")
     return parcel
+
+
+def _normal(path: str) -> str:
+    return "/" + os.path.normpath(path).lstrip("/")
 
 
 def named_files(job: RenderJob) -> set[str]:

@@ -148,6 +148,11 @@ class Pool:
         self._workers = [_Worker(i, deque()) for i in range(workers or 1)]
         self._events: queue.SimpleQueue[tuple[WorkerProcess, dict[str, Any] | None]] = queue.SimpleQueue()
 
+    @property
+    def working(self) -> int:
+        """How many workers there are."""
+        return len(self._workers)
+
     def run(
         self,
         jobs: Sequence[int],

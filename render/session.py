@@ -37,12 +37,13 @@ UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so th
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: pictures in the dataset, given up, wanted; and a line to show, or an empty one."""
+    """How far a run is: pictures in the dataset, given up, wanted; a line to show, or an empty one; who renders."""
 
     finished: int
     failed: int
     images: int
     line: str = ""
+    workers: int = 0
 
 
 @runtime_checkable
@@ -53,6 +54,11 @@ class Renders(Protocol):
     devices: set[str]
     systems: set[str]
     blender_version: str
+
+    @property
+    def working(self) -> int:
+        """How many workers there are."""
+        ...
 
     def run(
         self,
@@ -100,6 +106,7 @@ class Session:
         self.begun = False
         self._plan, self._dataset, self._todo, self._assets = plan, dataset, todo, assets
         self._progress = progress
+        self._pool: Renders | None = None
         self._folder = dataset.folder
         self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
@@ -121,7 +128,8 @@ class Session:
     def say(self, line: str) -> None:
         """Tell the caller how far the run is."""
         finished = self._todo.already + self.rendered
-        self._progress(Progress(finished, len(self.failed), self._todo.wanted, line))
+        workers = self._pool.working if self._pool else 0
+        self._progress(Progress(finished, len(self.failed), self._todo.wanted, line, workers))
 
     def render(self, pool: Renders) -> None:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
@@ -129,6 +137,7 @@ class Session:
             self._unfinished.unlink()  # and not what a link leads to
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
+        self._pool = pool
         self.say("")
         try:
             pool.run(

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from distributed import Client, Future, Security, get_worker
+from distributed.worker import thread_state
 
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
@@ -139,6 +140,17 @@ class Tasks:
     def close(self) -> None:
         """Leave the cluster."""
         self._client.close(timeout=5)
+
+
+def wanted() -> Callable[[], bool]:
+    """For the task that calls this: what says, from any thread, whether the client still waits for it."""
+    worker, key = get_worker(), thread_state.key
+
+    def ask() -> bool:
+        state = worker.state.tasks.get(key)
+        return state is not None and state.state == "executing"
+
+    return ask
 
 
 def scratch() -> Path:

@@ -73,3 +73,12 @@ def test_a_parcel_that_no_client_could_send_is_refused(changes):
 )
 def test_a_node_of_another_version_is_refused(node, says):
     assert node.difference(Versions("0.1.0 (ab)", "5.0.1", "6.3")) == says
+
+
+@pytest.mark.parametrize(
+    "path", ["sky.exr", "/skies/../../etc/sky.exr", "//skies/sky.exr", "/skies/./sky.exr", "/a\0b"]
+)
+def test_a_file_is_sent_under_an_absolute_path_without_detours(path):
+    asset = AssetNote(ASSETS[0].file, [FileNote(path, "0" * 64, 1)])
+    with pytest.raises(ValueError, match="absolute path without detours"):
+        decode_parcel(encode(parcel(assets=[*ASSETS, asset])))

@@ -1,45 +1,23 @@
 """`hulldown render` with real Blender, killed without warning: the dataset must be that of a run left alone."""
 
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from benchmarks.resuming import Kill, differences, render
-from planning.config import load_config
-from planning.loading import load_assets
-from planning.write import write_plan
+from tests.blender_plans import IMAGES, make_worlds, plan_in
 
 pytestmark = pytest.mark.blender
-WORLDS = Path(__file__).with_name("render_worlds.py")
-CONFIG = """
-[assets]
-hdris = ["grey.exr"]
-vehicles = [{path = "tank.blend", category = "tank"}]
-sceneries = [{path = "field.blend"}]
-[budget]
-images_per_class = 12
-[camera]
-target_fraction = [0.3, 0.6]
-[render]
-width = 96
-height = 54
-samples = 2
-"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A plan, rendered into `whole` by a run that was left alone and into `killed` by one that was not."""
     made = tmp_path_factory.mktemp("resuming")
-    subprocess.run([sys.executable, "-P", str(WORLDS), str(made)], check=True, capture_output=True)
-    (made / "hulldown.toml").write_text(CONFIG)
-    config = load_config(made / "hulldown.toml")
-    plan = write_plan(config, load_assets(config), made / "plan.jsonl")
-    render(plan.path, made / "whole")
-    course = render(plan.path, made / "killed", [Kill("worker", 2, 0.02), Kill("run", 3, 0.05)])
+    make_worlds(made)
+    plan = plan_in(made)
+    render(plan, made / "whole")
+    course = render(plan, made / "killed", [Kill("worker", 2, 0.02), Kill("run", 3, 0.05)])
     assert course.killed == {"run": 1, "worker": 1}
     assert course.started == 2
     return made
@@ -48,7 +26,7 @@ def folder(tmp_path_factory):
 def test_two_kills_lose_and_double_nothing(folder):
     found = differences(folder / "whole", folder / "killed")
     assert found == dict.fromkeys(found, 0)
-    assert len(list((folder / "killed" / "images").iterdir())) == 12
+    assert len(list((folder / "killed" / "images").iterdir())) == IMAGES
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import signal
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +18,37 @@ from verbs.arguments import (
     fraction,
     one_of_shares,
     page_name,
-    port,
     positive,
     read_limits,
     three_shares,
 )
-from verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, progress_bar, reading_status, say, show_list, warn
+from verbs.cluster import add_scheduler, scheduler_of
+from verbs.terminal import (
+    DONE,
+    FOUND,
+    STDOUT,
+    STOPPED,
+    print_json,
+    progress_bar,
+    reading_status,
+    say,
+    show_list,
+    titled_bar,
+    warn,
+)
 
 
 def _render(arguments: argparse.Namespace) -> int:
     from render.pool import DEFAULT_LIMITS
     from render.supervisor import render_plan
 
-    with progress_bar("rendering") as advance:
+    with titled_bar(unit="images") as advance:
 
         def show(progress: Any) -> None:
             if progress.line:
                 say(progress.line)
-            advance(progress.finished, progress.images)
+            workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
+            advance(f"rendering{workers}", progress.finished, progress.images)
 
         report = render_plan(
             arguments.plan,
@@ -71,38 +82,11 @@ def _scheduler(arguments: argparse.Namespace) -> Any:
     """The cluster to render on; None without."""
     if arguments.scheduler is None:
         return None
-    from render.scheduler import Scheduler
-
     if alone := next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None):
         raise HulldownError(
             f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
         )
-    return Scheduler(
-        arguments.scheduler,
-        shared_disk=arguments.shared_disk,
-        tls_ca=arguments.tls_ca_file,
-        tls_cert=arguments.tls_cert,
-        tls_key=arguments.tls_key,
-    )
-
-
-def _cluster(arguments: argparse.Namespace) -> int:
-    """Runs until Ctrl-C or SIGTERM."""
-    try:
-        from render.local_cluster import local_cluster
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
-    with local_cluster(arguments.workers, port=arguments.port) as address:
-        if arguments.json:
-            print_json({"scheduler": address, "workers": arguments.workers})
-        say(f"{arguments.workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
-        say("Ctrl-C ends them")
-        threading.Event().wait()
-    return DONE
+    return scheduler_of(arguments, shared_disk=arguments.shared_disk)
 
 
 def _join(arguments: argparse.Namespace) -> int:
@@ -239,14 +223,8 @@ def add(verb: AddVerb) -> None:
         "--share", type=one_of_shares, default=(1, 1), metavar="K/N",
         help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
     )  # fmt: skip
-    sub.add_argument(
-        "--scheduler", metavar="ADDRESS",
-        help="render on the workers of a Dask cluster: tcp://HOST:8786, or the file of its scheduler (.json)",
-    )  # fmt: skip
+    add_scheduler(sub, "render on the workers of a Dask cluster: tcp://HOST:8786, or the file of its scheduler (.json)")
     sub.add_argument("--shared-disk", action="store_true", help="they see DATASET too: write pictures into it")
-    sub.add_argument("--tls-ca-file", type=Path, metavar="PEM", help="for --scheduler tls://HOST:8786")
-    sub.add_argument("--tls-cert", type=Path, metavar="PEM", help="the same")
-    sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
     sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
     sub.add_argument(
         "--image-timeout", type=positive, metavar="SECONDS",
@@ -254,13 +232,6 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     add_read_limits(sub)
     add_cache(sub, ".hulldown-cache beside the plan")
-
-    sub = verb(
-        "cluster", _cluster, "start a Dask cluster on this machine",
-        "Starts a scheduler and workers that `hulldown render --scheduler` renders on, until Ctrl-C; writes nothing.",
-    )  # fmt: skip
-    sub.add_argument("--workers", type=at_least_one, default=2, metavar="N", help="processes (default: 2)")
-    sub.add_argument("--port", type=port, default=8786, help="of the scheduler, on 127.0.0.1; 0: any (default: 8786)")
 
     sub = verb(
         "join", _join, "put parts of a dataset together",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 from pathlib import Path
@@ -11,7 +12,10 @@ from typing import Any
 from geometry.errors import HulldownError
 from geometry.files import replacing
 from verbs.arguments import AddVerb
+from verbs.cluster import add_scheduler, scheduler_of, training_workers
 from verbs.terminal import DONE, FOUND, STDOUT, make_room, print_json, progress_bar, progress_bars, say, warn
+
+MOST_AT_ONCE = 256  # runs that a cluster is asked for
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -59,8 +63,15 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         return _dry_run(arguments, settled, options)
     usable_weights(config.train)
-    with progress_bars() as advance:
-        done = run_study(settled, arguments.output, options=options, progress=advance, say=say)
+    scheduler = scheduler_of(arguments)
+    with progress_bars() as advance, contextlib.ExitStack() as stack:
+        launch, at_once = None, None
+        if scheduler is not None:
+            launch = stack.enter_context(training_workers(scheduler))
+            at_once = min(len(settled.manifest.runs), MOST_AT_ONCE)
+        done = run_study(
+            settled, arguments.output, options=options, launch=launch, at_once=at_once, progress=advance, say=say
+        )
     if arguments.json:
         print_json(dataclasses.asdict(done))
     for name, reason in done.failed.items():
@@ -140,6 +151,9 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument(
         "--workers", type=int, help="processes of a run that augment pictures (default: the cores but one)"
+    )
+    add_scheduler(
+        sub, "train on the workers of a Dask cluster, which see all these folders: tcp://HOST:8786, or its .json file"
     )
     sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
 

@@ -14,9 +14,19 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 from geometry.errors import HulldownError
 
@@ -38,6 +48,7 @@ STDERR = Terminal(stderr=True, highlight=False)
 STDOUT = Terminal(highlight=False)
 WIDEST = 10_000  # characters of a table in a file or a pipe
 LONGEST_LINE = 2000  # characters of a message
+SPEED_S = 300.0  # over which the speed of a bar is taken
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
@@ -145,15 +156,30 @@ def reading_status() -> Iterator[Callable[[str], None]]:
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
     """A bar on stderr; yields what is to be called with the steps done and their total."""
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
-    )  # fmt: skip
-    bar = Progress(*columns, console=STDERR)
-    task = bar.add_task(title, total=None)
+    with titled_bar() as advance:
+        yield lambda done, total: advance(title, done, total)
 
-    def advance(done: int, total: int) -> None:
+
+@contextmanager
+def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
+    """A bar on stderr; yields what is to be called with its title, the steps done and their total.
+
+    Parameters
+    ----------
+    unit
+        What the steps are, to show how many a second there are; empty for not.
+    """
+    speed = [Speed(unit)] if unit else []
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *speed, TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    bar = Progress(*columns, console=STDERR, speed_estimate_period=SPEED_S)
+    task = bar.add_task("", total=None)
+
+    def advance(title: str, done: int, total: int) -> None:
         bar.start()
-        bar.update(task, completed=done, total=total)
+        bar.update(task, description=title, completed=done, total=total)
 
     try:
         yield advance
@@ -161,6 +187,24 @@ def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
         # A bar that never started has nothing to say: a mistake stays one line.
         if bar.live.is_started:
             bar.stop()
+
+
+class Speed(ProgressColumn):
+    """Steps a second, lately.
+
+    Parameters
+    ----------
+    unit
+        What the steps are.
+    """
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """As Rich asks for it."""
+        return Text(f"{task.speed:.3g} {self._unit}/s" if task.speed else "", style="progress.data.speed")
 
 
 @contextmanager

@@ -47,15 +47,16 @@ def refuse_odd_references(path: Path) -> None:
 def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
     """Code of the block and path as written, of all that a .blend names; what cannot be read names nothing."""
     try:
-        with open(path, "rb") as raw, _unpacked(raw) as file:
-            for code, data in _blocks(file):
+        with open(path, "rb") as raw, unpacked(raw) as file:
+            for code, _, data in blocks(file):
                 for found in PATH.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
     except (OSError, EOFError, ValueError, struct.error):
         return
 
 
-def _unpacked(raw: BinaryIO) -> BinaryIO:
+def unpacked(raw: BinaryIO) -> BinaryIO:
+    """A .blend as it was before it was compressed."""
     start = raw.read(4)
     raw.seek(0)
     if start == b"\x28\xb5\x2f\xfd":
@@ -67,13 +68,21 @@ def _unpacked(raw: BinaryIO) -> BinaryIO:
     return raw
 
 
-def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
-    """Code and data of each block of the kinds in `OPENED`."""
+def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
+    """Code, offset and data of each block of the kinds in `OPENED`; `file` is one that is not compressed.
+
+    Raises
+    ------
+    EOFError
+        If it ends too early.
+    """
     header = _exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return
+    offset = 12
     if header[7:9].isdigit():  # since 5.0: its own size, and a format of blocks with sizes of 64 bits
-        _exactly(file, int(header[7:9]) - 12)
+        offset = int(header[7:9])
+        _exactly(file, offset - 12)
         head, order = struct.Struct("<4siQqq"), (3,)
     else:
         little = "<" if header[8:9] == b"v" else ">"
@@ -82,12 +91,14 @@ def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
     while True:
         fields = head.unpack(_exactly(file, head.size))
         code, size = fields[0], fields[order[0]]
+        offset += head.size
         if code == b"ENDB" or size < 0:
             return
         if code in OPENED and size <= LONGEST:
-            yield code, _exactly(file, size)
+            yield code, offset, _exactly(file, size)
         else:
             _skip(file, size)
+        offset += size
 
 
 def _exactly(file: BinaryIO, size: int) -> bytes:

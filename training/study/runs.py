@@ -11,7 +11,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -140,10 +140,11 @@ def run_study(
     *,
     options: Options,
     launch: Launch | None = None,
+    at_once: int | None = None,
     progress: Progress = lambda what, done, total: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Done:
-    """Run what is not finished, one run at a time, or one on each GPU.
+    """Run what is not finished.
 
     Parameters
     ----------
@@ -155,6 +156,8 @@ def run_study(
         How each is run.
     launch
         What runs one; None: a process of its own.
+    at_once
+        Runs that are launched at the same time; None: one a GPU of this machine, or one.
     progress
         Told what is done, how much of it, and all.
     say
@@ -174,7 +177,8 @@ def run_study(
     try:
         with FileLock(out / LOCK_NAME, timeout=0):
             write_manifest(settled, out)
-            return _run_all(manifest, out, options, launch or in_a_process, progress, say)
+            places = gpu_places(options) if at_once is None else [options] * at_once
+            return _run_all(manifest, out, places, launch or in_a_process, progress, say)
     except Timeout:
         raise HulldownError(
             "another process is running this study", path=out, remedy="wait until it has ended, or name another folder"
@@ -182,14 +186,18 @@ def run_study(
 
 
 def _run_all(
-    manifest: Manifest, out: Path, options: Options, launch: Launch, progress: Progress, say: Callable[[str], None]
+    manifest: Manifest,
+    out: Path,
+    places: Sequence[Options],
+    launch: Launch,
+    progress: Progress,
+    say: Callable[[str], None],
 ) -> Done:
     already = [run.name for run in manifest.runs if is_finished(out, manifest, run)]
     left = [run.name for run in manifest.runs if run.name not in already]
     if already:
         say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
     slots: queue.SimpleQueue[Options] = queue.SimpleQueue()
-    places = gpu_places(options)
     for place in places:
         slots.put(place)
     finished: list[str] = []

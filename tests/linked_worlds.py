@@ -1,0 +1,99 @@
+"""Makes a scenery that links libraries and has textures of its own, and a vehicle as OBJ; run as a script in Blender.
+
+``python linked_worlds.py FOLDER``. The libraries are linked by a relative and by an absolute path, and so are textures.
+"""
+
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+from render_worlds import box, field, fresh, grey, save
+
+FOLDER = Path(sys.argv[1])
+
+
+def picture(path, color):
+    """A checked picture on disk."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = bpy.data.images.new(path.stem, 16, 16)
+    pixels = np.ones((16, 16, 4), dtype=np.float32)
+    pixels[:, :, :3] = color
+    pixels[::2, ::2, :3] *= 0.3
+    image.pixels.foreach_set(pixels.ravel())
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+def textured(name, path):
+    """A material that shows a picture, named by this path, where it lies on the object."""
+    material = bpy.data.materials.new(name)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    texture = nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(path))
+    links.new(texture.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    return material
+
+
+def library(path, texture):
+    """A boulder in a collection that is called as the file."""
+    fresh()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    box("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), textured("stone", texture))
+    collection = bpy.data.collections.new(path.stem)
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(bpy.context.object)
+
+
+def link(path, at):
+    with bpy.data.libraries.load(str(path), link=True) as (_, target):
+        target.collections = [path.stem]
+    instance = bpy.data.objects.new(f"a {path.stem}", None)
+    instance.instance_type, instance.instance_collection = "COLLECTION", target.collections[0]
+    instance.location = at
+    bpy.context.scene.collection.objects.link(instance)
+
+
+def save_absolute(path):
+    """Save, and leave absolute paths as they are, which Blender makes relative by default."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False, compress=True)
+
+
+def main():
+    """Write them."""
+    textures = FOLDER / "shared" / "textures"
+    colors = {"soil": (0.7, 0.2, 0.1), "near": (0.1, 0.6, 0.1), "far": (0.1, 0.1, 0.7), "skin": (0.9, 0.8, 0.0)}
+    for name, color in colors.items():
+        picture(textures / f"{name}.png", color)
+    near, far = FOLDER / "shared" / "rocks" / "near.blend", FOLDER / "elsewhere" / "far.blend"
+    library(near, textures / "near.png")
+    save(near)
+    library(far, textures / "far.png")
+    save_absolute(far)
+    scenery = FOLDER / "sceneries" / "field.blend"
+    scenery.parent.mkdir()
+
+    def drape():
+        ground = bpy.data.objects["ground"]
+        ground.data.materials.clear()
+        ground.data.materials.append(textured("soil", textures / "soil.png"))
+        for x, y in ((-15.0, 0.0), (15.0, 10.0), (0.0, -20.0)):
+            link(near, (x, y, 0.0))
+
+    field(scenery, drape=drape)
+    for x, y in ((0.0, -15.0), (10.0, 15.0), (-20.0, 0.0)):
+        link(far, (x, y, 0.0))
+    save_absolute(scenery)
+    fresh()
+    skin = textured("skin", textures / "skin.png")
+    box("hull", (6.0, 3.0, 1.5), (0.0, 0.0, 0.75), skin)
+    turret = box("turret", (2.6, 2.0, 0.9), (-0.4, 0.0, 1.95), skin)
+    box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 1.95), skin, turret)
+    vehicle = FOLDER / "vehicles" / "tank.obj"
+    vehicle.parent.mkdir()
+    bpy.ops.wm.obj_export(filepath=str(vehicle), path_mode="RELATIVE", forward_axis="NEGATIVE_Z", up_axis="Y")
+    grey(FOLDER / "grey.exr")
+
+
+main()

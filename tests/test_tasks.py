@@ -1,0 +1,67 @@
+"""Tasks on the workers of a Dask cluster: that they end with who wants them, and go over TLS."""
+
+import shutil
+import subprocess
+import time
+
+import pytest
+
+from benchmarks.clusters import cluster
+from geometry.errors import HulldownError
+from render.scheduler import Scheduler
+from render.tasks import Tasks
+from tests.cluster_tasks import echo, until_unwanted
+
+
+def wait_for(path):
+    while not path.exists():
+        time.sleep(0.05)
+
+
+def worker_of(tasks):
+    while not (workers := tasks.workers()):
+        time.sleep(0.1)
+    return next(iter(workers))
+
+
+@pytest.mark.parametrize("leave", [lambda tasks, task: tasks.take_back([task]), lambda tasks, task: tasks.close()])
+def test_a_task_learns_that_nobody_waits_for_it(tmp_path, leave):
+    """So that a training ends with the study that wanted it, even if that was killed."""
+    with cluster(tmp_path / "nodes", 1) as nodes:
+        tasks = Tasks(Scheduler(nodes.address), "render")
+        task = tasks.submit(worker_of(tasks), until_unwanted, str(tmp_path).encode())
+        wait_for(tmp_path / "begun")
+        time.sleep(0.5)
+        assert not (tmp_path / "ended").exists()
+        leave(tasks, task)
+        wait_for(tmp_path / "ended")
+        tasks.close()
+
+
+@pytest.fixture
+def certificates(tmp_path):
+    """An authority's, and one that it has signed, with its key."""
+    subject = ["-subj", "/CN=hulldown test", "-nodes", "-newkey", "rsa:2048", "-days", "2"]
+
+    def openssl(*words):
+        subprocess.run(["openssl", *words], cwd=tmp_path, check=True, capture_output=True)
+
+    openssl("req", "-x509", *subject, "-keyout", "ca-key.pem", "-out", "ca.pem")
+    openssl("req", *subject, "-keyout", "key.pem", "-out", "request.pem")
+    openssl("x509", "-req", *("-in", "request.pem", "-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial"),
+            "-days", "2", "-out", "cert.pem")  # fmt: skip
+    return [tmp_path / name for name in ("ca.pem", "cert.pem", "key.pem")]
+
+
+@pytest.mark.xfail(shutil.which("openssl") is None, reason="there is no openssl to make certificates", run=False)
+def test_tasks_go_over_tls_and_nobody_comes_in_without_a_certificate(tmp_path, certificates):
+    ca, cert, key = certificates
+    tls = ["--protocol", "tls", "--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key)]
+    with cluster(tmp_path / "nodes", 1, tls=tls) as nodes:
+        assert nodes.address.startswith("tls://")
+        tasks = Tasks(Scheduler(nodes.address, tls_ca=ca, tls_cert=cert, tls_key=key), "render")
+        task = tasks.submit(worker_of(tasks), echo, b"hello")
+        assert tasks.events.get(timeout=300) == (task, b"hello")
+        tasks.close()
+        with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
+            Tasks(Scheduler(nodes.address), "render")

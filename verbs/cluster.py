@@ -1,0 +1,104 @@
+"""The verb cluster, and what other verbs say of a cluster that they use."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import HulldownError
+from verbs.arguments import AddVerb, at_least_one, port
+from verbs.terminal import DONE, print_json, say
+
+
+def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
+    """Let a verb work on a cluster."""
+    sub.add_argument("--scheduler", metavar="ADDRESS", help=help_text)
+    sub.add_argument("--tls-ca-file", type=Path, metavar="PEM", help="for --scheduler tls://HOST:8786")
+    sub.add_argument("--tls-cert", type=Path, metavar="PEM", help="the same")
+    sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
+
+
+def scheduler_of(arguments: argparse.Namespace, *, shared_disk: bool = False) -> Any:
+    """The cluster that a command line names; None without."""
+    if arguments.scheduler is None:
+        return None
+    from render.scheduler import Scheduler
+
+    return Scheduler(
+        arguments.scheduler,
+        shared_disk=shared_disk,
+        tls_ca=arguments.tls_ca_file,
+        tls_cert=arguments.tls_cert,
+        tls_key=arguments.tls_key,
+    )
+
+
+@contextmanager
+def needing_dask() -> Iterator[None]:
+    """Say in one line that Dask is not installed.
+
+    Raises
+    ------
+    HulldownError
+        That.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
+
+
+@contextmanager
+def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
+    """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
+    with needing_dask():
+        from render.tasks import Tasks
+    from training.study.elsewhere import RESOURCE, OnWorkers
+
+    tasks = Tasks(scheduler, RESOURCE)
+    try:
+        with OnWorkers(tasks, _train_here, say) as launch:
+            yield launch
+    finally:
+        tasks.close()
+
+
+def _train_here(order: bytes) -> bytes:
+    """What runs in a worker of the cluster."""
+    from render.tasks import wanted
+    from training.study.elsewhere import run_here
+
+    return run_here(order, wanted())
+
+
+def _cluster(arguments: argparse.Namespace) -> int:
+    """Runs until Ctrl-C or SIGTERM."""
+    with needing_dask():
+        from render.local_cluster import local_cluster
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
+    with local_cluster(arguments.workers, port=arguments.port) as address:
+        if arguments.json:
+            print_json({"scheduler": address, "workers": arguments.workers})
+        say(f"{arguments.workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
+        say("Ctrl-C ends them")
+        threading.Event().wait()
+    return DONE
+
+
+def add(verb: AddVerb) -> None:
+    """Add this verb to the command."""
+    sub = verb(
+        "cluster", _cluster, "start a Dask cluster on this machine",
+        "Starts a scheduler and workers for `hulldown render --scheduler` and `hulldown study run --scheduler`, until "
+        "Ctrl-C; writes nothing.",
+    )  # fmt: skip
+    sub.add_argument("--workers", type=at_least_one, default=2, metavar="N", help="processes (default: 2)")
+    sub.add_argument("--port", type=port, default=8786, help="of the scheduler, on 127.0.0.1; 0: any (default: 8786)")
