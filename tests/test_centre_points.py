@@ -19,9 +19,19 @@ from training.centre_points import (
 from training.settings import load_settings
 from training.train import train
 
+pytestmark = pytest.mark.usefixtures("one_thread")
 HEIGHT, WIDTH = 12, 20  # cells
 XYXY = torch.tensor([[3.0, 5.0, 40.0, 31.0], [90.0, 40.0, 131.0, 77.0], [100.0, 2.0, 109.0, 12.0]])
 TRUTH = Truth(torch.tensor([0, 0, 1]), XYXY, torch.tensor([1, 0, 1]))
+
+
+@pytest.fixture(scope="module")
+def one_thread():
+    """Several wait for each other longer than they work on pictures as small as these."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 def perfect_maps(truth: Truth, pictures: int, classes: int) -> CentreMaps:

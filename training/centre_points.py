@@ -25,8 +25,8 @@ from torchvision.models.resnet import BasicBlock, conv1x1
 STEM = 16  # channels at stride 2
 WIDTHS = (24, 48, 96, 128)  # channels at strides 4, 8, 16, 32
 BLOCKS = (1, 1, 2, 2)  # residual blocks there
-SKIPPED = 1  # levels finer than the maps
 STRIDE = 8  # pixels between cells of the maps; at 4 a step takes longer, and as many steps teach no more
+SKIPPED = 1  # stages finer than the maps
 NECK = 48  # channels on the way back to the maps; the head has twice as many
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colours, from 0 to 1
 RARE = 0.01  # how likely a centre is in a cell before anything is learnt
@@ -109,8 +109,7 @@ class CentreNetwork(nn.Module):
         nn.init.constant_(self.heat.bias, float(torch.logit(torch.tensor(RARE))))
         nn.init.zeros_(self.box.weight)
         nn.init.zeros_(self.box.bias)
-        colours = {"mean": MEAN, "deviation": DEVIATION}
-        for name, values in colours.items():
+        for name, values in (("mean", MEAN), ("deviation", DEVIATION)):
             self.register_buffer(name, 255 * torch.tensor(values).view(1, 3, 1, 1), persistent=False)
 
     def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CentreMaps:
@@ -127,7 +126,7 @@ class CentreNetwork(nn.Module):
             height, width = level.shape[-2:]
             found = merged(across(level) + functional.interpolate(found, scale_factor=2.0)[..., :height, :width])
         found = self.head(found)
-        return CentreMaps(self.heat(found), self.box(found))
+        return CentreMaps(self.heat(found).float(), self.box(found).float())
 
 
 def _convolved(before: int, after: int, *, stride: int = 1) -> nn.Module:
@@ -143,7 +142,7 @@ def _stage(before: int, after: int, blocks: int) -> nn.Module:
     )
     for block in stage:
         nn.init.zeros_(block.bn2.weight)  # each begins as its shortcut, which trains faster
-    return nn.Sequential(*stage)
+    return stage
 
 
 def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
