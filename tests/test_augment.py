@@ -5,6 +5,7 @@ import pytest
 
 from geometry.errors import ConfigError
 from tests.training_pictures import make_dataset
+from training import data
 from training.augment import NOTHING, TABLE, Augmenter, Change, OneOf, Sample, changed_table
 from training.data import Batches, DrawnExamples
 from training.draws import make_draws
@@ -147,10 +148,13 @@ def test_a_wrong_change_of_the_table_is_named(changes, message):
         changed_table(changes)
 
 
-def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path):
+@pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_BYTES])  # nothing, a few pictures, all
+def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path, monkeypatch, kept_bytes):
     _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
     draws = make_draws([12], 30, seed=5)
-    examples = [DrawnExamples(sources, draws, (64, 48), TABLE) for _ in range(2)]
+    examples = [DrawnExamples(sources, draws, (64, 48), TABLE)]
+    monkeypatch.setattr(data, "KEPT_BYTES", kept_bytes)
+    examples.append(DrawnExamples(sources, draws, (64, 48), TABLE))
     forwards = [examples[0][k] for k in range(30)]
     for k in range(29, -1, -1):
         again = examples[1][k]

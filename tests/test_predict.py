@@ -10,10 +10,11 @@ from PIL import Image
 from cli import main
 from geometry.errors import DatasetError, HulldownError
 from tests.detections import dataset
+from training.centre_points import CentreNetwork
 from training.labels import read_labels
 from training.predict import UNFINISHED_SUFFIX, predict
 from training.predictions import read_predictions
-from training.small import save_small, small_network, small_size
+from training.small import save_small, small_size
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +23,9 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
     size = small_size(64)
-    network = small_network(2, size)
+    network = CentreNetwork(2)
     with torch.no_grad():  # untrained it is sure of nothing
-        network.head.classification_head.cls_logits.bias.fill_(1.0)
+        network.heat.bias.fill_(1.0)
     torch.save(save_small(network, ("truck", "tank"), size), folder / "weights.pt")
     (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished"}))
     return folder

@@ -13,7 +13,7 @@ from PIL import Image
 from geometry.errors import ConfigError, DatasetError, HulldownError
 from tests.training_pictures import edit, make_dataset
 from training.augment import TABLE, OneOf
-from training.settings import Settings, load_settings, rate_factor
+from training.settings import Settings, completed, load_settings, rate_factor
 from training.sources import check_pictures, read_sources
 
 ROOT = Path(__file__).parents[1]
@@ -198,6 +198,18 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
         load_settings(path, {})
     with pytest.raises(ConfigError, match="no such file"):
         load_settings(tmp_path / "none.toml", {})
+
+
+def test_each_model_has_its_augmentation_and_the_users_lines_win():
+    assert load_settings(None, {"model": "medium"}).augmentation == {}
+    own = load_settings(None, {"model": "small"})
+    assert own.augmentation["shear"] == {"probability": 0.0}
+    assert completed(own) == own
+    asked = {"flare": {"probability": 0.1}, "gamma": {"probability": 0.2}, "shift_scale_rotate": {"rotate_deg": 9}}
+    changed = load_settings(None, {"model": "small", "augmentation": asked}).augmentation
+    assert changed == own.augmentation | asked | {
+        "shift_scale_rotate": own.augmentation["shift_scale_rotate"] | {"rotate_deg": 9}
+    }
 
 
 def test_the_learning_rate_follows_the_steps_of_the_budget():

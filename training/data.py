@@ -16,6 +16,8 @@ from training.augment import Augmenter, Sample, Table
 from training.draws import Draws
 from training.sources import Source
 
+KEPT_BYTES = 256 * 2**20  # of pictures that each worker keeps in memory
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Example:
@@ -52,14 +54,30 @@ class DrawnExamples(Dataset[Example]):
     def __init__(self, sources: Sequence[Source], draws: Draws, size: tuple[int, int], table: Table) -> None:
         self.sources, self.draws, self.size = sources, draws, size
         self.augment = Augmenter(table, height=size[1])
+        self._kept: dict[tuple[int, int], Sample] = {}
+        self._room = KEPT_BYTES
 
     def __len__(self) -> int:
         return len(self.draws)
 
     def __getitem__(self, k: int) -> Example:
         cv2.setNumThreads(0)  # its threads fight for the cores that the loader's workers and the network use
-        sample = self.sources[self.draws.source[k]].sample(int(self.draws.image[k]))
-        return example(self.augment(at_work_size(sample, self.size), int(self.draws.seed[k])), self.size)
+        return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
+
+    def _sample(self, k: int) -> Sample:
+        """What draw k is of, before augmentation. A small dataset is read once: reading takes longer than the rest."""
+        key = int(self.draws.source[k]), int(self.draws.image[k])
+        if key in self._kept:
+            return self._kept[key]
+        sample = at_work_size(self.sources[key[0]].sample(key[1]), self.size)
+        arrays = [sample.picture, *(mask for mask in sample.masks if mask is not None)]
+        needed = sum(array.nbytes for array in arrays)
+        if needed <= self._room:
+            self._room -= needed
+            for array in arrays:
+                array.flags.writeable = False
+            self._kept[key] = sample
+        return sample
 
 
 def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:

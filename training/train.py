@@ -20,15 +20,16 @@ import torch
 
 from geometry.errors import ConfigError
 from geometry.files import replacing
-from training.augment import TABLE, changed_table
+from training.augment import changed_table
 from training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
+from training.centre_points import CentreNetwork
 from training.data import Batches, DrawnExamples, loader
 from training.detector import RUN_NAME, Detector, DetectorError, chosen_device
 from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
 from training.extra import quiet
 from training.run_folder import RunFolder, opened
 from training.settings import Settings
-from training.small import SmallDetector, SmallModule, save_small, small_network, small_size
+from training.small import SmallDetector, SmallModule, save_small, small_size
 from training.sources import Source, check_pictures, read_sources
 from training.validate import average_precision
 
@@ -170,7 +171,7 @@ def _fit_small(
     parts, ranks = _parts(settings, device)
     batches = Batches(len(examples), batch=settings.batch or 1, parts=parts, first=_steps_done(folder), ranks=ranks)
     pl.seed_everything(settings.seed % 2**32, verbose=False)
-    module = SmallModule(small_network(len(classes), examples.size), settings, batches.steps)
+    module = SmallModule(CentreNetwork(len(classes)), settings, batches.steps)
     average = AveragedWeights()
 
     def averaged() -> Detector:
@@ -304,7 +305,7 @@ def _description(
         "batch": settings.batch,
         "accumulate": settings.accumulate,
         "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
-        "augmented": settings.augmentation != {name: {"probability": 0.0} for name in TABLE},
+        "augmented": any(line.probability for line in changed_table(settings.augmentation).values()),
         "sources": {
             source.name: {
                 "folder": str(Path(data[source.name]).resolve()),

@@ -1,0 +1,234 @@
+"""A network that finds objects as points: maps of how likely each class has a centre in a cell, and of its box.
+
+It is small enough to learn from random weights on a CPU. Objects are the peaks of its maps, so no anchors are matched
+and no boxes are suppressed. Targets are as wide as their boxes, and every cell near a centre learns box and class,
+which takes fewer steps than the centre's cell alone.
+
+References
+----------
+Zhou, Wang, Krähenbühl, Objects as points, 2019. Liu, Zheng, Xu, Yang, Liu, Cai, Training-time-friendly network for
+real-time object detection, AAAI 2020: targets of a box's width and height, boxes learnt near centres. Lin et al.,
+Feature pyramid networks for object detection, CVPR 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor, nn
+from torch.nn import functional
+from torchvision.models.resnet import BasicBlock, conv1x1
+
+STEM = 16  # channels at stride 2
+WIDTHS = (24, 48, 96, 128)  # channels at strides 4, 8, 16, 32
+BLOCKS = (1, 1, 2, 2)  # residual blocks there
+STRIDE = 8  # pixels between cells of the maps; at 4 a step takes longer, and as many steps teach no more
+SKIPPED = 1  # stages finer than the maps
+NECK = 48  # channels on the way back to the maps; the head has twice as many
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colours, from 0 to 1
+RARE = 0.01  # how likely a centre is in a cell before anything is learnt
+USUAL = (32.0, 16.0)  # pixels: width and height of a box before anything is learnt
+SPREAD = 0.15  # standard deviation of a target as a share of its box's sides
+LEAST_SPREAD = 0.4  # cells
+AXIS_WEIGHTS = (0.5, 0.5, 1.0, 1.0)  # of errors of x, y, width and height
+NEAR_BOX, NEAR_CLASS = 0.5, 0.3  # height of a target from which cells learn its box and class
+
+
+class CentreMaps(NamedTuple):
+    """What the network says of n pictures in cells of `STRIDE` pixels.
+
+    Parameters
+    ----------
+    heat
+        (n, classes, h, w) logits of a centre.
+    box
+        (n, 4, h, w) from the cell's middle to the box's, x and y in cells; logarithms of width and height over `USUAL`.
+    """
+
+    heat: Float[Tensor, "n c h w"]
+    box: Float[Tensor, "n 4 h w"]
+
+
+class Truth(NamedTuple):
+    """The k objects of n pictures, one after the other.
+
+    Parameters
+    ----------
+    owner
+        (k,) the picture of each.
+    xyxy
+        (k, 4) corners, pixels.
+    label
+        (k,) its class.
+    """
+
+    owner: Int[Tensor, " k"]
+    xyxy: Float[Tensor, "k 4"]
+    label: Int[Tensor, " k"]
+
+
+class Peaks(NamedTuple):
+    """The k likeliest objects of each of n pictures, by falling score.
+
+    Parameters
+    ----------
+    xyxy
+        (n, k, 4) corners, pixels; they may reach out of the picture.
+    score
+        (n, k) from 0 to 1; 0 where there are fewer peaks.
+    label
+        (n, k) classes.
+    """
+
+    xyxy: Float[Tensor, "n k 4"]
+    score: Float[Tensor, "n k"]
+    label: Int[Tensor, "n k"]
+
+
+class CentreNetwork(nn.Module):
+    """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps.
+
+    Parameters
+    ----------
+    classes
+        How many there are.
+    """
+
+    def __init__(self, classes: int) -> None:
+        super().__init__()
+        self.stem = _convolved(3, STEM, stride=2)
+        sides = zip((STEM, *WIDTHS[:-1]), WIDTHS, BLOCKS, strict=True)
+        self.stages = nn.ModuleList(_stage(before, after, blocks) for before, after, blocks in sides)
+        self.across = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS[SKIPPED:])
+        self.merged = nn.ModuleList(_convolved(NECK, NECK) for _ in WIDTHS[SKIPPED:-1])
+        self.head = _convolved(NECK, 2 * NECK)
+        self.heat, self.box = nn.Conv2d(2 * NECK, classes, 1), nn.Conv2d(2 * NECK, 4, 1)
+        nn.init.constant_(self.heat.bias, float(torch.logit(torch.tensor(RARE))))
+        nn.init.zeros_(self.box.weight)
+        nn.init.zeros_(self.box.bias)
+        for name, values in (("mean", MEAN), ("deviation", DEVIATION)):
+            self.register_buffer(name, 255 * torch.tensor(values).view(1, 3, 1, 1), persistent=False)
+
+    def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CentreMaps:
+        """Maps of RGB pictures."""
+        x = ((pictures.float() - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
+        x = self.stem(x)
+        levels = []
+        for stage in self.stages:
+            x = stage(x)
+            levels.append(x)
+        found = self.across[-1](levels[-1])
+        finer = zip(levels[SKIPPED:-1], self.across[:-1], self.merged, strict=True)
+        for level, across, merged in reversed(list(finer)):
+            height, width = level.shape[-2:]
+            found = merged(across(level) + functional.interpolate(found, scale_factor=2.0)[..., :height, :width])
+        found = self.head(found)
+        return CentreMaps(self.heat(found).float(), self.box(found).float())
+
+
+def _convolved(before: int, after: int, *, stride: int = 1) -> nn.Module:
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, stride, 1, bias=False), nn.BatchNorm2d(after), nn.ReLU(inplace=True)
+    )
+
+
+def _stage(before: int, after: int, blocks: int) -> nn.Module:
+    shortcut = nn.Sequential(conv1x1(before, after, 2), nn.BatchNorm2d(after))
+    stage = nn.Sequential(
+        BasicBlock(before, after, 2, shortcut), *(BasicBlock(after, after) for _ in range(blocks - 1))
+    )
+    for block in stage:
+        nn.init.zeros_(block.bn2.weight)  # each begins as its shortcut, which trains faster
+    return stage
+
+
+def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
+    """The objects of some pictures, given for each by itself."""
+    counts = torch.tensor([len(one) for one in label])
+    return Truth(
+        torch.repeat_interleave(torch.arange(len(label)), counts), torch.cat(list(xyxy)), torch.cat(list(label))
+    )
+
+
+def centre_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:
+    """For each object, 1 in the cell of its centre and a Gaussian of its box's width and height around it."""
+    middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
+    spread = ((xyxy[:, 2:] - xyxy[:, :2]) * (SPREAD / STRIDE)).clamp(min=LEAST_SPREAD)
+
+    def along(axis: int, cells: int) -> Tensor:
+        cell = middle[:, axis].long().clamp(0, cells - 1)
+        away = torch.arange(cells, device=xyxy.device)[None] - cell[:, None]
+        return torch.exp(-0.5 * (away / spread[:, axis, None]) ** 2)
+
+    return along(1, height)[:, :, None] * along(0, width)[:, None, :]
+
+
+def centre_loss(maps: CentreMaps, truth: Truth) -> Tensor:
+    """The focal loss of centres and, over the cells near each, the loss of boxes and the cross-entropy of classes.
+
+    The focal loss asks each class for itself, and mostly whether there is anything at all: a small network finds
+    objects long before it tells them apart.
+    """
+    height, width = maps.heat.shape[-2:]
+    bumps = centre_bumps(truth.xyxy, height, width)
+    target = torch.zeros_like(maps.heat)
+    for owner, label, bump in zip(truth.owner.tolist(), truth.label.tolist(), bumps, strict=True):
+        target[owner, label] = torch.maximum(target[owner, label], bump)
+    heat = _focal(maps.heat, target) / max(1, len(bumps))
+    if not len(bumps):
+        return heat
+    which, row, column, weight = _near(bumps, NEAR_BOX)
+    wanted = encoded(truth.xyxy[which], row, column)
+    away = (maps.box[truth.owner[which], :, row, column] - wanted).abs() * wanted.new_tensor(AXIS_WEIGHTS)
+    box = (away.sum(dim=1) * weight).sum()
+    which, row, column, weight = _near(bumps, NEAR_CLASS)
+    logits = maps.heat[truth.owner[which], :, row, column]
+    between = (functional.cross_entropy(logits, truth.label[which], reduction="none") * weight).sum()
+    return heat + box + between
+
+
+def _near(bumps: Tensor, least: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Object, row, column and weight of each cell near a centre; an object's weights add up to its part of all."""
+    which, row, column = torch.where(bumps > least)
+    weight = bumps[which, row, column]
+    sums = torch.zeros(len(bumps), device=weight.device).index_add_(0, which, weight)
+    return which, row, column, weight / (sums[which] * len(bumps))
+
+
+def _focal(logits: Tensor, target: Tensor) -> Tensor:
+    """Zhou et al., equation 1, summed; cells near a centre count less."""
+    score = logits.sigmoid()
+    there = (1 - score) ** 2 * functional.logsigmoid(logits)
+    nothing = (1 - target) ** 4 * score**2 * functional.logsigmoid(-logits)
+    return -torch.where(target == 1, there, nothing).sum()
+
+
+def encoded(xyxy: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tensor, " k"]) -> Float[Tensor, "k 4"]:
+    """What cells should say of boxes with corners in pixels; `corners` is its inverse."""
+    middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
+    sides = xyxy[:, 2:] - xyxy[:, :2]
+    return torch.cat((middle - torch.stack((column, row), dim=1) - 0.5, (sides / sides.new_tensor(USUAL)).log()), dim=1)
+
+
+def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tensor, " k"]) -> Float[Tensor, "k 4"]:
+    """Corners in pixels of the boxes that cells speak of."""
+    middle = STRIDE * (torch.stack((column, row), dim=1) + 0.5 + box[:, :2])
+    half = box[:, 2:].clamp(-3.0, 3.0).exp() * box.new_tensor(USUAL) / 2
+    return torch.cat((middle - half, middle + half), dim=1)
+
+
+def peaks(maps: CentreMaps, count: int) -> Peaks:
+    """The likeliest objects: cells that are as likely as any of the eight around them."""
+    scores = maps.heat.sigmoid()
+    highest = functional.max_pool2d(scores, 3, 1, 1)
+    n, _, height, width = scores.shape
+    flat = torch.where(scores == highest, scores, 0.0).flatten(1)
+    score, place = flat.topk(min(count, flat.shape[1]))
+    label, cell = place // (height * width), place % (height * width)
+    row, column = cell // width, cell % width
+    owner = torch.arange(n, device=row.device).repeat_interleave(row.shape[1])
+    boxes = maps.box[owner, :, row.flatten(), column.flatten()]
+    return Peaks(corners(boxes, row.flatten(), column.flatten()).view(n, -1, 4), score, label)
