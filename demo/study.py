@@ -164,7 +164,7 @@ seeds = [0]
 
 [train]
 model = "small"
-budget = 3600
+budget = 12000
 resolution = 160
 """,
     "larger.toml": f"""\
@@ -175,7 +175,7 @@ seeds = [0, 1, 2]
 
 [train]
 model = "small"
-budget = 12000
+budget = 25000
 resolution = 192
 """,
 }

@@ -63,6 +63,7 @@ def test_a_bump_is_one_in_the_cell_of_its_centre_alone():
 def test_peaks_of_perfect_maps_are_the_truth():
     found = peaks(perfect_maps(TRUTH, 2, 3), 4)
     assert (found.score > 0.5).sum(dim=1).tolist() == [2, 1]
+    assert (found.score > 0.01).sum(dim=1).tolist() == [2, 1]  # cells beside a peak are none
     for picture in (0, 1):
         own = TRUTH.owner == picture
         order = [int((found.xyxy[picture, :2] - box).abs().sum(dim=1).argmin()) for box in XYXY[own]]
@@ -70,16 +71,27 @@ def test_peaks_of_perfect_maps_are_the_truth():
         assert found.label[picture, order].tolist() == TRUTH.label[own].tolist()
 
 
-@pytest.mark.parametrize("part", ["place", "box", "class"])
-def test_the_loss_is_nothing_for_the_truth_and_something_for_each_mistake(part):
+def with_heat(maps: CentreMaps, value: float, picture: int, label: int, row: int, column: int) -> CentreMaps:
+    heat = maps.heat.clone()
+    heat[picture, label, row, column] = value
+    return CentreMaps(heat, maps.box)
+
+
+def test_the_loss_is_nothing_for_the_truth_and_something_for_each_mistake():
     maps = perfect_maps(TRUTH, 2, 3)
+    row, column = 0, 13  # the cell of the third object's centre
     assert centre_loss(maps, TRUTH) < 0.02
-    wrong = {
-        "place": CentreMaps(maps.heat.roll(3, dims=3), maps.box),
-        "box": CentreMaps(maps.heat, maps.box + 0.3),
-        "class": CentreMaps(maps.heat.roll(1, dims=1), maps.box),
-    }[part]
-    assert centre_loss(wrong, TRUTH) > 0.5
+    assert centre_loss(with_heat(maps, -20.0, 1, 1, row, column), TRUTH) > 5  # missed
+    assert centre_loss(with_heat(maps, 20.0, 1, 2, 9, 2), TRUTH) > 5  # something where nothing is
+    assert centre_loss(CentreMaps(maps.heat, maps.box + 0.3), TRUTH) > 0.5
+    assert centre_loss(with_heat(maps, 0.0, 0, 1, 2, 3), TRUTH) < centre_loss(with_heat(maps, 0.0, 0, 1, 9, 3), TRUTH)
+
+
+def test_cells_near_a_centre_learn_its_class():
+    maps = perfect_maps(TRUTH, 2, 3)
+    beside = with_heat(maps, -2.0, 0, 2, 2, 3)  # where another class has -4: too faint for the focal loss
+    assert centre_loss(beside, TRUTH) > centre_loss(maps, TRUTH) + 0.05
+    assert centre_loss(with_heat(maps, -2.0, 0, 2, 9, 3), TRUTH) < centre_loss(maps, TRUTH) + 0.01  # far from it
 
 
 def test_pictures_without_objects_have_a_loss_and_gradients():

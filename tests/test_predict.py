@@ -1,6 +1,7 @@
 """hulldown predict, with the small network on random weights."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -106,6 +107,15 @@ def test_the_commands_follow_one_another(run, data, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["images"] == 5
     assert main(["evaluate", str(data), str(output), "-o", str(tmp_path / "report")]) == 0
     assert (tmp_path / "report" / "report.html").exists()
+
+
+def test_weights_of_an_earlier_small_model_are_one_line(run, data, tmp_path):
+    earlier = tmp_path / "earlier"
+    shutil.copytree(run, earlier)
+    saved = torch.load(run / "weights.pt", weights_only=True)
+    torch.save(saved | {"hulldown": "small", "model": {}}, earlier / "weights.pt")
+    with pytest.raises(HulldownError, match=r"weights\.pt: holds no small model of this version .* train again"):
+        predict(earlier, data, tmp_path / "found.json")
 
 
 def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):

@@ -26,6 +26,7 @@ ASPECT = 9 / 16
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
+WEIGHTS_KIND = "centre points"  # what a weights file says that it holds
 
 
 def small_size(resolution: int = RESOLUTION) -> tuple[int, int]:
@@ -72,7 +73,7 @@ class SmallDetector:
 def save_small(network: CentreNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
     """What a weights file holds."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
-    return {"hulldown": "small", "classes": list(classes), "size": list(size), "model": state}
+    return {"hulldown": WEIGHTS_KIND, "classes": list(classes), "size": list(size), "model": state}
 
 
 def load_small(path: Path, *, device: torch.device) -> SmallDetector:
@@ -84,8 +85,10 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
         If it holds none.
     """
     found = read_weights(path)
-    if found.get("hulldown") != "small":
-        raise DetectorError("holds no small model of hulldown", path=path, remedy="name another")
+    if found.get("hulldown") != WEIGHTS_KIND:
+        raise DetectorError(
+            "holds no small model of this version of hulldown", path=path, remedy="train again in another folder"
+        )
     width, height = found["size"]
     network = CentreNetwork(len(found["classes"]))
     network.load_state_dict(found["model"])
