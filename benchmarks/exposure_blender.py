@@ -54,7 +54,7 @@ def main() -> None:
     world = HdriWorld(scene)
     fog = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
     scene.collection.objects.link(fog)
-    air = Fog(fog)
+    air = Fog([fog])
     answers = []
     for job in jobs:
         settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
@@ -64,7 +64,8 @@ def main() -> None:
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         air.clear()
         if job.visibility_m is not None:
-            air.fill(job.visibility_m, world.airlight(), np.array([0.0, 0.0, EYE]), np.eye(4), 1.0)
+            eye = np.array([0.0, 0.0, EYE])
+            air.fill("fog", job.visibility_m, world.airlight(), eye, file_from_scenery=np.eye(4), units_per_metre=1.0)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)
         answers.append(_mean(scene.render.filepath))

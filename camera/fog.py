@@ -1,9 +1,10 @@
-"""How air hides what is far away, for the renderer and the preview: Python alone, as it runs in Blender too."""
+"""How air hides what is far away, for the renderer and the preview: needs numpy only, as it runs in Blender too."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+
+import numpy as np
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
@@ -53,8 +54,8 @@ def layer_tops(kind: str, visibility_m: float) -> list[float]:
     return [-top * math.log((step + 0.5) / DUST_LAYERS) for step in range(DUST_LAYERS)]
 
 
-def airlight(kind: str, sky: Sequence[float]) -> tuple[float, float, float]:
-    """Radiance of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
+def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
+    """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
 
     Fog has the sky's own colour, rain and snow are grey, dust is brown.
 
@@ -64,9 +65,6 @@ def airlight(kind: str, sky: Sequence[float]) -> tuple[float, float, float]:
     O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
     locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.
     """
-    red, green, blue = (float(part) for part in sky)
     if kind == "fog":
-        return red, green, blue
-    grey = LUMINANCE[0] * red + LUMINANCE[1] * green + LUMINANCE[2] * blue
-    r, g, b = DUST_ALBEDO if kind == "dust" else (1.0, 1.0, 1.0)
-    return r * grey, g * grey, b * grey
+        return sky
+    return np.dot(sky, LUMINANCE) * np.array(DUST_ALBEDO if kind == "dust" else (1.0, 1.0, 1.0))

@@ -69,7 +69,7 @@ def radiance(
             sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
         through += sides.min(axis=0) / len(tops)
     clear = np.exp(-extinction(visibility_m) * through)[..., None]
-    return clear * seen + (1.0 - clear) * np.array(fog.airlight(kind, airlight(sky).tolist())) * strength
+    return clear * seen + (1.0 - clear) * fog.airlight(kind, airlight(sky)) * strength
 
 
 def airlight(sky: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "3"]:

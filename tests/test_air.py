@@ -60,8 +60,8 @@ class Studio:
         job = RenderJob(
             scenery=SceneryInput(str(self.folder / f"{world}.blend"), IDENTITY, [], []),
             vehicles=[],
-            camera=CameraInput(pose, math.radians(fov_x_deg), width, width * 9 // 16, 0.1),
-            light=LightInput(str(self.folder / "grey.exr"), 0.0, 1.0),
+            camera=CameraInput(pose, math.radians(fov_x_deg), width, width * 9 // 16, 0.1, 0.0, 0.0),
+            light=LightInput(str(self.folder / "grey.exr"), 0.0, 1.0, None),
             weather=weather,
             seed=seed,
             settings=Settings(samples, False, 0.0, 2),

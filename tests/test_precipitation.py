@@ -94,9 +94,9 @@ def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
     way = drops.velocities * seen.exposure_s
     way -= np.sum(way * towards, axis=1, keepdims=True) * towards
     wide = math.sqrt(2.0) * drops.diameters
-    assert np.linalg.norm(across, axis=1) == pytest.approx(wide)
-    assert along == pytest.approx(way * (1.0 + wide / np.linalg.norm(way, axis=1))[:, None])
-    assert made.vertices.mean(axis=1) == pytest.approx(drops.centres)
+    assert np.allclose(np.linalg.norm(across, axis=1), wide, rtol=1e-6, atol=0.0)
+    assert np.allclose(along, way * (1.0 + wide / np.linalg.norm(way, axis=1))[:, None], rtol=1e-6, atol=1e-9)
+    assert np.allclose(made.vertices.mean(axis=1), drops.centres, atol=1e-9)
 
 
 def test_a_streak_hides_its_middle_for_as_long_as_the_drop_passes_and_has_its_width():
@@ -113,12 +113,12 @@ def test_a_streak_hides_its_middle_for_as_long_as_the_drop_passes_and_has_its_wi
 @pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
 def test_opacity_is_that_of_a_disc_that_moves(way):
     v, u = np.meshgrid(np.linspace(-1 - way, 1 + way, 81), np.linspace(-1, 1, 41))
-    times = np.linspace(-way, way, 4001)[:, None, None]
+    times = np.linspace(-way, way, 1001)[:, None, None]
     expected = np.zeros_like(u)
-    for chunk in np.array_split(times, 40):
+    for chunk in np.array_split(times, 10):
         expected += np.maximum(1.0 - u**2 - (v - chunk) ** 2, 0.0).sum(axis=0) / len(times)
     found = opacity(np.stack([u, v, np.full_like(u, way)], axis=2))
-    assert found == pytest.approx(expected, abs=2e-3)
+    assert found == pytest.approx(expected, abs=4e-3)
 
 
 @pytest.mark.parametrize("width", [64, 320, 1920])
@@ -143,8 +143,7 @@ def test_a_drop_that_comes_straight_at_the_camera_is_a_disc():
     assert np.ptp(made.vertices[0], axis=0) == pytest.approx([0.0] + [0.02 * math.sqrt(2.0)] * 2, rel=2e-3, abs=1e-9)
 
 
-@pytest.mark.parametrize("fov_x_deg", [0.1, 5.0, 50.0, 179.0])
-@pytest.mark.parametrize("exposure_s", [1e-4, 0.004, 10.0])
+@pytest.mark.parametrize(("fov_x_deg", "exposure_s"), [(0.1, 0.004), (50.0, 1e-4), (50.0, 10.0), (179.0, 0.004)])
 @pytest.mark.parametrize("sizes", [rain_sizes(0.0), rain_sizes(1000.0), snow_sizes(1.0), snow_sizes(1e9)])
 def test_no_view_has_more_than_it_can_be_drawn_with(sizes, fov_x_deg, exposure_s):
     seen = view(1920, exposure_s, fov_x_deg)

@@ -172,7 +172,7 @@ class Stage:
         vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
-        glow = np.array(airlight(weather.kind, self.world.airlight().tolist()))
+        glow = airlight(weather.kind, self.world.airlight())
         frame, units = self.file_from_scenery, self.units_per_metre
         self.fog.fill(
             weather.kind, weather.visibility_m, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units
