@@ -194,13 +194,13 @@ def looking_down(x, y, z, width):
     """A camera that sees `width` metres of what is at z = 0."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x, y, z
-    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / z), 64, 64, 0.01)
+    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / z), 64, 64, 0.01, 0.0, 0.0)
 
 
 def looking_along_x(x, y, z, width, distance):
     """A level camera that sees `width` metres at a distance."""
     pose = np.array([[0.0, 0, 1, x], [-1, 0, 0, y], [0, -1, 0, z], [0, 0, 0, 1]])
-    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / distance), 64, 64, 0.01)
+    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / distance), 64, 64, 0.01, 0.0, 0.0)
 
 
 class Studio:
@@ -219,8 +219,8 @@ class Studio:
         cars = [VehicleInput(str(self.folder / "vehicle.blend"), [pose.tolist()]) for pose in vehicles]
         stage.place_vehicles(cars)
         stage.set_camera(camera)
-        stage.set_light(LightInput(str(self.folder / "white.exr"), 0.0, 1.0))
-        stage.set_weather(covered)
+        stage.set_light(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None))
+        stage.set_weather(covered, seed=1)
         stage.scene.render.filepath = str(path)
         bpy.ops.render.render(write_still=True, scene=stage.scene.name)
         image = bpy.data.images.load(str(path))
@@ -276,7 +276,7 @@ def bytes_of_clear_pictures(folder):
         kinds = ("clear", "rain", "clear 2", "snow", "rain 2", "dust", "clear 3")
         for kind in kinds:
             covered = None if kind.startswith("clear") else weather(kind.split()[0], 1.0, 1.0)
-            light = LightInput(str(folder / "white.exr"), 0.0, 1.0)
+            light = LightInput(str(folder / "white.exr"), 0.0, 1.0, None)
             output = str(folder / f"{name} {kind}.png")
             renderer.do(to_json(RenderJob(scenery, cars, camera, light, covered, 7, SETTINGS, output)))
     renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask after.npy"))))
