@@ -96,10 +96,14 @@ class Tasks:
         if now < self._looked + LOOK_S or not self.connected:
             return None
         self._looked = now
-        found = self._client.scheduler_info()["workers"].items()
+        try:
+            # What Client.scheduler_info gives is replaced every other second, by an answer without workers.
+            found = self._client.sync(self._client.scheduler.identity, n_workers=-1)["workers"]
+        except OSError:
+            return None
         return {
             address: about["status"] == "running"
-            for address, about in found
+            for address, about in found.items()
             if about["resources"].get(self._resource, 0) >= 1
         }
 

@@ -50,12 +50,13 @@ class Course:
     """Renders a plan on a cluster, does something once when some pictures are there, and keeps what is said."""
 
     def __init__(self, folder, plan, address, *, at=0, act=None, shared_disk=False):
-        self.said, self._at, self._act = [], at, act
+        self.said, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
         scheduler = Scheduler(address, shared_disk=shared_disk)
         self.report = render_plan(plan, folder, scheduler=scheduler, device="cpu", progress=self._show)
 
     def _show(self, progress):
+        self.workers.add(progress.workers)
         if progress.line:
             self.said.append(progress.line)
         if self._act is not None and progress.finished >= self._at:
@@ -86,6 +87,7 @@ def working(nodes):
 def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path, shared_disk):
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=shared_disk)
     assert course.report.complete
+    assert 1 <= max(course.workers) <= 3
     assert_same(folder / "whole", tmp_path / "d")
 
 

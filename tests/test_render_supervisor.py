@@ -32,7 +32,7 @@ def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
     assert (report.images, report.already, report.rendered, report.failed) == (7, 0, 7, ())
     assert report.complete
     assert not report.interrupted
-    assert (seen[-1].finished, seen[-1].images) == (7, 7)
+    assert (seen[-1].finished, seen[-1].images, seen[-1].workers) == (7, 7, workers)
     coco = COCO(tmp_path / "d" / "annotations.json")
     assert sorted(coco.imgs) == sorted(coco.anns) == list(range(1, 8))
     assert [image["file_name"] for image in coco.loadImgs(range(1, 8))] == [f"images/{i:08d}.png" for i in range(1, 8)]

@@ -4,8 +4,10 @@ import shutil
 import subprocess
 import time
 
+import dask
 import pytest
 
+import render.tasks
 from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
@@ -38,18 +40,31 @@ def test_a_task_learns_that_nobody_waits_for_it(tmp_path, leave):
         tasks.close()
 
 
+def test_workers_that_are_there_are_never_missed(tmp_path, monkeypatch):
+    """Dask's client asks for the cluster's state by itself, in the middle of our own question, and not for workers."""
+    monkeypatch.setattr(render.tasks, "LOOK_S", 0.0)
+    with (
+        cluster(tmp_path / "nodes", 1) as nodes,
+        dask.config.set({"distributed.client.scheduler-info-interval": "1ms"}),
+    ):
+        tasks = Tasks(Scheduler(nodes.address), "render")
+        worker = worker_of(tasks)
+        assert {tuple(tasks.workers() or ()) for _ in range(500)} == {(worker,)}
+        tasks.close()
+
+
 @pytest.fixture
 def certificates(tmp_path):
     """An authority's, and one that it has signed, with its key."""
-    subject = ["-subj", "/CN=hulldown test", "-nodes", "-newkey", "rsa:2048", "-days", "2"]
+    new = ["-nodes", "-newkey", "rsa:2048", "-days", "2"]
 
     def openssl(*words):
         subprocess.run(["openssl", *words], cwd=tmp_path, check=True, capture_output=True)
 
-    openssl("req", "-x509", *subject, "-keyout", "ca-key.pem", "-out", "ca.pem")
-    openssl("req", *subject, "-keyout", "key.pem", "-out", "request.pem")
-    openssl("x509", "-req", *("-in", "request.pem", "-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial"),
-            "-days", "2", "-out", "cert.pem")  # fmt: skip
+    openssl("req", "-x509", *new, "-subj", "/CN=authority", "-keyout", "ca-key.pem", "-out", "ca.pem")
+    openssl("req", *new, "-subj", "/CN=node", "-keyout", "key.pem", "-out", "request.pem")
+    signed_by = ["-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial"]
+    openssl("x509", "-req", "-in", "request.pem", *signed_by, "-days", "2", "-out", "cert.pem")
     return [tmp_path / name for name in ("ca.pem", "cert.pem", "key.pem")]
 
 

@@ -1,0 +1,20 @@
+"""Bars of progress on stderr."""
+
+import io
+
+from verbs import terminal
+from verbs.terminal import Terminal, titled_bar
+
+
+def test_a_bar_of_images_shows_who_renders_how_fast_and_for_how_long(monkeypatch):
+    out, now = io.StringIO(), [0.0]
+    console = Terminal(file=out, force_terminal=True, width=150, get_time=lambda: now[0])
+    monkeypatch.setattr(terminal, "STDERR", console)
+    with titled_bar(unit="images") as advance:
+        advance("rendering on 1 worker", 10, 40)  # those of an earlier run, which say nothing of the speed
+        for finished in (11, 12):
+            now[0] += 5.0
+            advance("rendering on 2 workers", finished, 40)
+    last = out.getvalue().splitlines()[-2]
+    for shown in ("rendering on 2 workers", "12/40", "0.2 images/s", "0:02:20"):
+        assert shown in last
