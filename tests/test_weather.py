@@ -1,20 +1,24 @@
 """Weather: the laws, what is drawn, what earlier versions said, and what is too faint."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from camera.weather import air_contrast, rain_extinction, rain_visibility_m, wetness
+from camera.weather import GHOST, air_contrast, rain_extinction, rain_visibility_m, wetness
 from geometry.errors import ConfigError
 from planning.air import CLEAR, KINDS, draw_air
+from planning.check import check_plan
 from planning.draws import Draws, Purpose
 from planning.light import draw_lights, hdri_weights
+from planning.plan_file import read_plan
 from planning.planner import plan
 from planning.row import encode
 from planning.weather import Weather
 from planning.weather_section import WeatherSection
+from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
 
 IMAGES = np.arange(4000)
@@ -146,3 +150,15 @@ def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
         list(plan(config, ASSETS))
+
+
+def test_a_plan_of_an_earlier_version_keeps_its_limits(tmp_path):
+    """Its header says `probability`, its rows no contrast; ghosts break nothing in it."""
+    thick = {"probability": 0.7, "visibility_m": [20.0, 60.0]}
+    made = write_plan(small_config(budget=BUDGET, weather=thick), ASSETS, tmp_path / "plan.jsonl")
+    header, *rows = map(json.loads, made.path.read_bytes().splitlines())
+    header["config"]["weather"] = thick
+    assert min(row.pop("air_contrast") for row in rows) < GHOST
+    old = tmp_path / "old.jsonl"
+    old.write_text("".join(json.dumps(record) + "\n" for record in (header, *rows)))
+    assert check_plan(read_plan(old), ASSETS) == []
