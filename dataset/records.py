@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from annotate.masks import extent
+from camera.weather import GHOST
 from dataset.document import read_coco
 from dataset.entries import is_box
 from dataset.names import is_plain, place_of
@@ -178,7 +179,16 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+            yield from _ghosts(where, annotation)
         yield from (Finding("error", where, problem) for problem in check_space(annotation))
+
+
+def _ghosts(where: str, annotation: Mapping[str, Any]) -> Iterator[Finding]:
+    """A full label of what the air hides."""
+    left = annotation.get("air_contrast")
+    if isinstance(left, int | float) and 0.0 <= left < GHOST and not annotation.get("iscrowd"):
+        problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
+        yield Finding("warning", where, problem, left)
 
 
 def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:
@@ -268,7 +278,7 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
 
 
 def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
-    for key in ("visible_fraction", "truncated_fraction"):
+    for key in ("visible_fraction", "truncated_fraction", "air_contrast"):
         share = annotation.get(key)
         if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
             yield f"{key} is {share!r}, expected a number from 0 to 1"

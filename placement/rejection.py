@@ -45,6 +45,7 @@ class Rejection(IntEnum):
     WATER = 21, "stood deeper in water than placement.fording_depth"
     DARK = 22, "were shut in, with no sky above"
     CAMERA_WATER = 23, "had the camera in, below or too near water"
+    FAINT = 24, "kept less contrast through the air than weather.min_contrast"
 
     @property
     def key(self) -> str:

@@ -12,12 +12,13 @@ from camera.framing import frame_target
 from camera.intrinsics import Lenses, Optics
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
 from camera.visibility import visible_fraction
+from camera.weather import air_contrast
 from placement.rejection import Rejection
 from planning.draws import Draws, Purpose, RowStreams, between
 from planning.labels import pixels_shown
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
-from planning.search_limits import BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
+from planning.search_limits import AIR_CONTRAST, BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Placed, Site
 
@@ -38,6 +39,8 @@ class Views:
         (n, 4) boxes; nan where nothing of the vehicle is in the frame, or in front of the camera.
     truncated_fraction, visible_fraction
         (n,) shares; of what is out of the frame 1 and 0.
+    air_contrast
+        (n,) what the air leaves of the vehicle's contrast; see `camera.weather`.
     rejection
         (n,) codes of `Rejection`.
     """
@@ -48,6 +51,7 @@ class Views:
     bbox_amodal: Float[np.ndarray, "n 4"]
     truncated_fraction: Float[np.ndarray, " n"]
     visible_fraction: Float[np.ndarray, " n"]
+    air_contrast: Float[np.ndarray, " n"]
     rejection: UInt8[np.ndarray, " n"]
 
 
@@ -59,6 +63,7 @@ def no_views(n: int) -> Views:
         np.full(n, nan),
         np.full((n, 4), nan),
         np.full((n, 4), nan),
+        np.full(n, nan),
         np.full(n, nan),
         np.full(n, nan),
         np.zeros(n, dtype=np.uint8),
@@ -74,8 +79,9 @@ def try_cameras(
     image: Int[np.ndarray, " n"],
     attempt: Int[np.ndarray, " n"],
     others: list[Placed],
+    visibility_m: Float[np.ndarray, " n"],
 ) -> Views:
-    """Try `attempt` of each image's camera.
+    """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
 
     Checks go from cheap to dear, and each is asked only of what passed those before.
     """
@@ -108,7 +114,9 @@ def try_cameras(
             elevation=elevation,
             framing=lambda: framing(every),
         )
-    views.rejection[:] = DISTANCE.rejections(distance, config)
+    faint = AIR_CONTRAST.rejections(air_contrast(visibility_m, distance), config)
+    apart = DISTANCE.rejections(distance, config)
+    views.rejection[:] = np.where(apart, apart, faint)
     views.rejection[np.isnan(distance)] = Rejection.SIZE
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
@@ -134,6 +142,7 @@ def try_cameras(
         ).world_from_camera
     poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
     views.world_from_camera[rows] = poses
+    views.air_contrast[rows] = air_contrasts(aimed_at, poses, visibility_m[rows])
     boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, lens, aimed_at.articulation)
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
@@ -172,8 +181,16 @@ def try_cameras(
     return views
 
 
-def views_of_companion(site: Site, vehicle: Placed, others: list[Placed], *, cameras: Views, config: Config) -> Views:
-    """What each of these cameras sees of another vehicle than its target."""
+def views_of_companion(
+    site: Site,
+    vehicle: Placed,
+    others: list[Placed],
+    *,
+    cameras: Views,
+    visibility_m: Float[np.ndarray, " n"],
+    config: Config,
+) -> Views:
+    """What each of these cameras sees of another vehicle than its target; `visibility_m` is nan in clear air."""
     lens = lenses_of(config.render, cameras.fov_x)
     boxes = vehicle.model.boxes.boxes(vehicle.world_from_vehicle, cameras.world_from_camera, lens, vehicle.articulation)
     visible = visible_shares(
@@ -190,7 +207,16 @@ def views_of_companion(site: Site, vehicle: Placed, others: list[Placed], *, cam
         bbox_amodal=boxes.amodal,
         truncated_fraction=boxes.truncated_fraction,
         visible_fraction=visible,
+        air_contrast=air_contrasts(vehicle, cameras.world_from_camera, visibility_m),
     )
+
+
+def air_contrasts(
+    vehicle: Placed, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """What the air leaves of each vehicle's contrast, from the camera to the centre of its box."""
+    away = vehicle.centres - world_from_camera[:, :3, 3]
+    return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
 
 def visible_shares(

@@ -11,7 +11,8 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from geometry.errors import ConfigError
-from planning.schema import Config, Section
+from planning.schema import Config
+from planning.section import Section
 
 HDRI_SUFFIXES = (".exr", ".hdr")
 

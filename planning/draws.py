@@ -39,6 +39,7 @@ class Purpose(IntEnum):
     BACKGROUND = 12
     PAINT = 20
     EXPOSURE = 21
+    WEATHER = 22
 
 
 class Draws:

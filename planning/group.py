@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from geometry.errors import ConfigError
 from placement.rejection import Rejection
@@ -127,8 +127,8 @@ class Planned:
     rejected: Int[np.ndarray, "m kinds"]
 
 
-def plan_group(group: Group, config: Config, draws: Draws) -> Planned:
-    """Poses and cameras for every position of a group.
+def plan_group(group: Group, config: Config, draws: Draws, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
+    """Poses and cameras for every position of a group; `visibility_m` is that of its images, nan where it is clear.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def plan_group(group: Group, config: Config, draws: Draws) -> Planned:
         If a position of a group that is not movable finds no place, or no place with a view, within the config's
         tries: the first such position, with the counted reasons.
     """
-    return _Search(group, config, draws).run()
+    return _Search(group, config, draws, visibility_m).run()
 
 
 class HopelessPosition(ConfigError):
@@ -156,8 +156,8 @@ class HopelessPosition(ConfigError):
 
 
 class _Search:
-    def __init__(self, group: Group, config: Config, draws: Draws) -> None:
-        self.group, self.config, self.draws = group, config, draws
+    def __init__(self, group: Group, config: Config, draws: Draws, visibility_m: Float[np.ndarray, " m"]) -> None:
+        self.group, self.config, self.draws, self.visibility_m = group, config, draws, visibility_m
         self.hopeless: HopelessPosition | None = None  # the first one known so far
         self.given_up = np.zeros(len(group.position), dtype=bool)
         n = len(group.position)
@@ -261,6 +261,7 @@ class _Search:
                     # Numbered through all places of the position, so that a new place gets new cameras.
                     attempt=self.tries[positions] * max_tries + attempt,
                     others=[vehicle for _, vehicle in self.company.placed(positions)],
+                    visibility_m=self.visibility_m[rows],
                 )
                 good = found.rejection == Rejection.NONE
                 put(self.views, rows[good], take(found, np.flatnonzero(good)))
@@ -286,7 +287,9 @@ class _Search:
             beside = self.company.placed(owner[rows])
             for slot, vehicle in beside:
                 others = target + [other for _, other in beside if other is not vehicle]
-                seen = views_of_companion(site, vehicle, others, cameras=cameras, config=self.config)
+                seen = views_of_companion(
+                    site, vehicle, others, cameras=cameras, visibility_m=self.visibility_m[rows], config=self.config
+                )
                 put(slot.views, rows, seen)
                 if vehicle.model.category is not None:
                     slot.pixels[rows] = pixels_shown(
@@ -316,7 +319,7 @@ class _Search:
             rows[self.place_rejections[rows, Rejection.NO_VIEW] >= BLIND_PLACES],
             "cannot be seen as wanted",
             AIMING,
-            "widen the limits in [camera] or raise camera.max_tries",
+            "widen the limits in [camera] or those of visibility in [weather], or raise camera.max_tries",
         )
 
     def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:

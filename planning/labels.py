@@ -29,11 +29,14 @@ class Floors:
         Its least visible fraction.
     truncated
         Its largest truncated fraction.
+    air_contrast
+        Least share of its contrast that the air leaves.
     """
 
     box_px: float
     visible: float
     truncated: float
+    air_contrast: float
 
 
 def floors(config: Config) -> Floors:
@@ -45,6 +48,7 @@ def floors(config: Config) -> Floors:
         truncated=max(LONGEST_CUT, camera.truncated_fraction[1])
         if said.max_truncated_fraction is None
         else said.max_truncated_fraction,
+        air_contrast=config.weather.min_contrast,
     )
 
 
@@ -54,6 +58,7 @@ def labels_of(
     bbox: Float[np.ndarray, "n 4"],
     visible: Float[np.ndarray, " n"],
     truncated: Float[np.ndarray, " n"],
+    contrast: Float[np.ndarray, " n"],
     pixels: Bool[np.ndarray, " n"],
 ) -> list[Label]:
     """The labels of a vehicle that has a class but is no target, in n images.
@@ -64,6 +69,8 @@ def labels_of(
         Whose floors hold.
     bbox, visible, truncated
         What the images' cameras see of it; nan out of the frame.
+    contrast
+        What the air leaves of its contrast.
     pixels
         Whether it is at the centre of any pixel.
     """
@@ -71,6 +78,7 @@ def labels_of(
     sides = rounded("bbox", bbox)[:, 2:].min(axis=1)
     full = (sides >= least.box_px) & (rounded("visible_fraction", visible) >= least.visible)
     full &= rounded("truncated_fraction", truncated) <= least.truncated
+    full &= rounded("air_contrast", contrast) >= least.air_contrast
     below: Label = "ignored" if config.annotate.below == "ignored" else "none"
     shown = zip(pixels.tolist(), full.tolist(), strict=True)
     return [("full" if enough else below) if some else "none" for some, enough in shown]

@@ -1,4 +1,4 @@
-"""Light and weather of each image: an HDRI, its turn and strength, sometimes fog, and Cycles' sample seed."""
+"""Light and weather of each image: an HDRI, its turn and strength, what is in the air, and Cycles' sample seed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from geometry.errors import ConfigError
+from planning.air import Air, draw_air
 from planning.draws import Draws, Purpose, between, choose
-from planning.schema import LightSection, WeatherSection
+from planning.schema import LightSection
+from planning.weather_section import WeatherSection
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -25,8 +27,8 @@ class Lights:
         (n,) radians: turn about the vertical, counter-clockwise seen from above.
     strength
         (n,) factor on the HDRI's brightness.
-    visibility_m
-        (n,) meteorological visibility; nan without fog.
+    air
+        Weather of the n images.
     sample_seed
         (n,) 0 to 2**31 - 1.
     """
@@ -34,47 +36,59 @@ class Lights:
     hdri: Int[np.ndarray, " n"]
     yaw: Float[np.ndarray, " n"]
     strength: Float[np.ndarray, " n"]
-    visibility_m: Float[np.ndarray, " n"]
+    air: Air
     sample_seed: Int[np.ndarray, " n"]
 
 
-def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, " h"]:
-    """How often each HDRI is drawn beside the others: the weight of the first entry of `light.hdris` that matches.
+def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
+    """How often each HDRI is drawn beside the others: in most weather, and under the clouds of rain and snow.
+
+    That is the weight of the first entry of `light.hdris` that matches. Under clouds it is the same of those that
+    `light.overcast` names, where it names any; one that is not among `light.hdris` then has the weight 1.
 
     Raises
     ------
     ConfigError
         If an entry matches no HDRI, or no HDRI is left with a weight.
     """
-    if not light.hdris:
-        return np.ones(len(names))
-    for choice in light.hdris:
-        if not any(fnmatchcase(name, choice.name) for name in names):
-            raise ConfigError(
-                f"light.hdris: {choice.name!r} matches no HDRI",
-                remedy=f"assets.hdris gives {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}",
-            )
-    weights = np.array([next((c.weight for c in light.hdris if fnmatchcase(n, c.name)), 0.0) for n in names])
-    if not weights.any():
+    for key, patterns in (("hdris", [choice.name for choice in light.hdris]), ("overcast", light.overcast)):
+        for pattern in patterns:
+            if not any(fnmatchcase(name, pattern) for name in names):
+                raise ConfigError(
+                    f"light.{key}: {pattern!r} matches no HDRI",
+                    remedy=f"assets.hdris gives {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}",
+                )
+    said = [next((c.weight for c in light.hdris if fnmatchcase(name, c.name)), None) for name in names]
+    usual = np.array([(0.0 if light.hdris else 1.0) if weight is None else weight for weight in said])
+    if not usual.any():
         raise ConfigError("light.hdris: all weights are 0", remedy="give at least one HDRI a weight above 0")
-    return weights
+    if not light.overcast:
+        return np.stack([usual, usual])
+    cloudy = np.array([1.0 if weight is None else weight for weight in said])
+    cloudy[[not any(fnmatchcase(name, pattern) for pattern in light.overcast) for name in names]] = 0.0
+    if not cloudy.any():
+        raise ConfigError(
+            "light.overcast: all weights are 0", remedy="give one of them a weight above 0 in light.hdris, or none"
+        )
+    return np.stack([usual, cloudy])
 
 
 def draw_lights(
     light: LightSection,
     weather: WeatherSection,
-    weights: Float[np.ndarray, " h"],
+    weights: Float[np.ndarray, "2 h"],
     *,
     draws: Draws,
     image: Int[np.ndarray, " n"],
 ) -> Lights:
     """Light and weather of the images with these indices; `weights` are those of `hdri_weights`."""
-    u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
-    foggy = u[:, 3] < weather.probability
+    u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
+    air = draw_air(weather, draws=draws, image=image)
+    usual, cloudy = (choose(one, u[:, 0]) for one in weights)
     return Lights(
-        hdri=choose(weights, u[:, 0]),
+        hdri=np.where(air.overcast, cloudy, usual),
         yaw=np.radians(between(*light.yaw_deg, u[:, 1])),
         strength=between(*light.strength, u[:, 2]),
-        visibility_m=np.where(foggy, between(*weather.visibility_m, u[:, 4]), np.nan),
+        air=air,
         sample_seed=(draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).astype(np.int64),
     )

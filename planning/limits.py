@@ -6,10 +6,9 @@ of `planning/search_limits.py`. A new limit is one entry here, or there and one 
 
 from __future__ import annotations
 
-import numpy as np
-
 from planning.limit import Limit
 from planning.search_limits import (
+    AIR_CONTRAST,
     AREA,
     BOX_PX,
     CAMERA_GROUND,
@@ -39,6 +38,7 @@ from planning.search_limits import (
     VISIBLE,
     vehicles_wanted,
 )
+from planning.weather_limits import WEATHER_LIMITS
 
 LIMITS = (
     Limit("pose", (), "`world_from_vehicle`: rigid", lambda r: r.rigid, of="vehicle"),
@@ -140,6 +140,7 @@ LIMITS = (
         slack=DEGREES,
     ),
     DISTANCE,
+    AIR_CONTRAST,
     EQUATION_6,
     CAMERA_GROUND,
     CAMERA_WATER,
@@ -160,6 +161,13 @@ LIMITS = (
         lambda r: r.says("visible_fraction", r.visible_fraction, SHARE),
         of="vehicle",
     ),
+    Limit(
+        "air_contrast, which is not the poses'",
+        (),
+        "the visibility of `weather`, and the camera's distance from the centre of the vehicle's box",
+        lambda r: r.says_its_air_contrast,
+        of="vehicle",
+    ),
     TRUNCATED,
     BOX_PX,
     SIZE,
@@ -168,7 +176,7 @@ LIMITS = (
     Limit(
         "label, which is not what the vehicle shows",
         tuple(f"annotate.{key}" for key in ("min_box_px", "min_visible_fraction", "max_truncated_fraction", "below")),
-        "boxes, visible fraction, and whether any pixel shows it",
+        "boxes, visible fraction, `air_contrast`, and whether any pixel shows it",
         lambda r: r.label_follows,
         of="vehicle",
     ),
@@ -181,8 +189,8 @@ LIMITS = (
     ),
     Limit(
         "hdri, which has no weight",
-        ("light.hdris",),
-        "the HDRI's weight in the config",
+        ("light.hdris", "light.overcast"),
+        "the HDRI's weight in the config, under clouds where rain or snow was drawn",
         lambda r: r.hdri_has_weight,
     ),
     Limit(
@@ -232,20 +240,7 @@ LIMITS = (
         "the HDRI's own horizon, or null",
         lambda r: r.backdrop_follows,
     ),
-    Limit(
-        "weather, which is not what was drawn",
-        ("weather.probability",),
-        "`weather` against the draw of the image's index",
-        lambda r: r.foggy_as_drawn,
-    ),
-    Limit(
-        "weather.visibility_m",
-        ("weather.visibility_m",),
-        "`weather`; images without fog keep any",
-        lambda r: np.where(np.isnan(r.visibility_m), r.config.weather.visibility_m[0], r.visibility_m),
-        lambda config: config.weather.visibility_m,
-        slack=METRES,
-    ),
+    *WEATHER_LIMITS,
     Limit("sample_seed, which is not what was drawn", ("seed",), "the index and the seed", lambda r: r.seed_as_drawn),
     Limit(
         "width and height",

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from geometry.errors import ConfigError
+from planning.air import draw_air
 from planning.budget import Budget
 from planning.draws import Draws
 from planning.group import Group, HopelessPosition, plan_group
@@ -139,7 +140,8 @@ def _try_pair(site: Site, model: Model, config: Config, draws: Draws) -> None:
                 shots=one,
                 first_image=number,
             )
-            plan_group(trial_group, config, draws)
+            air = draw_air(config.weather, draws=draws, image=number)
+            plan_group(trial_group, config, draws, visibility_m=air.visibility_m)
         except HopelessPosition as error:
             if failed:
                 raise ConfigError(error.problem, path=error.path, remedy=error.remedy) from None

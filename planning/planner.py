@@ -79,15 +79,15 @@ class Planner:
                     group = group.before(hopeless.position)
                 if not len(group.position):
                     continue
+                lights = draw_lights(
+                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
+                )
                 try:
-                    planned = plan_group(group, self.config, self._draws)
+                    planned = plan_group(group, self.config, self._draws, visibility_m=lights.air.visibility_m)
                 except HopelessPosition as error:
                     # Another group may hold an earlier one: what is said does not depend on how the work is cut.
                     hopeless = error
                     continue
-                lights = draw_lights(
-                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
-                )
                 rows += rows_of(group, planned, lights, config=self.config, draws=self._draws, hdris=self.assets.hdris)
                 homeless.append(mine[: len(group.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1

@@ -24,6 +24,7 @@ from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row, labelling
 from planning.shading import look, paint_of, sun_of
 from planning.stage import make_stage
+from planning.weather import Weather
 
 TILE_WIDTH = 480
 HIGHEST = 4  # times its width that a picture is high, at most
@@ -74,11 +75,17 @@ def caption(row: Row) -> str:
     """What a picture does not say by itself."""
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - row.world_from_vehicle[:3, 3])
     colour = next((f", {coat.colour}" for coat in row.paint if coat.colour and not row.empty), "")
-    fog = f", fog {row.weather.visibility_m:.0f} m" if row.weather else ""
     return (
         f"{row.image_id}: {'nothing' if row.empty else row.vehicle}{colour} in {row.scenery}, {distance:.0f} m, "
-        f"{'' if row.empty else f'{100 * row.visible_fraction:.0f} % visible, '}{row.hdri}{fog}"
+        f"{'' if row.empty else f'{100 * row.visible_fraction:.0f} % visible, '}{row.hdri}{_weather(row.weather)}"
     )
+
+
+def _weather(weather: Weather | None) -> str:
+    if weather is None:
+        return ""
+    rate = f"{weather.rain_mm_h:.0f} mm/h, " if weather.kind == "rain" else ""
+    return f", {weather.kind} {rate}{weather.visibility_m:.0f} m"
 
 
 class Artist:
@@ -154,7 +161,7 @@ class Artist:
             ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
             strength=row.strength if row.exposure_ev is None else self._brightness(row, row.exposure_ev),
-            visibility_m=row.weather.visibility_m if row.weather else None,
+            weather=row.weather,
         )
         return colours.reshape(height, width, 3)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planning.air import KINDS
 from planning.exposure import Exposures, exposures
 from planning.guests import framed_on, guests_at
 from planning.labels import labels_of, pixels_shown
@@ -84,6 +85,7 @@ class Recomputed(RecomputedPoses):
                 bbox=self.boxes.xywh,
                 visible=self.visible_fraction,
                 truncated=self.boxes.truncated_fraction,
+                contrast=self.air_contrast,
                 pixels=self.pixels_shown,
             )
         return np.array([label in (None, follows) for label, follows in zip(said, wanted, strict=True)])
@@ -120,13 +122,15 @@ class Recomputed(RecomputedPoses):
     def lights(self) -> Lights:
         """What is drawn for images with these indices."""
         index = np.array([row.index for row in self.rows])
-        weights = np.array(list(self.source.hdri_weights.values()))
+        weights = np.array(list(self.source.hdri_weights.values())).T
         return draw_lights(self.config.light, self.config.weather, weights, draws=self.source.draws, image=index)
 
     @property
     def hdri_has_weight(self) -> Bool[np.ndarray, " n"]:
         """Whether the HDRI is one that may be drawn."""
-        return np.array([self.source.hdri_weights[row.hdri] > 0.0 for row in self.rows])
+        cloudy = self.lights.air.overcast.tolist()
+        pairs = zip(self.rows, cloudy, strict=True)
+        return np.array([self.source.hdri_weights[row.hdri][under] > 0.0 for row, under in pairs])
 
     @property
     def scenery_has_weight(self) -> Bool[np.ndarray, " n"]:
@@ -141,15 +145,11 @@ class Recomputed(RecomputedPoses):
         return np.full(len(self.rows), entry is None or entry.is_for(self.site.name))
 
     @property
-    def visibility_m(self) -> Float[np.ndarray, " n"]:
-        """How far one sees; nan without fog."""
-        weather = [row.weather for row in self.rows]
-        return np.array([np.nan if one is None else one.visibility_m for one in weather], dtype=np.float64)
-
-    @property
-    def foggy_as_drawn(self) -> Bool[np.ndarray, " n"]:
-        """Whether there is fog where it was drawn."""
-        return np.isnan(self.visibility_m) == np.isnan(self.lights.visibility_m)
+    def weather_as_drawn(self) -> Bool[np.ndarray, " n"]:
+        """Whether the weather is of the kind that was drawn."""
+        drawn = [(*KINDS, None)[kind] for kind in self.lights.air.kind.tolist()]
+        said = [row.weather.kind if row.weather else None for row in self.rows]
+        return np.array([one == other for one, other in zip(said, drawn, strict=True)])
 
     @property
     def seed_as_drawn(self) -> Bool[np.ndarray, " n"]:

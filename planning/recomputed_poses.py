@@ -11,7 +11,7 @@ from annotate.boxes import Boxes
 from camera.intrinsics import Lenses
 from placement.footprint import contact_samples
 from placement.settle import Settled, gap_and_penetration
-from planning.aiming import camera_rejections, lenses_of, visible_shares
+from planning.aiming import air_contrasts, camera_rejections, lenses_of, visible_shares
 from planning.placing import CONTACT, clear_of_obstacles, clear_of_vehicle, depth_in_water, sees_sky, settle_at
 from planning.row import Row
 from planning.schema import Config
@@ -265,6 +265,23 @@ class RecomputedPoses:
         measure = self.config.camera.size_measure
         assert measure != "paper"
         return fraction_of(self.boxes.amodal, measure, self.config.render)
+
+    @property
+    def visibility_m(self) -> Float[np.ndarray, " n"]:
+        """How far one sees; nan in clear air."""
+        weather = [row.weather for row in self.rows]
+        return np.array([np.nan if one is None else one.visibility_m for one in weather], dtype=np.float64)
+
+    @property
+    def air_contrast(self) -> Float[np.ndarray, " n"]:
+        """What the air leaves of the vehicle's contrast."""
+        return air_contrasts(self.placed, self.cameras, self.visibility_m)
+
+    @property
+    def says_its_air_contrast(self) -> Bool[np.ndarray, " n"]:
+        """Whether the rows say it, or nothing as in plans of earlier versions."""
+        said, found = (row.planned[self.k].air_contrast for row in self.rows), self.air_contrast.tolist()
+        return np.array([x is None or abs(x - own) <= SHARE for x, own in zip(said, found, strict=True)])
 
     @cached_property
     def visible_fraction(self) -> Float[np.ndarray, " n"]:

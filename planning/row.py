@@ -21,11 +21,10 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.files import PICTURE_NAME
 from planning.paint import Coat
+from planning.pose import decoded_pose
 from planning.weather import Weather
 
 FORMAT = 1
-FARTHEST = 1e9  # metres: beyond, float64 keeps less than the tenth of a micrometre
-RIGID = 1e-6  # what rotations in a plan that was edited by hand may be off
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -104,7 +103,8 @@ EV = Annotated[Annotated[float, Meta(ge=-32, le=32)] | None, _is("a number from 
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
-Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0}', "1e-9 m", _to(9))]
+ShareOrNone = Annotated[Annotated[float, Meta(ge=0, le=1)] | None, _is("a number from 0 to 1, or null", "1e-9", _to(9))]
+Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0, "kind": ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds | None, _is("[[x, y, z], [x, y, z]] or null", "1e-9 m", _to(9))]
 Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
@@ -143,6 +143,10 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
         ),
     ] = None
     paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")] = []
+    air_contrast: Annotated[
+        ShareOrNone,
+        _means("what the air leaves of its contrast, docs/weather.md; null in plans of earlier versions"),
+    ] = None
 
 
 class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
@@ -168,7 +172,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     horizon_deg: Annotated[Horizon, _means("elevation whose colour goes on below it; null: all is seen")] = None
     exposure_ev: Annotated[EV, _means("exposure of the picture; null in plans of earlier versions: 0 EV")] = None
     white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")] = 0.0
-    weather: Annotated[Air, _means("fog, if there is any")]
+    weather: Annotated[Air, _means("what is in the air and lies on things; null: it is clear and dry")]
     sample_seed: Annotated[Seed, _means("of Cycles' noise")]
     background: Annotated[
         YesOrNo,
@@ -358,32 +362,7 @@ def picture_name(index: int) -> str:
     return f"images/{index + 1:08d}.png"
 
 
-_Matrix = tuple[tuple[float, float, float, float], ...]
-
-
-def _decoded(kind: type, value: Any) -> np.ndarray:
-    """A pose from JSON; what msgspec does not know by itself."""
-    assert kind is np.ndarray, kind
-    try:
-        (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
-    except (msgspec.ValidationError, ValueError):
-        raise ValueError("no 4x4 matrix") from None
-    if not (
-        abs(a * a + b * b + c * c - 1.0) <= RIGID
-        and abs(d * d + e * e + f * f - 1.0) <= RIGID
-        and abs(g * g + h * h + i * i - 1.0) <= RIGID
-        and abs(a * d + b * e + c * f) <= RIGID
-        and abs(a * g + b * h + c * i) <= RIGID
-        and abs(d * g + e * h + f * i) <= RIGID
-        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
-        and last == (0.0, 0.0, 0.0, 1.0)
-        and max(abs(x), abs(y), abs(z)) <= FARTHEST
-    ):
-        raise ValueError("not rigid")
-    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])
-
-
-decode_row = msgspec.json.Decoder(Row, dec_hook=_decoded).decode
+decode_row = msgspec.json.Decoder(Row, dec_hook=decoded_pose).decode
 decode_header = msgspec.json.Decoder(Header).decode
 _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 

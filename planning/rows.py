@@ -18,7 +18,6 @@ from planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from planning.schema import Config
 from planning.stage import Model, Placed
-from planning.weather import Weather
 
 
 def rows_of(
@@ -42,10 +41,11 @@ def rows_of(
         rounded("bbox_amodal", views.bbox_amodal).tolist(),
         rounded("visible_fraction", views.visible_fraction).tolist(),
         rounded("truncated_fraction", views.truncated_fraction).tolist(),
+        rounded("air_contrast", views.air_contrast).tolist(),
         lights.hdri.tolist(),
         rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
         rounded("strength", lights.strength).tolist(),
-        rounded("weather", lights.visibility_m).tolist(),
+        lights.air.weathers(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
         _guests(group, planned, "companion", config=config, draws=draws),
@@ -80,20 +80,21 @@ def rows_of(
             hdri=hdris[hdri],
             hdri_yaw_deg=yaw,
             strength=strength,
-            weather=None if visibility != visibility else Weather(visibility_m=visibility),
+            weather=weather,
             sample_seed=seed,
             background=group.background,
             label="none" if group.background else "full",
             bounds=bounds[i],
             paint=coats[i],
+            air_contrast=contrast,
             companions=companions,
             distractors=distractors,
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
             left_out=left_out[i],
         )
         for (
-            i, shot, image, camera, fov, bbox, amodal, visible, truncated,
-            hdri, yaw, strength, visibility, seed, rejected, companions, distractors,
+            i, shot, image, camera, fov, bbox, amodal, visible, truncated, contrast,
+            hdri, yaw, strength, weather, seed, rejected, companions, distractors,
         ) in columns
         if found[i]
     ]  # fmt: skip
@@ -113,6 +114,7 @@ def _guests(group: Group, planned: Planned, kind: str, *, config: Config, draws:
             bbox=views.bbox,
             visible=views.visible_fraction,
             truncated=views.truncated_fraction,
+            contrast=views.air_contrast,
             pixels=slot.pixels,
         )
         model, tries, poses = slot.model.tolist(), slot.tries.tolist(), slot.settled.world_from_vehicle
@@ -121,8 +123,9 @@ def _guests(group: Group, planned: Planned, kind: str, *, config: Config, draws:
         coats = _slot_coats(slot, config, draws, position=group.position, place=place)
         place = place + (slot.model >= 0)
         bbox, amodal = (_boxes(slot.views.bbox), _boxes(slot.views.bbox_amodal))
-        visible, truncated = (
-            rounded(key, getattr(slot.views, key)).tolist() for key in ("visible_fraction", "truncated_fraction")
+        visible, truncated, contrast = (
+            rounded(key, getattr(slot.views, key)).tolist()
+            for key in ("visible_fraction", "truncated_fraction", "air_contrast")
         )
         for image, i in enumerate(owner):
             if model[i] < 0:
@@ -144,6 +147,7 @@ def _guests(group: Group, planned: Planned, kind: str, *, config: Config, draws:
                     label=labels[image],
                     bounds=bounds[i],
                     paint=coats[i],
+                    air_contrast=contrast[image],
                 )
             )
     return records

@@ -22,6 +22,7 @@ from camera.response import COOLEST, FARTHEST_EV, WARMEST
 from planning.paint import Paint, PaintEntry
 from planning.section import Section
 from planning.section import ranged as _range
+from planning.weather_section import WeatherSection
 
 CACHE_NAME = ".hulldown-cache"
 
@@ -72,7 +73,6 @@ Fractions = Annotated[Pair, _range(0.0, 1.0)]
 TargetFractions = Annotated[Pair, _range(1e-4, 10.0)]
 Factors = Annotated[Pair, _range(1e-3, 1e3)]
 Lengths = Annotated[Pair, _range(0.0, 1e6)]
-Visibilities = Annotated[Pair, _range(1.0, 1e6)]
 Strengths = Annotated[Pair, _range(0.0, 1e9)]
 Degrees = Annotated[Pair, _range(-360.0, 360.0)]
 TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
@@ -299,13 +299,7 @@ class LightSection(Section):
     exposure: Exposure = "auto"
     exposure_error_ev: ExposureErrors = (-1.0, 1.0)
     white_balance_error_k: Kelvins = (0.0, 0.0)
-
-
-class WeatherSection(Section):
-    """Fog, in a share of the images."""
-
-    probability: Annotated[float, Field(ge=0, le=1)] = 0.0
-    visibility_m: Visibilities = (300.0, 3000.0)
+    overcast: Patterns = ()
 
 
 PROFILES: Mapping[str, Mapping[str, Any]] = {

@@ -154,6 +154,15 @@ DISTANCE = Limit(
     below=Rejection.DISTANCE,
     above=Rejection.DISTANCE,
 )
+AIR_CONTRAST = Limit(
+    "air_contrast",
+    ("weather.min_contrast",),
+    "the visibility of `weather`, and the camera's distance from the centre of the target's box",
+    lambda r: r.air_contrast,
+    lambda config: (config.weather.min_contrast, 1.0),
+    slack=SHARE,
+    below=Rejection.FAINT,
+)
 EQUATION_6 = Limit(
     "distance as a multiple of that of equation 6 at target fraction 1",
     ("camera.distance_factor", "camera.target_fraction", "camera.size_measure"),

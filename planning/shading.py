@@ -1,4 +1,4 @@
-"""Looks at scenes by rays, for people: surfaces, their normals, a sun with shadows, a sky, fog."""
+"""Looks at scenes by rays, for people: surfaces, their normals, a sun with shadows, a sky, what is in the air."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
-from camera.fog import extinction
+from camera.weather import air_contrast
 from camera.world import Kind, World
+from planning.weather import Weather
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
+_SNOW, _DUST, _DUSTY = np.array([0.85, 0.87, 0.9]), np.array([0.6, 0.48, 0.33]), np.array([0.80, 0.68, 0.48])
 _AMBIENT = 0.45  # of the light comes from the whole sky, the rest from the sun
 _SUN_ELEVATION = math.radians(40.0)
 _TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
@@ -27,7 +29,7 @@ def look(
     paints: Sequence[Float[np.ndarray, "3"]] = (),
     sun: Float[np.ndarray, "3"],
     strength: float = 1.0,
-    visibility_m: float | None = None,
+    weather: Weather | None = None,
 ) -> Float[np.ndarray, "n 3"]:
     """Colours from 0 to 1 of what rays with unit directions meet.
 
@@ -43,8 +45,8 @@ def look(
         (3,) unit direction to it.
     strength
         Factor on all light.
-    visibility_m
-        Meteorological visibility of the fog, if there is any.
+    weather
+        What is in the air and lies on things, if anything: a veil and a cover, no streaks and flakes.
     """
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     colour = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
@@ -59,14 +61,31 @@ def look(
     # Shadow rays start off the surface by more than float32 errs at that distance.
     start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
     direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
+    if weather is not None and weather.kind in ("rain", "snow"):
+        direct *= 0.0  # no sun from these clouds
     light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
-    colour[met] = _albedo(hits.kind[met], hits.which[met], points, paints) * light[:, None]
+    albedo = _albedo(hits.kind[met], hits.which[met], points, paints)
+    if weather is not None:
+        albedo = _covered(albedo, normal[:, 2], hits.kind[met] == Kind.VEHICLE, weather)
+    colour[met] = albedo * light[:, None]
     colour *= strength
-    if visibility_m is not None:
-        clear = np.exp(-extinction(visibility_m) * hits.distance)[:, None]
-        colour = clear * colour + (1.0 - clear) * 0.9 * _HORIZON * strength
+    if weather is not None:
+        clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
+        colour = clear * colour + (1.0 - clear) * 0.9 * (_DUSTY if weather.kind == "dust" else _HORIZON) * strength
     # Displays want about the square root of the light.
     return np.clip(colour, 0.0, 1.0) ** (1.0 / 1.6)
+
+
+def _covered(
+    albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
+) -> Float[np.ndarray, "n 3"]:
+    """Albedo under water, snow or dust; `up` is z of the normals."""
+    cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
+    if weather.kind == "rain":
+        return albedo * (1.0 - 0.4 * cover)
+    if weather.kind == "snow":
+        cover = cover * np.clip(2.0 * up, 0.0, 1.0)[:, None]
+    return albedo + cover * ((_SNOW if weather.kind == "snow" else _DUST) - albedo)
 
 
 def _albedo(

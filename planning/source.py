@@ -23,7 +23,7 @@ class Source:
     stage, budget, draws
         What planning makes of them.
     hdri_weights
-        Name -> weight.
+        Name -> weight in most weather, and under the clouds of rain and snow.
     scenery_weights
         Name -> weight.
     """
@@ -33,19 +33,19 @@ class Source:
     stage: PlanStage
     budget: Budget
     draws: Draws
-    hdri_weights: dict[str, float]
+    hdri_weights: dict[str, tuple[float, float]]
     scenery_weights: dict[str, float]
 
     @classmethod
     def of(cls, config: Config, assets: Assets) -> Source:
         """Build every hierarchy."""
-        weights = hdri_weights(config.light, assets.hdris).tolist()
+        usual, cloudy = hdri_weights(config.light, assets.hdris).tolist()
         return cls(
             config=config,
             assets=assets,
             stage=make_stage(config, assets),
             budget=make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles}),
             draws=Draws(config.seed),
-            hdri_weights=dict(zip(assets.hdris, weights, strict=True)),
+            hdri_weights=dict(zip(assets.hdris, zip(usual, cloudy, strict=True), strict=True)),
             scenery_weights={entry.name: entry.weight for entry in config.assets.sceneries},
         )

@@ -99,6 +99,7 @@ def _histograms() -> dict[str, Histogram]:
         "visible_fraction": _histogram("visible fraction", np.linspace(0.0, 1.0, 21)),
         "truncated_fraction": _histogram("truncated fraction", np.linspace(0.0, 1.0, 21)),
         "exposure_ev": _histogram("exposure (EV)", np.linspace(-32.0, 32.0, 129)),
+        "air_contrast": _histogram("contrast that the air leaves, where it is not clear", np.linspace(0.0, 1.0, 21)),
         "box_px": _histogram("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
     }
 
@@ -125,12 +126,16 @@ class Summary:
         Full and ignored labels, those of targets included.
     rejected
         Tries that were not taken, by reason.
-    foggy
-        Images with fog.
+    weather
+        Images of each kind of weather, "clear" among them.
+    open_sky
+        Images of rain or snow under an HDRI that the config does not call overcast.
     no_room
         Companions that found no room and were left out, counted once a position.
     left_out
         Vehicles that are not planned on a scenery.
+    overcast
+        Whether the config says which HDRIs are overcast.
     histograms
         By key of the plan, or of what follows from its poses.
     """
@@ -147,9 +152,11 @@ class Summary:
     sceneries: Counter[str] = field(default_factory=Counter)
     hdris: Counter[str] = field(default_factory=Counter)
     rejected: Counter[Rejection] = field(default_factory=Counter)
-    foggy: int = 0
+    weather: Counter[str] = field(default_factory=Counter)
+    open_sky: int = 0
     no_room: int = 0
     left_out: tuple[LeftOut, ...] = ()
+    overcast: bool = False
     histograms: dict[str, Histogram] = field(default_factory=_histograms)
 
     def add(self, rows: list[Row]) -> None:
@@ -166,7 +173,9 @@ class Summary:
             self.sceneries[row.scenery] += 1
             self.hdris[row.hdri] += 1
             self.positions += row.shot == 0
-            self.foggy += row.weather is not None
+            kind = row.weather.kind if row.weather else "clear"
+            self.weather[kind] += 1
+            self.open_sky += not self.overcast and kind in ("rain", "snow")
             self.no_room += row.left_out if row.shot == 0 else 0
             self.companions.update(companion.vehicle for companion in row.companions)
             self.distractors.update(distractor.vehicle for distractor in row.distractors)
@@ -188,6 +197,8 @@ class Summary:
             "elevation_deg": np.degrees(np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))),
             "exposure_ev": np.array([row.exposure_ev or 0.0 for row in rows]),
             "box_px": np.sqrt(boxes[:, 2] * boxes[:, 3]),
+            # Of clear air and of plans of earlier versions there is nothing to count.
+            "air_contrast": np.array([r.air_contrast for r in rows if r.weather and r.air_contrast is not None]),
         }
         for key, histogram in self.histograms.items():
             histogram.add(values[key] if key in values else np.array([getattr(row, key) for row in rows]))
@@ -206,7 +217,8 @@ class Summary:
             "labels": dict(self.labels),
             "sceneries": dict(self.sceneries),
             "hdris": dict(self.hdris),
-            "foggy": self.foggy,
+            "foggy": self.weather["fog"],
+            "weather": dict(self.weather),
             "companions_left_out": self.no_room,
             "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "rejected": {rejection.key: n for rejection, n in sorted(self.rejected.items())},
@@ -222,6 +234,10 @@ class Summary:
         notes = [f"left out: {pair.why}" for pair in self.left_out]
         if self.no_room:
             notes.append(f"left out: {self.no_room:,} companions that found no room at their position")
+        if self.open_sky:
+            notes.append(
+                f"rain or snow fall in {self.open_sky:,} images from any sky: name the overcast HDRIs in light.overcast"
+            )
         return notes
 
     def _class_table(self) -> Table:
@@ -245,6 +261,8 @@ class Summary:
         if self.labels["ignored"]:
             ignored, full = self.labels["ignored"], self.labels["full"]
             table.add_row("labels", f"{full:,} full, {ignored:,} to be ignored: they show too little")
+        if self.weather.keys() - {"clear"}:
+            table.add_row("weather", ", ".join(f"{kind} {n:,}" for kind, n in sorted(self.weather.items())))
         return table
 
     def _histogram_table(self) -> Table:
@@ -321,9 +339,19 @@ class Summary:
         return charts | ({"vehicles beside targets": dict(beside.most_common(12))} if beside else {})
 
 
-def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = ()) -> Summary:
-    """Count over all rows of a plan, holding few of them at a time."""
-    summary, some = Summary(left_out=tuple(left_out)), []
+def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
+    """Count over all rows of a plan, holding few of them at a time.
+
+    Parameters
+    ----------
+    rows
+        The plan's.
+    left_out
+        What its header says of vehicles without a place.
+    overcast
+        Whether its config says which HDRIs are overcast.
+    """
+    summary, some = Summary(left_out=tuple(left_out), overcast=overcast), []
     for row in rows:
         some.append(row)
         if len(some) == 4096:

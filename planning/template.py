@@ -203,9 +203,24 @@ exposure = "auto"      # "auto": a grey card on open land is mid-grey; or EV, th
 exposure_error_ev = [-1.0, 1.0]     # what the camera is off that
 white_balance_error_k = [0.0, 0.0]  # kelvin that its white balance is off 6500 K; more is warmer
 
-[weather]
-probability = 0.0               # share of images with fog
-visibility_m = [300.0, 3000.0]  # how far one sees in it
+overcast = []          # names or patterns of HDRIs for rain and snow; empty: the same as for all other weather
+
+[weather]  # shares of images; the rest is clear
+fog = 0.0
+rain = 0.0
+snow = 0.0
+dust = 0.0
+visibility_m = [300.0, 3000.0]       # how far one sees in fog; 3000: haze
+rain_mm_h = [2.0, 50.0]              # rate of rain, from which all of it follows; 2: light, 10: heavy, 50: a cloudburst
+snow_visibility_m = [300.0, 2000.0]  # how far one sees in falling snow
+dust_visibility_m = [200.0, 2000.0]  # how far one sees in blown dust
+snow_cover = [0.3, 1.0]              # how far the ground is under snow
+vehicle_snow_cover = [0.0, 0.8]      # how far vehicles are: one in use is bare, a parked one is not
+dust_cover = [0.0, 0.5]              # how far the ground is under dust
+vehicle_dust_cover = [0.1, 0.8]      # how far the lower parts of vehicles are
+wind_m_s = [0.0, 8.0]                # speed of the wind, from anywhere; it slants what falls
+exposure_s = 0.004                   # how long the shutter is open: the length of streaks
+min_contrast = 0.05                  # share of its contrast that the air must leave a target; 0: it may be a ghost
 
 [render]
 profile = "paper"  # "paper": 128 samples, denoised; "fast": for a look. Sets the commented keys below.

@@ -11,8 +11,10 @@ Cover = Annotated[float, Meta(ge=0, le=1)]
 Wind = Annotated[float, Meta(ge=-100, le=100)]
 
 
-class Weather(Struct, frozen=True, gc=False):
+class Weather(Struct, frozen=True, gc=False, omit_defaults=True):
     """What is in the air and lies on things, of one kind; plans of earlier versions know fog alone.
+
+    Files leave out what has its default, so that fog is said as it was.
 
     Parameters
     ----------

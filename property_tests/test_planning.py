@@ -82,7 +82,14 @@ def configs(draw):
             "max_tries": 12,
         },
         light={"yaw_deg": draw(interval(-360.0, 360.0)), "strength": draw(interval(0.0, 5.0))},
-        weather={"probability": draw(st.floats(0.0, 1.0)), "visibility_m": draw(interval(10.0, 5000.0))},
+        weather={
+            "fog": draw(st.floats(0.0, 0.4)),
+            "rain": draw(st.floats(0.0, 0.2)),
+            "snow": draw(st.floats(0.0, 0.2)),
+            "dust": draw(st.floats(0.0, 0.2)),
+            "visibility_m": draw(interval(10.0, 5000.0)),
+            "min_contrast": draw(st.floats(0.0, 0.3)),
+        },
         render={"width": draw(st.integers(64, 2000)), "height": draw(st.integers(64, 2000))},
     )
 
@@ -225,8 +232,20 @@ def share_of_the_image(row, measure):
 def light_within_limits(row, config):
     assert within(row.hdri_yaw_deg, config.light.yaw_deg)
     assert within(row.strength, config.light.strength)
+    kind = "clear" if row.weather is None else row.weather.kind
     if row.weather is not None:
-        assert within(row.weather.visibility_m, config.weather.visibility_m)
+        assert getattr(config.weather, kind) > 0.0
+    if kind in ("fog", "snow", "dust"):
+        key = {"fog": "visibility_m", "snow": "snow_visibility_m", "dust": "dust_visibility_m"}[kind]
+        assert within(row.weather.visibility_m, getattr(config.weather, key))
+    if kind == "rain":
+        assert within(row.weather.rain_mm_h, config.weather.rain_mm_h)
+    assert row.air_contrast >= config.weather.min_contrast - ROUNDED
+    for vehicle in row.planned:
+        centre = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]
+        away = np.linalg.norm(centre - np.array(row.world_from_camera)[:3, 3])
+        left = 1.0 if row.weather is None else 0.02 ** (away / row.weather.visibility_m)
+        assert vehicle.air_contrast == pytest.approx(left, abs=2 * ROUNDED)
     assert 0 <= row.sample_seed < 2**31
     assert (row.width, row.height) == (config.render.width, config.render.height)
 

@@ -91,9 +91,9 @@ def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
     return items[(k - 1) * len(items) // n : k * len(items) // n]
 
 
-def sort_key(row: Row) -> tuple[str, str, bool, str]:
-    """Sorts rows by what takes long to change, the longest first: scenery, vehicle, fog or none, HDRI."""
-    return row.scenery, row.vehicle, row.weather is not None, row.hdri
+def sort_key(row: Row) -> tuple[str, str, str, str]:
+    """Sorts rows by what takes long to change, the longest first: scenery, vehicle, kind of weather, HDRI."""
+    return row.scenery, row.vehicle, row.weather.kind if row.weather else "", row.hdri
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:

@@ -80,7 +80,8 @@ def test_what_is_stored_comes_before_what_is_derived():
 @pytest.mark.parametrize(
     ("weather", "name"),
     [(None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
-     ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"), ("snow", "snow")],
+     ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"),
+     ({"kind": "rain", "visibility_m": 900.0}, "rain, 500 m to 2 km"), ("snow", "snow")],
 )  # fmt: skip
 def test_weather_has_a_bin(weather, name):
     assert of({"weather": weather}, {})["weather"] == name

@@ -117,7 +117,20 @@ RANGE = "expected a number or [low, high] with"
         ("[placement]\nmax_slope = 20", "unknown key placement.max_slope; did you mean placement.max_slope_deg?"),
         ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg; did you mean camera.fov_x_deg?"),
         ("[placment]\nmargin = 1", "unknown key placment; did you mean placement?"),
-        ("[weather]\nqwerty = 1", "unknown key weather.qwerty; known here: probability, visibility_m"),
+        (
+            "[weather]\nqwerty = 1",
+            "unknown key weather.qwerty; known here: dust, dust_cover, dust_visibility_m, exposure_s, fog, "
+            "min_contrast, rain, rain_mm_h, snow, snow_cover, snow_visibility_m, vehicle_dust_cover, "
+            "vehicle_snow_cover, visibility_m, wind_m_s",
+        ),
+        (
+            "[weather]\nfog = 0.6\nrain = 0.5",
+            "weather: fog, rain, snow and dust are 1.1 together; expected shares of at most 1 in all",
+        ),
+        (
+            "[weather]\nfog = 0.6\nprobability = 0.5",
+            "weather: fog and probability are two names of one share; expected fog alone",
+        ),
         ("[camera]\nfov_x_deg = [50, 40]", f"camera.fov_x_deg = [50, 40]: {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = 'wide'", f"camera.fov_x_deg = 'wide': {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = nan", f"camera.fov_x_deg = nan: {RANGE} 0.1 <= low <= high <= 179"),

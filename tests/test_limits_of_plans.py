@@ -85,7 +85,7 @@ def made(assets, tmp_path_factory):
         budget={"images_per_class": 10, "images_per_position": 2, "background_share": 0.2},
         placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30], "fording_depth": 9},
         camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60]},
-        weather={"probability": 0.5},
+        weather={"fog": 0.2, "rain": 0.2, "snow": 0.2, "dust": 0.2},
     )
     return write_plan(config, assets, tmp_path_factory.mktemp("made") / "plan.jsonl")
 
@@ -157,8 +157,19 @@ CHANGES = [
     ("light.hdris", [{"name": "noon", "weight": 1.0}], "hdri, which has no weight"),
     ("light.yaw_deg", [0.0, 90.0], "hdri_yaw_deg is"),
     ("light.strength", [0.7, 0.8], "strength is"),
-    ("weather.probability", 0.2, "weather, which is not what was drawn"),
+    ("light.overcast", ["noon"], "hdri, which has no weight"),
+    *((f"weather.{kind}", 0.0, "weather, which is not what was drawn") for kind in ("fog", "rain", "snow", "dust")),
     ("weather.visibility_m", [300.0, 400.0], "weather.visibility_m is"),
+    ("weather.rain_mm_h", [2.0, 2.1], "weather.rain_mm_h is"),
+    ("weather.snow_visibility_m", [300.0, 301.0], "weather.snow_visibility_m is"),
+    ("weather.dust_visibility_m", [200.0, 201.0], "weather.dust_visibility_m is"),
+    ("weather.snow_cover", [0.3, 0.31], "weather.snow_cover is"),
+    ("weather.vehicle_snow_cover", [0.0, 0.01], "weather.vehicle_snow_cover is"),
+    ("weather.dust_cover", [0.0, 0.01], "weather.dust_cover is"),
+    ("weather.vehicle_dust_cover", [0.1, 0.11], "weather.vehicle_dust_cover is"),
+    ("weather.wind_m_s", [0.0, 0.1], "weather.wind_m_s is"),
+    ("weather.exposure_s", 0.01, "weather.exposure_s is"),
+    ("weather.min_contrast", 0.999, "air_contrast is"),
     ("render.width", 1900, "width and height"),
     ("render.height", 1000, "width and height"),
 ]  # fmt: skip

@@ -42,6 +42,7 @@ VEHICLE = {
     "label": "full",
     "bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]],
     "paint": [{"materials": ["camo*"], "colour": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
+    "air_contrast": 0.9,
 }
 ROW = {
     "scenery": "hills",

@@ -48,6 +48,7 @@ def test_counts():
     assert found["sizes"] == {"tank": {"small": 1, "medium": 1}, "truck": {"large": 1, "small": 1}}
     assert found["companions"] == {"t72": 1}
     assert found["foggy"] == 1
+    assert found["weather"] == {"clear": 3, "fog": 1}
     assert found["rejected"] == {"too_steep": 3, "camera_low": 1, "hidden": 2}
     slope = found["histograms"]["slope_deg"]
     assert (slope["lowest"], slope["highest"], slope["mean"]) == (5.0, 29.5, 11.125)

@@ -145,9 +145,11 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
+    from planning.config import parse_config
     from planning.summary import summarise
 
-    summary = summarise(plan, left_out=plan.header.left_out)
+    overcast = bool(parse_config(plan.header.config, path=plan.path).light.overcast)
+    summary = summarise(plan, left_out=plan.header.left_out, overcast=overcast)
     picture = picture_of(arguments.output, "summary")
     summary.draw(picture)
     if arguments.json:

@@ -1,0 +1,164 @@
+"""Weather: the laws, what is drawn, what earlier versions said, and what is too faint."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from camera.weather import GHOST, air_contrast, rain_extinction, rain_visibility_m, wetness
+from geometry.errors import ConfigError
+from planning.air import CLEAR, KINDS, draw_air
+from planning.check import check_plan
+from planning.draws import Draws, Purpose
+from planning.light import draw_lights, hdri_weights
+from planning.plan_file import read_plan
+from planning.planner import plan
+from planning.row import encode
+from planning.weather import Weather
+from planning.weather_section import WeatherSection
+from planning.write import write_plan
+from tests.planning_assets import small_assets, small_config
+
+IMAGES = np.arange(4000)
+ASSETS = small_assets()
+BUDGET = {"images_per_class": 3, "images_per_position": 2}
+ALL = {"fog": 0.1, "rain": 0.2, "snow": 0.25, "dust": 0.3}
+
+
+def drawn(**keys):
+    return draw_air(WeatherSection(**keys), draws=Draws(5), image=IMAGES)
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 100.0])
+def test_extinction_of_rain_is_the_integral_over_its_drops(rate):
+    def blocked(diameter_mm):
+        drops = 8000.0 * math.exp(-4.1 * rate**-0.21 * diameter_mm)  # a cubic metre and a millimetre
+        return drops * 2.0 * math.pi / 4.0 * (1e-3 * diameter_mm) ** 2
+
+    assert rain_extinction(rate) == pytest.approx(quad(blocked, 0.0, 100.0)[0], rel=2e-3)
+    assert rain_visibility_m(rate) * rain_extinction(rate) == pytest.approx(-math.log(0.02))
+
+
+def test_what_rain_wets_grows_with_its_rate():
+    wet = wetness(np.linspace(0.0, 100.0, 101))
+    assert wet[0] == 0.0
+    assert (np.diff(wet) >= 0.0).all()
+    assert 0.99 < wet[-1] <= 1.0
+
+
+def test_shares_are_met():
+    kind = drawn(**ALL).kind
+    for i, name in enumerate(KINDS):
+        assert np.mean(kind == i) == pytest.approx(ALL[name], abs=0.03)
+    assert np.mean(kind == CLEAR) == pytest.approx(0.15, abs=0.03)
+
+
+def test_shares_of_one_in_all_leave_no_image_clear():
+    assert not (drawn(fog=0.1, rain=0.2, snow=0.3, dust=0.4).kind == CLEAR).any()
+
+
+def test_other_weather_changes_no_fog():
+    alone, beside = drawn(fog=0.1), drawn(**ALL)
+    foggy = alone.kind == KINDS.index("fog")
+    assert (foggy == (beside.kind == KINDS.index("fog"))).all()
+    assert (alone.visibility_m[foggy] == beside.visibility_m[foggy]).all()
+
+
+def test_the_old_key_is_fog_as_it_was():
+    """Kind and visibility are numbers 3 and 4 of the light's, and nothing is too faint."""
+    old = WeatherSection(**{"probability": 0.4, "visibility_m": (300.0, 3000.0)})
+    assert (old.fog, old.rain, old.min_contrast) == (0.4, 0.0, 0.0)
+    u = np.stack([Draws(5).uniform(Purpose.LIGHT, IMAGES, 0, count=5)[:, i] for i in (3, 4)])
+    air = draw_air(old, draws=Draws(5), image=IMAGES)
+    assert (np.isfinite(air.visibility_m) == (u[0] < 0.4)).all()
+    assert np.nan_to_num(air.visibility_m - (300.0 + 2700.0 * u[1])) == pytest.approx(0.0, abs=1e-9)
+    foggy = next(one for one in air.weathers() if one is not None)
+    assert encode(foggy) == f'{{"visibility_m":{foggy.visibility_m!r}}}\n'.encode()
+
+
+def test_what_is_drawn_is_within_the_config():
+    weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01).weathers() if one is not None]
+    of = {kind: [one for one in weathers if one.kind == kind] for kind in KINDS}
+    assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in KINDS[1:] for one in of[kind])
+    assert {one.exposure_s for kind in KINDS[1:] for one in of[kind]} == {0.01}
+    assert all(one == Weather(one.visibility_m) and 300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
+    for one in of["rain"]:
+        assert 2.0 <= one.rain_mm_h <= 50.0
+        assert one.visibility_m == pytest.approx(float(rain_visibility_m(one.rain_mm_h)), abs=1e-8)
+        assert one.ground_cover == one.vehicle_cover == pytest.approx(float(wetness(one.rain_mm_h)), abs=1e-8)
+    assert all(300.0 <= one.visibility_m <= 2000.0 and 0.3 <= one.ground_cover <= 1.0 for one in of["snow"])
+    assert all(200.0 <= one.visibility_m <= 2000.0 and 0.1 <= one.vehicle_cover <= 0.8 for one in of["dust"])
+    assert {one.rain_mm_h for kind in ("snow", "dust") for one in of[kind]} == {0.0}
+
+
+def test_rain_and_snow_fall_from_overcast_skies():
+    light = small_config(light={"hdris": ["noon"], "overcast": ["grey*"]}).light
+    weights = hdri_weights(light, ("noon", "grey_one", "dusk", "grey_two"))
+    assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
+    lights = draw_lights(light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=Draws(5), image=IMAGES)
+    assert set(lights.hdri[lights.air.overcast].tolist()) == {1, 3}
+    assert set(lights.hdri[~lights.air.overcast].tolist()) == {0}
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        ({"overcast": ["grey*"]}, "light.overcast: 'grey\\*' matches no HDRI"),
+        ({"hdris": [{"name": "noon", "weight": 0}, "dusk"], "overcast": ["noon"]}, "light.overcast: all weights are 0"),
+    ],
+)
+def test_an_overcast_sky_that_is_not_there_is_said(light, message):
+    with pytest.raises(ConfigError, match=message):
+        hdri_weights(small_config(light=light).light, ("noon", "dusk"))
+
+
+def test_contrast_falls_with_distance():
+    left = air_contrast(1000.0, np.linspace(0.0, 3000.0, 50))
+    assert left[0] == 1.0
+    assert (np.diff(left) < 0.0).all()
+    assert (left > 0.0).all()
+    assert air_contrast(1000.0, 1000.0) == pytest.approx(0.02)
+    assert air_contrast(np.nan, 1e9) == 1.0
+    assert air_contrast(1.0, 1e9) > 0.0
+
+
+def distance(row):
+    model = ASSETS.vehicles[row.vehicle]
+    centre = row.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
+    return np.linalg.norm(centre[:3] - row.world_from_camera[:3, 3])
+
+
+def test_no_target_is_fainter_than_asked():
+    thick = {"fog": 0.7, "visibility_m": [100.0, 200.0]}
+    loose = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.0}), ASSETS))
+    rows = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.2}), ASSETS))
+    assert min(row.air_contrast for row in loose) < 0.2
+    assert min(row.air_contrast for row in rows) >= 0.2
+    assert len(rows) == len(loose)
+    assert sum(row.rejected.get("faint", 0) for row in rows) > 0
+    assert [row.weather for row in rows] == [row.weather for row in loose]
+    for row in rows:
+        clear = row.weather is None
+        wanted = 1.0 if clear else math.exp(math.log(0.02) * distance(row) / row.weather.visibility_m)
+        assert row.air_contrast == pytest.approx(wanted, abs=1e-8)
+
+
+def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
+    monkeypatch.setattr("planning.group.BLIND_PLACES", 2)
+    config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
+    with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
+        list(plan(config, ASSETS))
+
+
+def test_a_plan_of_an_earlier_version_keeps_its_limits(tmp_path):
+    """Its header says `probability`, its rows no contrast; ghosts break nothing in it."""
+    thick = {"probability": 0.7, "visibility_m": [20.0, 60.0]}
+    made = write_plan(small_config(budget=BUDGET, weather=thick), ASSETS, tmp_path / "plan.jsonl")
+    header, *rows = map(json.loads, made.path.read_bytes().splitlines())
+    header["config"]["weather"] = thick
+    assert min(row.pop("air_contrast") for row in rows) < GHOST
+    old = tmp_path / "old.jsonl"
+    old.write_text("".join(json.dumps(record) + "\n" for record in (header, *rows)))
+    assert check_plan(read_plan(old), ASSETS) == []
