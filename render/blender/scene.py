@@ -19,7 +19,7 @@ import numpy as np
 
 from assets.naming import BACKDROPS, says
 from reading.blender.frames import pose, world_from_blender_camera
-from reading.blender.opening import open_blend
+from reading.blender.opening import disarm, open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.light import Fog, HdriWorld
 from render.messages import CameraInput, LightInput, VehicleInput
@@ -94,6 +94,7 @@ class Stage:
         if not copies:
             with bpy.data.libraries.load(path, link=False) as (source, target):
                 target.collections = source.collections[:1]
+            disarm()  # a prepared vehicle has nothing of that, but the cache may have come with the plan
             copies.append(target.collections[0])
             copies[0].use_fake_user = True  # while it is in no scene, nothing else keeps it from being purged
             for obj in copies[0].objects:
