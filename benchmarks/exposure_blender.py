@@ -36,7 +36,7 @@ class Job:
     visibility_m: float | None = None
     exposure: float = 0.0
     white_balance: float = 0.0
-    samples: int = 512
+    samples: int = 128
 
 
 def main() -> None:
