@@ -37,7 +37,7 @@ def run(quick: bool) -> dict[str, Any]:
                 jobs += [{**job, "visibility_m": metres} for metres in FOG_M]
         levels = _blender("exposure_blender.py", folder, jobs)
     cards = [
-        {"kind": Path(job["hdri"]).stem, "fog_m": job.get("visibility_m"), "error_ev": _error(level)}
+        {"kind": Path(job["hdri"]).stem, "fog_m": job.get("visibility_m"), "error_ev": error_ev(level)}
         for job, level in zip(jobs, levels, strict=True)
     ]
     maps = {
@@ -57,7 +57,7 @@ def _blender(script: str, folder: Path, asked: Any) -> Any:
     return json.loads(answer.read_text())
 
 
-def _error(level: list[float]) -> float:
+def error_ev(level: list[float]) -> float:
     """EV that a card's colour in a picture is brighter than was asked for."""
     ev = np.linspace(-4.0, 4.0, 801)
     ramp = displayed(ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE

@@ -1,6 +1,6 @@
 """Whether an HDRI shows open land, and how high above its horizon something other than sky stands.
 
-The thresholds were set on 31 HDRIs, twelve of them of open land: all twelve pass, 18 of the 19 others are told.
+The thresholds were set on 31 HDRIs, twelve of them of open land: all twelve pass, and all the others are told.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from camera.response import LUMINANCE
 
 ROWS = 128  # of the map that is judged: 1.4 degrees each
 FEWEST = 32  # rows that tell anything
-DARK = 0.5  # of the sky above it: what is darker stands before it
-ABOVE_DEG = 25.0  # of sky that something is compared with
+# What is darker than this share of the sky so many degrees above it stands before it; an overcast sky's horizon has a
+# third of its zenith.
+DARK = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
 GAP = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
-TOP_DEG = 65.0  # higher things are overhead
+TOP_DEG = 60.0  # higher things are overhead
 NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, are a street's or a wood's
 WARMEST = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
 BUSY, STEP = 0.3, 0.25  # share of neighbours overhead whose logarithms differ by that much; broken cloud had 0.23
@@ -69,8 +70,11 @@ def _tops(grey: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) ->
     tops = np.zeros(grey.shape[1])
     bright = np.zeros(grey.shape[1], dtype=int)  # rows since the last dark one
     for row in np.flatnonzero((elevation > 0.0) & (elevation < TOP_DEG))[::-1]:
-        sky = (elevation > elevation[row] + 1.0) & (elevation < elevation[row] + ABOVE_DEG)
-        dark = (grey[row] < DARK * np.median(grey[sky], axis=0)) & (bright <= GAP)
+        dark = np.zeros(grey.shape[1], dtype=bool)
+        for (low, high), share in DARK.items():
+            above = (elevation > elevation[row] + low) & (elevation < elevation[row] + high)
+            dark |= grey[row] < share * np.median(grey[above], axis=0)
+        dark &= bright <= GAP
         tops[dark] = elevation[row] + 90.0 / len(grey)
         bright = np.where(dark, 0, bright + 1)
     return tops

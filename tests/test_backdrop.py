@@ -1,0 +1,67 @@
+"""Skies that show no open land are told, and how high what stands around them reaches."""
+
+import numpy as np
+import pytest
+
+from reading.backdrop import backdrop, small_map
+
+
+def open_sky():
+    """Blue and even, brighter at the horizon, over dark earth; the zenith in the first row."""
+    elevation = np.radians(90.0 - (np.arange(128) + 0.5) / 128 * 180.0)[:, None, None]
+    sky = (0.6 + 0.6 * np.exp(-4.0 * np.maximum(elevation, 0.0))) * np.array([0.4, 0.6, 1.0])
+    return np.where(elevation > 0.0, sky, [0.12, 0.1, 0.08]) * np.ones((128, 256, 1))
+
+
+def standing(degrees, columns, level=0.1):
+    """The same with something dark before it."""
+    sky = open_sky()
+    elevation = 90.0 - (np.arange(128) + 0.5) / 128 * 180.0
+    sky[np.ix_((elevation > 0.0) & (elevation < degrees), columns)] *= level
+    return sky
+
+
+def test_an_open_sky_fits_and_ends_at_the_horizon():
+    assert backdrop(open_sky()) == (0.703, ())
+
+
+def test_a_low_wood_fits_and_says_how_high_it_is():
+    horizon_deg, misfits = backdrop(standing(8.0, range(256)))
+    assert misfits == ()
+    assert horizon_deg == pytest.approx(8.0, abs=1.5)
+
+
+def test_facades_are_told():
+    horizon_deg, misfits = backdrop(standing(30.0, range(40)))
+    assert horizon_deg == pytest.approx(30.0, abs=1.5)
+    assert len(misfits) == 1
+    assert "reaches 30 degrees above its horizon" in misfits[0] or "reaches 29 degrees" in misfits[0]
+
+
+def test_a_lamp_post_fits_but_counts_for_the_horizon():
+    horizon_deg, misfits = backdrop(standing(40.0, [7, 8]))
+    assert misfits == ()
+    assert horizon_deg == pytest.approx(40.0, abs=1.5)
+
+
+def test_a_ceiling_and_a_roof_are_told():
+    warm = open_sky()[..., ::-1]
+    assert backdrop(warm)[1] == ("what is overhead is as warm as a ceiling",)
+    beams = open_sky()
+    beams[:, ::4] *= 0.6
+    assert any("has edges" in misfit for misfit in backdrop(beams)[1])
+
+
+def test_the_scale_of_a_sky_and_its_turn_say_nothing():
+    sky = standing(20.0, range(40))
+    assert backdrop(sky * 2.0**-12) == backdrop(sky) == backdrop(np.roll(sky, 77, axis=1))
+
+
+def test_a_sky_of_few_rows_is_not_judged():
+    assert backdrop(small_map(np.ones((4, 8, 3)))) == (22.5, ())
+
+
+def test_a_small_map_is_of_means_with_the_zenith_first():
+    pixels = np.zeros((256, 512, 3))
+    pixels[255, 0] = 4.0
+    assert small_map(pixels)[0, 0].tolist() == [1.0, 1.0, 1.0]
