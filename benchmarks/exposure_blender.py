@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
+from camera.fog import DUST_LAYERS, airlight
 from camera.response import ALBEDO
 from render.blender import cycles
 from render.blender.light import Fog, HdriWorld
@@ -34,6 +35,7 @@ class Job:
     strength: float = 1.0
     horizon: float | None = None
     visibility_m: float | None = None
+    kind: str = "fog"
     exposure: float = 0.0
     white_balance: float = 0.0
     samples: int = 128
@@ -52,9 +54,11 @@ def main() -> None:
     scene.collection.objects.link(camera)
     scene.camera = camera
     world = HdriWorld(scene)
-    fog = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
-    scene.collection.objects.link(fog)
-    air = Fog([fog])
+    box = bpy.data.meshes.new("fog")
+    boxes = [bpy.data.objects.new("fog", box) for _ in range(DUST_LAYERS)]
+    for one in boxes:
+        scene.collection.objects.link(one)
+    air = Fog(boxes)
     answers = []
     for job in jobs:
         settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
@@ -64,8 +68,8 @@ def main() -> None:
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         air.clear()
         if job.visibility_m is not None:
-            eye = np.array([0.0, 0.0, EYE])
-            air.fill("fog", job.visibility_m, world.airlight(), eye, file_from_scenery=np.eye(4), units_per_metre=1.0)
+            glow, eye = np.array(airlight(job.kind, world.airlight().tolist())), np.array([0.0, 0.0, EYE])
+            air.fill(job.kind, job.visibility_m, glow, eye, file_from_scenery=np.eye(4), units_per_metre=1.0)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)
         answers.append(_mean(scene.render.filepath))

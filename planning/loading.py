@@ -27,6 +27,7 @@ from reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from reading.inspect import Inspected, draw
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.report import FileReport, refuse_missing
+from reading.sky_report import REMEDY
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 
@@ -56,9 +57,17 @@ class Library:
         exported = [*self.vehicles.values(), *self.distractors.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
-        skies = [(files[name].path, hdri) for name, hdri in self.hdris.items()]
-        doubts += [f"{path}: {note}" for path, hdri in skies for note in hdri.notes]
-        return (*doubts, *(f"{path}: {doubt}" for path, hdri in skies for doubt in hdri.light.misfits))
+        return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
+
+    @property
+    def misfits(self) -> tuple[str, ...]:
+        """HDRIs that show no open land, a line each."""
+        files = self.assets.hdri_files
+        return tuple(
+            f"{files[name].path}: {hdri.light.misfits[0]}; {REMEDY}"
+            for name, hdri in self.hdris.items()
+            if hdri.light.misfits
+        )
 
 
 def load_assets(
@@ -94,7 +103,7 @@ def load_assets(
     """
     library = load_library(config, strict=strict, cache=cache, progress=progress, limits=limits)
     if warn:
-        for doubt in library.doubts:
+        for doubt in (*library.doubts, *(library.misfits if config.light.backdrop == "hdri" else ())):
             warn(doubt)
     return library.assets
 

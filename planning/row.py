@@ -156,13 +156,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
     file_name: Annotated[PictureName, _means("where the picture goes; no two differ in capitals only", recorded=False)]
     scenery: Annotated[Name, _means("the scenery's name")]
-    position: Annotated[
-        Count,
-        _means(
-            "a position is one vehicle that stands in one place; its shots share scenery, vehicles, poses and "
-            "articulation, and differ in camera and light"
-        ),
-    ]
+    position: Annotated[Count, _means("one vehicle in one place; its shots share all but camera and light")]
     shot: Annotated[Count, _means("0, 1, 2, ... at each position")]
     world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), metres")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
@@ -171,9 +165,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     hdri: Annotated[Name, _means("the HDRI's name")]
     hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[
-        Horizon, _means("elevation whose colour the camera sees below it too; null: it sees the HDRI as it is")
-    ] = None
+    horizon_deg: Annotated[Horizon, _means("elevation whose colour goes on below it; null: all is seen")] = None
     exposure_ev: Annotated[EV, _means("exposure of the picture; null in plans of earlier versions: 0 EV")] = None
     white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")] = 0.0
     weather: Annotated[Air, _means("fog, if there is any")]
