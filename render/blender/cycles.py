@@ -22,7 +22,7 @@ GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for
 OIDN = "OPENIMAGEDENOISE"
 # What a view layer holds besides settings, and what leads from a setting back to where it came from.
 NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
-NEUTRAL_K = 6500.0  # the white balance that changes nothing, but for rounding
+NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
@@ -160,7 +160,8 @@ def expose(scene: Any, settings: Settings, exposure: float, white_balance: float
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure
     view.use_white_balance = white_balance != 0.0
-    view.white_balance_temperature = NEUTRAL_K + white_balance
+    # Resetting the white point has set both anew.
+    view.white_balance_temperature, view.white_balance_tint = NEUTRAL_K + white_balance, NEUTRAL_TINT
     for name, value in (
         ("sample_clamp_indirect", CLAMP_INDIRECT * scale),
         ("light_sampling_threshold", min(LIGHT_THRESHOLD * scale, 1.0)),
