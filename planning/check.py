@@ -44,7 +44,22 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
     ConfigError
         If a line of the plan is damaged.
     """
-    checker = _Checker(Source.of(parse_config(plan.header.config, path=plan.path), assets))
+    return check_rows(plan, Source.of(parse_config(plan.header.config, path=plan.path), assets), progress=progress)
+
+
+def check_rows(plan: Plan, source: Source, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
+    """The same of a plan whose assets are ready; many plans of one config share them.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    source
+        What it was made from.
+    progress
+        See `check_plan`.
+    """
+    checker = _Checker(source)
     rows = iter(plan)
     done = 0
     while some := list(islice(rows, ROWS)):

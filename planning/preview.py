@@ -23,7 +23,7 @@ from planning.paint import previewed
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row, labelling
 from planning.shading import look, paint_of, sun_of
-from planning.stage import make_stage
+from planning.stage import PlanStage, make_stage
 
 TILE_WIDTH = 480
 HIGHEST = 4  # times its width that a picture is high, at most
@@ -90,11 +90,13 @@ class Artist:
         Whose rows are drawn.
     assets
         Those the plan was made from.
+    stage
+        The same where it is built already.
     """
 
-    def __init__(self, plan: Plan, assets: Assets) -> None:
+    def __init__(self, plan: Plan, assets: Assets, *, stage: PlanStage | None = None) -> None:
         self._path, self._assets = plan.path, assets
-        stage = make_stage(parse_config(plan.header.config, path=plan.path), assets)
+        stage = stage or make_stage(parse_config(plan.header.config, path=plan.path), assets)
         self._models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
         self._class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}

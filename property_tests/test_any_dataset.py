@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+import shutil
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import orjson
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -83,8 +87,10 @@ change = st.tuples(
 )
 
 
-def sound(folder: Path) -> None:
-    """Two rendered images and a photograph."""
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rendered images and a photograph, in a dataset that each example copies."""
+    folder = tmp_path_factory.mktemp("sound") / "d"
     (folder / "images").mkdir(parents=True)
     with CocoDataset.open(folder, categories=["tank"]) as dataset:
         dataset.run("f" * 64, images=2, annotations=2)
@@ -98,6 +104,14 @@ def sound(folder: Path) -> None:
             dataset.append(
                 image, [{"id": i, "category": "tank", "bbox": [1, 1, 2, 4], "segmentation": mask, "area": 4}]
             )
+    return folder
+
+
+@contextmanager
+def copied(sound: Path) -> Iterator[Path]:
+    """A copy of it in a folder of its own."""
+    with tempfile.TemporaryDirectory() as top:
+        yield Path(shutil.copytree(sound, Path(top) / "d"))
 
 
 def objects(value: Any) -> list[Any]:
@@ -116,15 +130,15 @@ def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
         place = found[at % len(found)]
         if isinstance(place, dict):
             keys = [key, *place] if how == "put" else list(place) or [key]
-            place[keys[at % len(keys)]] = new
+            place[keys[at % len(keys)]] = copy.deepcopy(new)  # it may be changed itself
             if how == "drop":
                 place.pop(keys[at % len(keys)])
         elif how == "twice" and place:
-            place.append(place[at % len(place)])
+            place.append(copy.deepcopy(place[at % len(place)]))
         elif how == "drop" and place:
             place.pop(at % len(place))
         elif place:
-            place[at % len(place)] = new
+            place[at % len(place)] = copy.deepcopy(new)
     return value
 
 
@@ -154,10 +168,8 @@ def used(folder: Path) -> None:
 
 @MANY
 @given(st.lists(change, min_size=1, max_size=4))
-def test_any_annotations_file_is_read_or_refused(changes: list) -> None:
-    with tempfile.TemporaryDirectory() as top:
-        folder = Path(top) / "d"
-        sound(folder)
+def test_any_annotations_file_is_read_or_refused(sound: Path, changes: list) -> None:
+    with copied(sound) as folder:
         path = folder / "annotations.json"
         path.write_bytes(orjson.dumps(changed(orjson.loads(path.read_bytes()), changes)))
         used(folder)
@@ -165,10 +177,8 @@ def test_any_annotations_file_is_read_or_refused(changes: list) -> None:
 
 @MANY
 @given(st.lists(change, min_size=1, max_size=4), st.booleans())
-def test_any_journal_is_read_or_refused(changes: list, alone: bool) -> None:
-    with tempfile.TemporaryDirectory() as top:
-        folder = Path(top) / "d"
-        sound(folder)
+def test_any_journal_is_read_or_refused(sound: Path, changes: list, alone: bool) -> None:
+    with copied(sound) as folder:
         path = folder / "journal.jsonl"
         lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
         for line in lines:
@@ -184,9 +194,7 @@ def test_any_journal_is_read_or_refused(changes: list, alone: bool) -> None:
 @given(
     st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"])
 )
-def test_any_bytes_are_refused_in_a_line(content: bytes, name: str) -> None:
-    with tempfile.TemporaryDirectory() as top:
-        folder = Path(top) / "d"
-        sound(folder)
+def test_any_bytes_are_refused_in_a_line(sound: Path, content: bytes, name: str) -> None:
+    with copied(sound) as folder:
         (folder / name).write_bytes(content)
         used(folder)
