@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 import unicodedata
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
+from typing import NamedTuple
 
 TURRET = ("turret",)
 LAUNCHER = ("launcher",)  # the turret of files that have no turret
@@ -139,15 +141,18 @@ NOT_WATER = (  # about water, and not it
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 
 
-@lru_cache(maxsize=65536)
 def words(name: str) -> tuple[str, ...]:
     """The lower-case words of `name`, without Blender's ``.001``.
 
     Split at anything that is no letter or digit, between letters and digits, and at camelCase.
     """
+    return _words(re.sub(r"\.\d{3,}$", "", name))
+
+
+@lru_cache(maxsize=65536)
+def _words(text: str) -> tuple[str, ...]:
     found: list[str] = []
     word = ""
-    text = re.sub(r"\.\d{3,}$", "", name)
     for i, char in enumerate(text):
         before, after = text[i - 1 : i], text[i + 1 : i + 2]
         new = not char.isalnum() or (
@@ -176,13 +181,45 @@ def says(name: str, patterns: Iterable[str]) -> str | None:
         With ``*``, ``?`` or ``[``: a glob over the whole name in any case. Without: words that must stand in the
         name one after the other, however they are joined, with a plural s or without.
     """
-    for pattern in patterns:
-        if any(c in pattern for c in "*?["):
-            if fnmatchcase(name.lower(), pattern.lower()):
-                return pattern
-        elif _contains(words(name), "".join(words(pattern))):
-            return pattern
-    return None
+    patterns = tuple(patterns)
+    asked = _asked(patterns)
+    number = _first_said(words(name), asked.words, asked.longest)
+    if asked.globs:
+        number = min([number, *(i for i, glob in asked.globs if fnmatchcase(name.lower(), glob))])
+    return patterns[number] if number < len(patterns) else None
+
+
+class _Asked(NamedTuple):
+    """Patterns, made ready: the number of the first that asks for a word, with its plural; and the globs."""
+
+    words: dict[str, int]
+    longest: int
+    globs: list[tuple[int, str]]
+
+
+@lru_cache(maxsize=256)
+def _asked(patterns: tuple[str, ...]) -> _Asked:
+    globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
+    others = {i: "".join(words(pattern)) for i, pattern in enumerate(patterns)}
+    said: dict[str, int] = {}
+    for i, word in others.items():
+        if word and i not in dict(globs):
+            said.setdefault(word, i)
+            said.setdefault(word + "s", i)
+    return _Asked(said, max(map(len, said), default=0), globs)
+
+
+def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
+    """The lowest number of all words that stand in the name, written as one or as several; a large one if none does."""
+    found = sys.maxsize
+    for first in range(len(name)):
+        joined = ""
+        for k in range(first, len(name)):
+            joined += name[k]
+            if len(joined) > longest:
+                break
+            found = min(found, asked.get(joined, found))
+    return found
 
 
 def hints(name: str, stems: Iterable[str]) -> str | None:
@@ -213,17 +250,3 @@ def _one_apart(a: str, b: str) -> bool:
         a, b = b, a
     same = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))
     return a[same + (len(a) == len(b)) :] == b[same + 1 :]
-
-
-def _contains(name: tuple[str, ...], wanted: str) -> bool:
-    if not wanted:
-        return False
-    for first in range(len(name)):
-        joined = ""
-        for word in name[first:]:
-            joined += word
-            if joined in (wanted, wanted + "s"):
-                return True
-            if len(joined) > len(wanted):
-                break
-    return False

@@ -43,3 +43,11 @@ class ConfigError(HulldownError):
 
 class DatasetError(HulldownError):
     """A dataset folder that cannot be read or written."""
+
+
+def shown(value: object) -> str:
+    """The beginning of a value from a user's file."""
+    try:
+        return f"{value!r:.60}"
+    except ValueError:  # Python writes no integers of 5,000 digits
+        return "an integer of thousands of digits"

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from geometry.errors import ConfigError
+from geometry.errors import ConfigError, shown
 from planning.schema import Config, Section
 
 HDRI_SUFFIXES = (".exr", ".hdr")
@@ -33,7 +33,7 @@ def load_config(path: str | Path) -> Config:
         raise ConfigError("no such file", path=path, remedy="`hulldown init` writes one to start from") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read: {error}", path=path) from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
         raise ConfigError(f"is no TOML: {error}", path=path) from None
     return parse_config(data, path=path)
 
@@ -82,7 +82,7 @@ def _explained(error: Mapping[str, Any]) -> str:
         return f"{key} is missing" if key else "is empty"
     allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
-    value = "" if isinstance(error["input"], dict) else f" = {error['input']!r:.60}"
+    value = "" if isinstance(error["input"], dict) else f" = {shown(error['input'])}"
     return f"{key}{value}: {allowed}" if key else allowed
 
 

@@ -8,7 +8,7 @@ Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
 from __future__ import annotations
 
 import fnmatch
-import math
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -56,7 +56,8 @@ def _pivot(value: Any) -> str | tuple[float, ...] | None:
 
 
 def _numbers(values: Sequence[Any]) -> bool:
-    return all(isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x) for x in values)
+    # NaN fails the comparison, and so do integers that are no float.
+    return all(isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= sys.float_info.max for x in values)
 
 
 def _per_class(value: Any) -> Any:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from geometry.errors import ConfigError
 from planning.config import load_config, parse_config
@@ -21,13 +24,42 @@ SOUND: dict[str, Any] = {
     "assets": {
         "hdris": ["*.exr"],
         "vehicles": [{"path": "a.blend", "category": "tank"}],
+        "distractors": [{"path": "c.blend"}],
         "sceneries": [{"path": "b.blend"}],
     },
     "budget": {"images_per_class": 1},
+    "light": {"hdris": [{"name": "a"}]},
 }
-SECTIONS = {
-    name: list(getattr(field.annotation, "model_fields", {})) or [name] for name, field in Config.model_fields.items()
-}
+
+
+def all_places(model: type[BaseModel] = Config, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Where a config may say something: the keys of all tables, and those of the tables in lists."""
+    found: list[tuple[str | int, ...]] = []
+    for name, field in model.model_fields.items():
+        found.append((*path, name))
+        listed = get_origin(field.annotation) is tuple
+        for inner in [field.annotation, *get_args(field.annotation), *map(_bare, get_args(field.annotation))]:
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                found += all_places(inner, (*path, name, 0) if listed else (*path, name))
+    return list(dict.fromkeys(found))
+
+
+def _bare(annotation: Any) -> Any:
+    """What an annotation is of that says more than a type."""
+    return next(iter(get_args(annotation)), None)
+
+
+def put(data: Any, place: tuple[str | int, ...], value: Any) -> None:
+    """Set a key, unless another change has put something else than a table around it."""
+    for step, following in pairwise(place):
+        if isinstance(data, dict):
+            data = data.setdefault(step, [{}] if following == 0 else {})
+        elif isinstance(data, list) and data:
+            data = data[0]
+    if isinstance(data, dict):
+        data[place[-1]] = value
+
+
 leaves = (
     st.none()
     | st.booleans()
@@ -42,7 +74,7 @@ values = st.recursive(
     lambda some: st.lists(some, max_size=3) | st.dictionaries(st.text(max_size=4), some, max_size=2),
     max_leaves=5,
 )
-places = st.sampled_from([(section, key) for section, keys in SECTIONS.items() for key in keys])
+places = st.sampled_from(all_places())
 
 
 def refusal(use: Callable[[], object]) -> str | None:
@@ -56,19 +88,20 @@ def refusal(use: Callable[[], object]) -> str | None:
 
 @MANY
 @given(st.lists(st.tuples(places, values), min_size=1, max_size=3))
-def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple[str, str], Any]]) -> None:
-    data: dict[str, Any] = {key: dict(value) if isinstance(value, dict) else value for key, value in SOUND.items()}
-    for (section, key), value in changes:
-        if section == key:
-            data[section] = value
-        elif isinstance(data.setdefault(section, {}), dict):
-            data[section][key] = value
+def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
+    data = copy.deepcopy(SOUND)
+    for place, value in changes:
+        put(data, place, copy.deepcopy(value))
     said = refusal(lambda: parse_config(data, path=Path("hulldown.toml")))
     assert said is None or ("hulldown.toml" in said and len(said) < 5000)
 
 
+numerals = st.sampled_from([b"9" * 5000, b"0x" + b"f" * 5000, b"[" * 1000, b"[" * 300 + b"]" * 300, b"1e999", b"-nan"])
+numerals = st.tuples(st.sampled_from([b"seed", b"budget.images_per_class", b"x"]), numerals).map(b" = ".join)
+
+
 @MANY
-@given(st.binary(max_size=60) | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass")))
+@given(st.binary(max_size=60) | numerals | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass")))
 def test_any_file_is_understood_or_refused(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hulldown.toml"

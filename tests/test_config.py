@@ -176,6 +176,19 @@ def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, mess
             'category = "tank"\nforward = "x"',
             "assets.vehicles[0].forward = 'x': expected '+x', '-x'",
         ),
+        (
+            'category = "tank"',
+            'category = "tank"\nforward = 1' + "0" * 400,
+            f"assets.vehicles[0].forward = 1{'0' * 59}: expected '+x', '-x'",
+        ),
+        (
+            'category = "tank"',
+            'category = "tank"\ngun_pivot = [0, 0, 1' + "0" * 400 + "]",
+            "expected the name of an object, or [x, y, z]",
+        ),
+        ("= 140", "= " + "9" * 5000, "is no TOML: "),
+        ("= 140", "= " + "[" * 2000, "is no TOML: "),
+        ("= 140", "= [0x" + "f" * 5000 + "]", "budget.images_per_class = an integer of thousands of digits: expected"),
         ('path = "hills.blend"', "path = 3", "assets.sceneries[0].path = 3: expected a string"),
         ('path = "hills.blend"', 'path = "hills.blend"\nweight = 0', "assets: all sceneries have weight 0"),
         (

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from geometry.errors import ConfigError
+from geometry.errors import ConfigError, shown
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 FLAGS = ("model", "budget", "seed", "resolution", "weights")  # what the command line may say itself
@@ -103,7 +103,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError("no such file", path=path) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read: {error}", path=path) from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
         raise ConfigError(f"is no TOML: {error}", path=path) from None
 
 
@@ -130,7 +130,7 @@ def mistake(error: ValidationError, model: type[BaseModel], path: Path | None) -
     if first["type"] == "missing":
         return ConfigError(f"{key} is missing", path=path)
     what = first["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
-    value = f"{key} = {first['input']!r:.60}: " if key else ""
+    value = f"{key} = {shown(first['input'])}: " if key else ""
     return ConfigError(f"{value}{what}", path=path)
 
 

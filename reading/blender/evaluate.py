@@ -48,7 +48,7 @@ def evaluate(
     metres_from_file: Float[np.ndarray, "4 4"],
     twins: Mapping[str, Sequence[Twin]],
     texture_size: int = TEXTURE_SIZE,
-    keep_mesh: Callable[[Any, list[Any]], None] | None = None,
+    keep_mesh: Callable[[Any, Any, list[Any]], None] | None = None,
     keep_look: Callable[[Any], None] | None = None,
 ) -> Evaluated:
     """Everything that `scene` draws.
@@ -64,7 +64,8 @@ def evaluate(
     texture_size
         Texels of the longer side that textures which cut out are kept at.
     keep_mesh
-        Called with data and materials (evaluated, None for none) of each of the unique meshes, in their order.
+        Called for each of the unique meshes, in their order, with the object that draws it, its data and its
+        materials (evaluated, None for none).
     keep_look
         Called with the drawn object for each of the pieces, in their order.
 
@@ -93,7 +94,7 @@ class _Reader:
         metres_from_file: Float[np.ndarray, "4 4"],
         cutouts: CutoutReader,
         twins: Mapping[str, Sequence[Twin]],
-        keep_mesh: Callable[[Any, list[Any]], None] | None,
+        keep_mesh: Callable[[Any, Any, list[Any]], None] | None,
         keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
@@ -150,7 +151,7 @@ class _Reader:
                 return
             self._doubt(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
-            self._add_mesh(key, mesh, drawn.data, [slot.material for slot in drawn.material_slots])
+            self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
     def _read_strands(self, instance: Any) -> None:
@@ -162,17 +163,19 @@ class _Reader:
                 mesh = curves_mesh(curves, system.name)
                 if mesh is None:
                     continue
-                self._add_mesh(key, mesh, curves, list(curves.materials))
+                self._add_mesh(key, mesh, drawn, curves, list(curves.materials))
             self._add_piece(instance, key, system.name, hair=True)
 
-    def _add_mesh(self, key: tuple[int, tuple[str, ...]], mesh: Mesh, data: Any, materials: list[Any]) -> None:
+    def _add_mesh(
+        self, key: tuple[int, tuple[str, ...]], mesh: Mesh, drawn: Any, data: Any, materials: list[Any]
+    ) -> None:
         self.index[key] = len(self.result.meshes)
         self.result.meshes.append(mesh)
         self.used.append(mesh.vertices[np.unique(mesh.faces)])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
         self.result.dressed |= any(materials)
         if self.keep_mesh:
-            self.keep_mesh(data, materials)
+            self.keep_mesh(drawn, data, materials)
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
         drawn, number = instance.object, self.index[key]

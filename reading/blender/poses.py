@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -25,6 +26,8 @@ class Poses:
     def __init__(self, depsgraph: Any) -> None:
         self._depsgraph = depsgraph
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
+        objects = list(depsgraph.objects)
+        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _bases(objects), strict=True))
         self._collections: dict[str, tuple[str, ...]] = {}
         self._around: dict[str, list[str]] = {}
         # Asking an object for its collections makes Blender search through all of them.
@@ -94,11 +97,11 @@ class Poses:
         """The pose in float64, None where it cannot be composed, and the largest number met on the way."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
-            self._exact[key] = self._compose(evaluated)
+            self._exact[key] = self._compose(evaluated, key)
         return self._exact[key]
 
-    def _compose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
-        own = _basis(evaluated)
+    def _compose(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
+        own = self._own[key] if key in self._own else _bases([evaluated])[0]
         if evaluated.parent is None:
             return own, float(np.abs(own).max())
         if evaluated.parent_type != "OBJECT":
@@ -110,10 +113,12 @@ class Poses:
         return outer @ inverse @ own, _span(outer @ inverse, size, float(np.abs(own).max()))
 
 
-def own_pose(original: Any) -> Float[np.ndarray, "4 4"]:
-    """`world_from_object` of an object without parent or constraints, that need not be evaluated."""
-    exact = _basis(original)
-    return _agreed(exact, float(np.abs(exact).max()), np.array(original.matrix_basis, np.float64))
+def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+    """`world_from_object` of objects without parents or constraints, that need not be evaluated."""
+    exact = _bases(originals)
+    seen = np.array([original.matrix_basis for original in originals], np.float64).reshape(-1, 4, 4)
+    apart, largest = (np.abs(those).max(axis=(1, 2)) for those in (exact - seen, np.concatenate([exact, seen], axis=2)))
+    return np.where((apart <= AGREE * largest)[:, None, None], exact, seen)
 
 
 def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
@@ -121,31 +126,48 @@ def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
 
 
 def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
-    if exact is None or np.abs(exact - seen).max() > AGREE * max(size, float(np.abs(seen).max())):
-        return seen
-    return exact
+    # What is no number agrees with nothing.
+    agrees = exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max()))
+    return exact if exact is not None and agrees else seen
 
 
-def _basis(evaluated: Any) -> Float[np.ndarray, "4 4"]:
-    def rotation(prefix: str) -> np.ndarray:
-        if evaluated.rotation_mode == "QUATERNION":
-            w, x, y, z = getattr(evaluated, f"{prefix}rotation_quaternion")
-            return Rotation.from_quat([x, y, z, w]).as_matrix() if any((w, x, y, z)) else np.eye(3)
-        if evaluated.rotation_mode == "AXIS_ANGLE":
-            if prefix:
-                return np.eye(3)
-            angle, *axis = evaluated.rotation_axis_angle
-            length = float(np.linalg.norm(axis))
-            return Rotation.from_rotvec(angle * np.array(axis) / length).as_matrix() if length else np.eye(3)
-        angles = dict(zip("XYZ", getattr(evaluated, f"{prefix}rotation_euler"), strict=True))
-        order = evaluated.rotation_mode
-        return Rotation.from_euler(order.lower(), [angles[a] for a in order]).as_matrix()
+def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+    """The poses that objects have of themselves."""
 
-    basis = np.eye(4)
-    scale = np.array(evaluated.scale, np.float64) * np.array(evaluated.delta_scale, np.float64)
-    basis[:3, :3] = rotation("delta_") @ rotation("") * scale
-    basis[:3, 3] = np.array(evaluated.location, np.float64) + np.array(evaluated.delta_location, np.float64)
+    def read(name: str) -> np.ndarray:
+        return np.array([getattr(obj, name)[:] for obj in objects], np.float64).reshape(len(objects), -1)
+
+    basis = np.tile(np.eye(4), (len(objects), 1, 1))
+    if objects:
+        turned = _rotations(objects, "delta_") @ _rotations(objects, "")
+        basis[:, :3, :3] = turned * (read("scale") * read("delta_scale"))[:, None]
+        basis[:, :3, 3] = read("location") + read("delta_location")
     return basis
+
+
+def _rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
+    """Their rotations, or with the prefix "delta_" those."""
+    result = np.tile(np.eye(3), (len(objects), 1, 1))
+    modes: dict[str, list[int]] = {}
+    for i, obj in enumerate(objects):
+        modes.setdefault(obj.rotation_mode, []).append(i)
+    for mode, those in modes.items():
+        if mode == "AXIS_ANGLE" and prefix:  # there is none
+            continue
+        name = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(mode, "rotation_euler")
+        given = np.array([getattr(objects[i], prefix + name)[:] for i in those], np.float64)
+        if mode == "QUATERNION":
+            some = np.linalg.norm(given, axis=1) > 0.0
+            turned = Rotation.from_quat(given[some][:, [1, 2, 3, 0]])
+        elif mode == "AXIS_ANGLE":
+            length = np.linalg.norm(given[:, 1:], axis=1)
+            some = length > 0.0
+            turned = Rotation.from_rotvec(given[some, :1] * given[some, 1:] / length[some, None])
+        else:
+            some = np.ones(len(given), bool)
+            turned = Rotation.from_euler(mode.lower(), given[:, ["XYZ".index(axis) for axis in mode]])
+        result[np.array(those)[some]] = turned.as_matrix()
+    return result
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -30,27 +30,57 @@ VISIBILITY = tuple(
 
 
 class Keeper:
-    """Takes copies of evaluated meshes while the depsgraph lives."""
+    """Takes what is to be written of evaluated meshes while the depsgraph lives.
+
+    Attributes
+    ----------
+    meshes
+        The unique meshes.
+    looks
+        What objects add to the look of their meshes, each once.
+    piece_look
+        Which of them each piece has.
+    """
 
     def __init__(self) -> None:
         self.meshes: list[Any] = []
         self.looks: list[dict[str, Any]] = []
+        self.piece_look: list[int] = []
+        self._known: dict[tuple[Any, ...], int] = {}
 
-    def keep_mesh(self, data: Any, materials: Sequence[Any]) -> None:
-        """Called for every unique mesh, or hair curves, in order."""
+    def keep_mesh(self, drawn: Any, data: Any, materials: Sequence[Any]) -> None:
+        """Called for every unique mesh, or hair curves, in order, with an object that draws it."""
+        wanted = [material.original if material else None for material in materials]
+        if _is_as_in_the_file(drawn, data, wanted):
+            self.meshes.append(drawn.original.data)
+            return
         mesh = data.copy()
         mesh.animation_data_clear()
-        for slot, material in enumerate(materials):
-            if slot < len(mesh.materials):
-                mesh.materials[slot] = material.original if material else None
+        for slot, material in enumerate(wanted[: len(mesh.materials)]):
+            mesh.materials[slot] = material
         self.meshes.append(mesh)
 
     def keep_look(self, drawn: Any) -> None:
         """Called for every piece in order: what the object itself adds to its mesh's look."""
-        look: dict[str, Any] = {name: getattr(drawn, name) for name in VISIBILITY}
-        look["color"] = tuple(drawn.color)
-        look["pass_index"] = drawn.pass_index
-        self.looks.append(look)
+        look = (*(getattr(drawn, name) for name in VISIBILITY), tuple(drawn.color), drawn.pass_index)
+        if look not in self._known:
+            self._known[look] = len(self.looks)
+            self.looks.append(dict(zip((*VISIBILITY, "color", "pass_index"), look, strict=True)))
+        self.piece_look.append(self._known[look])
+
+
+def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
+    """Whether a mesh is drawn as the file itself has it, so that no copy is needed."""
+    obj, file = drawn.original, drawn.original.data
+    if not isinstance(file, bpy.types.Mesh) or not isinstance(data, bpy.types.Mesh):
+        return False
+    if file.library or file.override_library or file.animation_data or file.shape_keys:
+        return False
+    # Lattices and armatures bend their children without a modifier.
+    if obj.modifiers or obj.parent_type in ("ARMATURE", "LATTICE") or obj.mode != "OBJECT":
+        return False
+    same = all(len(getattr(data, part)) == len(getattr(file, part)) for part in ("vertices", "loops", "polygons"))
+    return same and list(file.materials) == list(materials)
 
 
 def write_vehicle(
@@ -75,7 +105,7 @@ def write_vehicle(
 
 def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
     obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
-    for name, value in keeper.looks[index].items():
+    for name, value in keeper.looks[keeper.piece_look[index]].items():
         setattr(obj, name, value)
     return obj
 
@@ -92,10 +122,10 @@ def write_scenery(
     scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
-    alike: dict[tuple[int, str, tuple], list[int]] = defaultdict(list)
+    alike: dict[tuple[int, str, int], list[int]] = defaultdict(list)
     for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
         if use not in ("backdrop", "removed"):
-            alike[piece.mesh, piece.name, tuple(sorted(keeper.looks[i].items()))].append(i)
+            alike[piece.mesh, piece.name, keeper.piece_look[i]].append(i)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: pieces[same[0]].name.lower()):
         poses = scenery_from_file @ np.array([pieces[i].pose for i in same])

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from reading.blender.poses import own_pose
+from reading.blender.poses import own_poses
 from reading.blender.tidy import VISIBILITY
 
 FEWEST = 1000  # so that files of the usual size are read as they are
@@ -47,7 +47,10 @@ def set_aside() -> dict[str, list[Twin]]:
     groups = [same for same in _alike().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < FEWEST:
         return {}
-    twins = {same[0].name: [Twin(obj.name, own_pose(obj)) for obj in same[1:]] for same in groups}
+    twins = {
+        same[0].name: [Twin(obj.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)]
+        for same in groups
+    }
     bpy.data.batch_remove([obj for same in groups for obj in same[1:]])
     return twins
 
