@@ -5,14 +5,22 @@ import os
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import orjson
 import pytest
 
 from geometry.errors import AssetError
+from planning.row import decode_row
 from reading import landlock
 from reading.export import export
 from reading.landlock import abi, asset_folders, confined
+from render.confinement import Confinement
+from render.jobs import render_job
+from render.messages import Settings, to_json
+from render.pool import Pool
+from tests.render_plans import ASSETS, make_row
 
 ROOT = Path(__file__).resolve().parents[1]
 BLENDS = Path(__file__).with_name("writing_blends.py")
@@ -154,7 +162,7 @@ def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "blends").mkdir()
     (folder / "target").mkdir()
     command = [sys.executable, "-P", str(BLENDS), "build", str(folder / "blends"), str(folder / "target")]
-    subprocess.run(command, check=True, capture_output=True)
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
     return folder
 
 
@@ -176,7 +184,7 @@ def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -
     """Otherwise the tests below would show nothing."""
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
-    subprocess.run(command, check=False, capture_output=True)
+    subprocess.run(command, check=False, capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert contents(blends) > before
 
 
@@ -186,8 +194,8 @@ def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -
 def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str) -> None:
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
-    read = [*asset_folders(blends / "blends" / "any"), BLENDS.parent]
-    env = {**os.environ, "TMPDIR": str(tmp_path)}
+    read = [*asset_folders(blends / "blends" / "any"), ROOT]
+    env = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
     subprocess.run(confined(command, read=read, write=[tmp_path]), check=False, capture_output=True, env=env)
     assert contents(blends) == before
 
@@ -205,6 +213,35 @@ def test_reading_them_writes_nothing(
     said = [doubt for doubt in exported.report.doubts if "is left out, since its cache is no part" in doubt]
     assert len(said) == (case in ("fluid", "paint"))
     assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("role", ["scenery", "vehicle"])
+def test_rendering_them_writes_nothing_with_the_list_alone(
+    blends: Path, tmp_path: Path, role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that takes the place of a prepared one, as in a cache that came with a plan, through a worker."""
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
+    before = cleaned(blends)
+    settings = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+    messages = []
+    for case in CASES:
+        there = {"scenery": blends / "blends" / "sound.blend", "vehicle": blends / "blends" / "sound.blend"}
+        there[role] = blends / "blends" / f"{case}.blend"
+        assets = replace(
+            ASSETS,
+            vehicles={"cube": replace(ASSETS.vehicles["cube"], tidy=there["vehicle"])},
+            sceneries={"void": replace(ASSETS.sceneries["void"], path=there["scenery"])},
+            hdris={"sky": blends / "blends" / "sky.exr"},
+        )
+        row = decode_row(orjson.dumps(make_row(0)))
+        messages.append(to_json(render_job(row, assets, settings, tmp_path / f"{case}.png")))
+    failures: dict[int, str] = {}
+    with Pool(tmp_path / "logs", workers=1, device="cpu", confinement=Confinement(tmp_path, ())) as pool:
+        pool.run(range(len(messages)), messages.__getitem__, lambda job, answer: None, failures.__setitem__)
+    assert failures == {}
+    assert {path.stem for path in tmp_path.glob("*.png")} == set(CASES)
+    assert contents(blends) == before
 
 
 @pytest.mark.blender

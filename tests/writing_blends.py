@@ -1,7 +1,8 @@
 """Builds .blend files that write when Blender evaluates them, and opens them; run in Blender.
 
 ``python writing_blends.py build FOLDER TARGET`` writes FOLDER/<case>.blend, each of which would write below TARGET or
-beside itself. ``python writing_blends.py open FILE`` opens one as Blender does, without hulldown's precautions.
+beside itself; it can be rendered as a scenery, and appended as a vehicle. FOLDER/sky.exr is an HDRI.
+``python writing_blends.py open FILE`` opens one as Blender does, without hulldown's precautions.
 """
 
 import os
@@ -9,6 +10,9 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
+
+from reading.blender.tidy_properties import PART, REST
 
 
 def cube(name="Body"):
@@ -59,6 +63,10 @@ def fluid(target):
     cube("Hull")
 
 
+def sound(target):
+    cube()
+
+
 def outputs(target):
     cube()
     render = bpy.context.scene.render
@@ -70,7 +78,23 @@ def outputs(target):
     node.directory = str(target / "composited")
 
 
-CASES = {case.__name__: case for case in (particles, cloth, soft, paint, rigid, fluid, outputs)}
+CASES = {case.__name__: case for case in (particles, cloth, soft, paint, rigid, fluid, outputs, sound)}
+
+
+def as_vehicle():
+    """Put what is there into a collection, as prepared vehicles have it."""
+    collection = bpy.data.collections.new("A vehicle")
+    bpy.context.scene.collection.children.link(collection)
+    for obj in [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]:
+        collection.objects.link(obj)
+        obj[PART], obj[REST] = 0, np.eye(4).ravel().tolist()
+
+
+def sky(path):
+    image = bpy.data.images.new("sky", 64, 32, float_buffer=True)
+    image.pixels.foreach_set(np.linspace(0.1, 1.0, 4 * 64 * 32, dtype=np.float32))
+    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
+    image.save()
 
 
 def main(what, *paths):
@@ -84,8 +108,10 @@ def main(what, *paths):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))  # or caches cannot be on disk
         case(target)
+        as_vehicle()
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))
         sys.stdout.flush()
+    sky(folder / "sky.exr")
 
 
 main(*sys.argv[1:])

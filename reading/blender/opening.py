@@ -35,7 +35,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
     def loaded(*_: object) -> None:
         try:
             _name_what_cannot_be_read()
-            left_out.extend(_disarm())
+            left_out.extend(disarm())
             if then:
                 then()
         except Exception as error:  # Blender would print it and go on
@@ -62,8 +62,11 @@ def forget_settings() -> None:
         bpy.ops.wm.set_working_color_space(convert_colors=True, working_space=WORKING_SPACE)
 
 
-def _disarm() -> list[str]:
-    """Take away what writes or listens when the scene is evaluated."""
+def disarm() -> list[str]:
+    """Take away what writes or listens when a scene is evaluated; what of it is left out, a sentence each.
+
+    To be called after anything is read of a file, by appending too, and before that is evaluated.
+    """
     left_out = []
     for obj in bpy.data.objects:
         for modifier in list(obj.modifiers):

@@ -21,7 +21,7 @@ from assets.naming import BACKDROPS, says
 from camera.fog import DUST_LAYERS, airlight
 from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
-from reading.blender.opening import open_blend
+from reading.blender.opening import disarm, open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
 from render.blender.covers import PLANE
 from render.blender.light import Fog, HdriWorld
@@ -109,6 +109,7 @@ class Stage:
                 target.collections = source.collections[:1]
                 names = list(source.materials)
                 target.materials = list(names)
+            disarm()  # a prepared vehicle has nothing of that, but the cache may have come with the plan
             by_name = dict(zip(names, target.materials, strict=True))
             self._paintable[path] = Paintable(target.collections[0].objects, by_name)
             copies.append(target.collections[0])
