@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from annotate.drawing import contact_sheet, draw
+from dataset.picture_files import open_picture
 from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
 
@@ -35,7 +36,7 @@ def dataset_sheet(
     for image in chosen:
         path = folder / image["file_name"]
         try:
-            with Image.open(path) as picture:
+            with open_picture(path) as picture:
                 pictures.append(draw(picture, mine[image["id"]], names, masks=masks))
         except (OSError, SyntaxError, Image.DecompressionBombError) as error:
             raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error

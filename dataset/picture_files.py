@@ -62,6 +62,18 @@ def read_picture(path: Path) -> PictureFile:
         raise UnreadableError(f"cannot be decoded: {what}") from None
 
 
+def open_picture(path: Path) -> ImageFile.ImageFile:
+    """A picture of any size, to be decoded when it is asked for its pixels.
+
+    Raises
+    ------
+    OSError, SyntaxError, ValueError
+        If it cannot be read, is no regular file, or no picture.
+    """
+    with open_regular(path) as file:
+        return _opened(file.read())
+
+
 def _opened(content: bytes) -> ImageFile.ImageFile:
     """By the format's own class where it is known, since `Image.open` refuses pictures that are rendered all right."""
     file = io.BytesIO(content)

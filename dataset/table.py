@@ -15,6 +15,7 @@ from PIL import Image as Pictures
 
 from annotate.drawing import draw
 from dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
+from dataset.picture_files import open_picture
 from dataset.planned import image_record, label_records
 from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
@@ -241,7 +242,7 @@ def _image(record: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], names
 
 def _open(path: Path) -> Pictures.Image:
     try:
-        with Pictures.open(path) as picture:
+        with open_picture(path) as picture:
             return picture.convert("RGB")
     except (OSError, SyntaxError, ValueError, Pictures.DecompressionBombError) as error:
         raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error

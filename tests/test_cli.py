@@ -97,6 +97,27 @@ def test_a_share_that_is_none_is_refused(share, capsys):
     assert "expected K/N with K from 1 to N, such as 3/8" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
+def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
+    given = {}
+
+    def rendered(plan, output, **options):
+        given.update(options)
+        raise HulldownError("far enough")
+
+    monkeypatch.setattr("render.supervisor.render_plan", rendered)
+    assert cli.main(["render", "plan.jsonl", "-o", "dataset", *flags]) == 2
+    assert given["limits"].job_s == seconds
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "soon"])
+def test_a_time_for_a_picture_that_is_none_is_refused(seconds, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["render", "plan.jsonl", "-o", "dataset", f"--image-timeout={seconds}"])
+    assert stop.value.code == 2
+    assert "a number above 0" in capsys.readouterr().err
+
+
 def test_join_says_what_it_has_done(tmp_path):
     for part in ("a", "b"):
         with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:

@@ -103,6 +103,14 @@ def test_sheet_of_a_dataset(tmp_path):
         dataset_sheet(tmp_path)
 
 
+def test_a_picture_above_the_limit_of_pillow_is_in_the_sheet(tmp_path, monkeypatch):
+    grey(32, 24).save(tmp_path / "1.png")
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.append({"file_name": "1.png", "width": 32, "height": 24}, [])
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
+    assert dataset_sheet(tmp_path, tile_width=32).width >= 32
+
+
 def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
     grey(32, 24).save(tmp_path / "1.png")
     with CocoDataset.open(tmp_path) as dataset:

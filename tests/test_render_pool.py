@@ -5,7 +5,8 @@ import os
 import pytest
 
 from geometry.errors import HulldownError
-from render.pool import Limits, Pool, Stopped
+from render import pool as pool_module
+from render.pool import FIRST_JOBS, Limits, Pool, Stopped
 
 
 class Work:
@@ -69,6 +70,14 @@ def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, ho
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
     assert pool.restarts == (0 if how == "fail" else 3)
+
+
+def test_a_job_that_takes_much_longer_than_the_first_is_ended_without_a_flag(tmp_path, blender, monkeypatch):
+    monkeypatch.setattr(pool_module, "SHORTEST_S", 2.0)
+    work = Work(tmp_path, [""] * FIRST_JOBS + ["hang", ""])
+    work.run(tmp_path, blender, workers=1)
+    assert sorted(work.done) == [*range(FIRST_JOBS), FIRST_JOBS + 1]
+    assert all("no answer within" in reason for reason in work.failed[FIRST_JOBS])
 
 
 def test_a_crash_costs_one_attempt_and_a_restart(tmp_path, blender):

@@ -169,6 +169,11 @@ def test_a_picture_that_is_missing_is_named(folder, tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
+def test_pictures_above_the_limit_of_pillow_are_shown(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    write_report(Dataset.read(folder), tmp_path / "report.html")
+
+
 def test_an_empty_dataset_says_so(tmp_path):
     (tmp_path / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
     with pytest.raises(DatasetError, match="has no images yet"):

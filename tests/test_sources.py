@@ -14,7 +14,7 @@ from geometry.errors import ConfigError, DatasetError, HulldownError
 from tests.training_pictures import edit, make_dataset
 from training.augment import TABLE, OneOf
 from training.settings import Settings, completed, load_settings, rate_factor
-from training.sources import check_pictures, read_sources
+from training.sources import check_pictures, read_picture, read_sources
 
 ROOT = Path(__file__).parents[1]
 
@@ -23,6 +23,12 @@ def train_with(data, out, changes):
     from training.train import train
 
     return train(data, out, settings=load_settings(None, changes), device="cpu")
+
+
+def test_a_picture_above_the_limit_of_pillow_is_learned_from(tmp_path, monkeypatch):
+    Image.new("RGB", (20, 10), (9, 8, 7)).save(tmp_path / "large.png")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    assert read_picture(tmp_path / "large.png", (20, 10))[0, 0].tolist() == [9, 8, 7]
 
 
 def test_classes_are_matched_by_name_whatever_their_ids(tmp_path):

@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw
 
 from annotate.drawing import BACKGROUND, contact_sheet
 from dataset.page import Facet, Tile
+from dataset.picture_files import open_picture
 from training.evaluate import Evaluation
 from training.tide import CAUSES
 
@@ -103,7 +104,7 @@ def cases(one: Evaluation, *, most: int = MOST) -> Cases:
     for image in sorted({case.image for case in found}):
         name = one.labels.images[image]["file_name"]
         try:
-            with Image.open(one.labels.folder / name) as file:
+            with open_picture(one.labels.folder / name) as file:
                 whole = file.convert("RGB")
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             unread = unread or f"{name}: {getattr(error, 'strerror', None) or error}"

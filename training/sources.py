@@ -16,6 +16,7 @@ from PIL import Image
 
 from annotate.masks import decode
 from dataset.document import read_coco
+from dataset.picture_files import open_picture
 from dataset.records import OUTSIDE, check_usable
 from geometry.errors import DatasetError
 from training.augment import Sample
@@ -86,7 +87,7 @@ def read_picture(path: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"
         If it is missing, truncated, no picture, or of another size than `size` (width, height).
     """
     try:
-        with Image.open(path) as picture:
+        with open_picture(path) as picture:
             if picture.size != size:
                 raise DatasetError(
                     f"is {picture.width} x {picture.height} pixels, its record says {size[0]} x {size[1]}",
