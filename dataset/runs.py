@@ -41,7 +41,8 @@ class Run:
         counts = (self.image_offset, self.annotation_offset, self.images, self.annotations)
         if not all(isinstance(n, int) and n >= 0 for n in counts):
             raise ValueError(f"expected offsets and counts of at least 0, got {counts}")
-        if not all(isinstance(name, str) and "/" not in name for name in (self.key, self.prefix)):
+        names = (self.key, self.prefix)
+        if not self.key or not all(isinstance(name, str) and "/" not in name for name in names):
             raise ValueError(f"expected key and prefix to be parts of names, got {self.key!r} and {self.prefix!r}")
 
     def file_name(self, planned: str) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 from reading.build import Options
 from reading.report import Missing, Row
 from reading.roles import Piece, Role
-from reading.shape import LEVEL, enclosing
+from reading.scenery_roles import is_water_name
+from reading.shape import LEVEL, PUDDLE, enclosing, sheets_between
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -72,6 +73,7 @@ def scenery_doubts(
     for use, keys in (("ground", "if it is none, name it in not_ground"), ("water", "if it is none, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
             doubts.append(f"taken as {use}: {_names(found)}, by shape; {keys}")
+    doubts += _perhaps_water(used) if options.water is None else []
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         doubts.append(
             f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
@@ -83,6 +85,23 @@ def scenery_doubts(
     if height > across and options.up is None:
         doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "y" if it lies on its side')
     return (*doubts, *_missing(missing))
+
+
+def _perhaps_water(used: Sequence[tuple[Piece, Role]]) -> list[str]:
+    """Water that is taken for something else: a part of the ground's mesh, and small sheets without a name."""
+    ground = [piece for piece, role in used if role.use == "ground"]
+    dressed = [(piece.name, m) for piece in ground for m in piece.materials if is_water_name(m)]
+    doubts = [
+        f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
+        "Blender and name it in water"
+        for name, material in list(dict.fromkeys(dressed))[:NAMES]
+    ]
+    open_ = [i for i, (_, role) in enumerate(used) if role == Role("obstacle", "by default")]
+    found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
+    if found:
+        names = _names([used[i][0].name for i in found])
+        doubts.append(f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water")
+    return doubts
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:

@@ -157,6 +157,11 @@ def _by_config(piece: Piece, options: Options) -> Role | None:
     return None
 
 
+def is_water_name(name: str) -> bool:
+    """Whether a name is one of water, and not of what stands in it or beside it."""
+    return not says(name, _DRY) and says(name, (*WATER, *WATERS)) is not None
+
+
 def _may_be_water(piece: Piece) -> bool:
     return is_wide_and_level(piece, least=1.0)
 

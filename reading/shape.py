@@ -20,6 +20,7 @@ COVERED = 0.4  # and covers at least this share
 CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
 SMALLEST = 20.0  # metres; less is no scenery
 SHEET = 20.0  # metres; a narrower sheet without a name is not taken for water
+PUDDLE = 3.0  # metres; but is said to be one perhaps, down to this width
 DROWNED = 0.5  # metres of ground below such a sheet
 
 
@@ -97,7 +98,11 @@ def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
 
 
 def sheets_between(
-    pieces: Sequence[Piece], among: Sequence[int], ground: Sequence[Float[np.ndarray, "2 3"]]
+    pieces: Sequence[Piece],
+    among: Sequence[int],
+    ground: Sequence[Float[np.ndarray, "2 3"]],
+    *,
+    least: float = SHEET,
 ) -> list[int]:
     """Those pieces that are wide flat sheets at a height between the lowest and the highest ground, as a lake is."""
     if not ground:
@@ -107,7 +112,7 @@ def sheets_between(
     for i in among:
         size = pieces[i].bounds[1] - pieces[i].bounds[0]
         height = pieces[i].bounds[:, 2].mean()
-        flat = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=SHEET)
+        flat = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=least)
         if flat and not pieces[i].scattered and lowest + DROWNED < height < highest:
             found.append(i)
     return found

@@ -98,6 +98,17 @@ def test_a_flat_sheet_among_the_hills_is_water_by_shape_and_that_is_said() -> No
     assert uses(terrain, sheet, water=()) == ["ground", "obstacle"]
 
 
+def test_ground_that_wears_water_and_a_small_nameless_sheet_are_doubts() -> None:
+    terrain = piece("Terrain", size=(200, 200, 30), level=0.9, materials=("Grass", "Lake water"))
+    puddle = lake("Plane.003", size=(8, 6, 0), at=(0, 0, -5))
+    pieces = [terrain, puddle]
+    roles = scenery_roles(pieces, Options())
+    assert [role.use for role in roles] == ["ground", "obstacle"]
+    doubts = scenery_doubts((200.0, 200.0, 30.0), pieces, roles, (), unit=1.0, options=Options())
+    assert any("'Terrain' is ground and wears 'Lake water'" in doubt for doubt in doubts)
+    assert any("perhaps water: 'Plane.003'" in doubt for doubt in doubts)
+
+
 def test_ground_by_shape() -> None:
     roles = scenery_roles([HILLS, *HOUSES], Options())
     assert [role.use for role in roles] == ["ground", *["obstacle"] * 7]
