@@ -50,7 +50,7 @@ def config_text(
 def _set(text: str, key: str, value: Any) -> str:
     """The text with another value for "section.key", its comment left where it was as far as there is room."""
     section, name = key.split(".")
-    line = re.compile(rf"(?ms)(^\[{section}\]\n(?:(?!^\[).)*?^{name} = )([^#\n]*?)( *)(#|$)")
+    line = re.compile(rf"(?ms)(^\[{section}\][^\n]*\n(?:(?!^\[).)*?^{name} = )([^#\n]*?)( *)(#|$)")
 
     def changed(found: re.Match[str]) -> str:
         new = _value(value)
