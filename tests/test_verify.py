@@ -127,11 +127,12 @@ def make_row(i, **changes):
         "articulation": {"turret": 0.1},
         "visible_fraction": 0.75,
         "truncated_fraction": 1 / 7,
-        **{"slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1},
+        **{"slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1, "paint": [], "air_contrast": 0.9},
     }
     unseen = [{**target, "visible_fraction": 0.0}, {**target, "bbox": None}]
     seen = [{**target, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
     light = {"hdri": "sky", "hdri_yaw_deg": 3.5, "strength": 1.0, "weather": {"visibility_m": 500.0}, "sample_seed": i}
+    light |= {"horizon_deg": None, "exposure_ev": 0.5, "white_balance_k": 0.0}
     where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
     size = {"width": 32, "height": 24}
     name = {"index": i, "image_id": i + 1, "file_name": f"images/{i}.png", "rejected": {}}
