@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE = 1
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
 	footprint clearance_of_poses framing size shell projection clearance boxes))
 
-.PHONY: help setup setup-training browser demo study test kernels check bench thorough clean
+.PHONY: help setup setup-training browser demo study test kernels check bench thorough fuzz clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,10 @@ bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (
 
 thorough: setup-training ## the property tests with thousands of examples each
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
+
+fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
+	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest --hypothesis-show-statistics \
+	$(wildcard property_tests/test_any_*.py) property_tests/test_blend_files.py
 
 clean: ## remove what the other targets made, .venv included
 	rm -rf $(VENV) $(DEMO) $(STUDY) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info

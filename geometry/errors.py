@@ -29,7 +29,8 @@ class HulldownError(Exception):
 
 
 def shortened(text: str) -> str:
-    """A line that is not longer than a person reads: names in other people's files may be of a megabyte."""
+    """One line, not longer than a person reads: names in other people's files may hold line breaks, or a megabyte."""
+    text = " ".join(text.splitlines())
     return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
 
 

@@ -16,13 +16,15 @@ from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
 from reading.axes import forward_said
+from reading.drawn import Evaluated
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow
 from reading.roles import Link, Piece, Role, vehicle_roles
-from reading.scenery_roles import removed_names, scenery_roles, unmatched
+from reading.scenery_roles import removed_names, unmatched
 from reading.stance import Stood, heading, vehicle_from_upright
 from reading.strays import stray_doubts
+from reading.wet_faces import dry_part, is_partly_water, wet_part
 
 KILOMETRE = 1000.0
 NAMES = (
@@ -91,10 +93,10 @@ class BuiltVehicle:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltScenery:
-    """A scenery and for each piece its role."""
+    """A scenery, and the names of those pieces of its ground of whose mesh a part is water."""
 
     scenery: Scenery
-    roles: list[Role]
+    wet_names: tuple[str, ...]
 
 
 def build_vehicle(
@@ -187,9 +189,9 @@ def _three(vector: np.ndarray) -> tuple[float, float, float]:
 
 
 def build_scenery(
-    name: str, meshes: Sequence[Mesh], pieces: Sequence[Piece], *, metres: Float[np.ndarray, "4 4"], options: Options
+    name: str, drawn: Evaluated, roles: Sequence[Role], *, metres: Float[np.ndarray, "4 4"], options: Options
 ) -> BuiltScenery:
-    """Ground and obstacles among the pieces; the ground-plane inventory is paper, section 2.1.5.
+    """Ground and obstacles by their roles, and water that is a part of the ground's mesh; paper, section 2.1.5.
 
     The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometres: zero
     for what is modelled around zero, and near enough for float32 where the file is in map coordinates.
@@ -199,11 +201,11 @@ def build_scenery(
     AssetError
         If the file draws nothing, or the scenery's own patterns name what is not there.
     """
+    meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched(pieces, options):
         raise AssetError(
             f"{wrong[0]} = {wrong[1]!r} matches nothing; in it is {_there(wrong[1], pieces)}", remedy=NAMES
         )
-    roles = scenery_roles(pieces, options)
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]
     if not ground and not obstacles:
@@ -214,35 +216,35 @@ def build_scenery(
     shift = np.eye(4)
     shift[:3, 3] = -origin
     scenery_from_file = shift @ metres
+    open_ = ground if options.water is None else []
+    wet = dict.fromkeys(i for i in open_ if is_partly_water(pieces[i], drawn, metres))
     merged, source = None, np.empty(0, np.int64)
     if ground:
-        placed = [
-            _compact(
-                meshes[pieces[i].mesh],
-                apply(scenery_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices),
-                pieces[i].name,
-            )
-            for i in ground
-        ]
+        placed = []
+        for i in ground:
+            mesh = dry_part(pieces[i].mesh, drawn) if i in wet else meshes[pieces[i].mesh]
+            placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
         merged, source = merge(placed, name=f"ground of {name}")
-    unique = sorted({pieces[i].mesh for i in obstacles})
-    position = {number: at for at, number in enumerate(unique)}
+    instances = [*obstacles, *wet]
+    shapes = [(pieces[i].mesh, False) for i in obstacles] + [(pieces[i].mesh, True) for i in wet]
+    unique = sorted(set(shapes))
+    position = {shape: at for at, shape in enumerate(unique)}
     scenery = Scenery(
         name=name,
         origin=origin,
         ground=merged,
         ground_names=tuple(pieces[i].name for i in ground),
         face_ground=source,
-        obstacle_meshes=tuple(meshes[i] for i in unique),
-        instance_mesh=np.array([position[pieces[i].mesh] for i in obstacles], np.int64),
-        world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in obstacles]).reshape(-1, 4, 4),
-        instance_names=tuple(pieces[i].name for i in obstacles),
-        instance_gives_way=np.array([pieces[i].hair for i in obstacles], bool),
-        instance_is_water=np.array([roles[i].use == "water" for i in obstacles], bool),
+        obstacle_meshes=tuple(wet_part(number, drawn) if part else meshes[number] for number, part in unique),
+        instance_mesh=np.array([position[shape] for shape in shapes], np.int64),
+        world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),
+        instance_names=tuple(pieces[i].name for i in instances),
+        instance_gives_way=np.array([pieces[i].hair for i in instances], bool),
+        instance_is_water=np.array([roles[i].use == "water" for i in obstacles] + [True] * len(wet), bool),
         removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
-    return BuiltScenery(scenery, roles)
+    return BuiltScenery(scenery, tuple(pieces[i].name for i in wet))
 
 
 def _there(wanted: str, pieces: Sequence[Piece]) -> str:

@@ -23,7 +23,7 @@ from reading.formats import format_of
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
-EXPORTER = 10
+EXPORTER = 11
 CHUNK = 1 << 20
 
 

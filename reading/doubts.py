@@ -58,10 +58,11 @@ def scenery_doubts(
     roles: Sequence[Role],
     missing: Sequence[Missing],
     *,
+    wet: Sequence[str] = (),
     unit: float,
     options: Options,
 ) -> tuple[str, ...]:
-    """What is strange about a scenery; that it has no ground first."""
+    """What is strange about a scenery; that it has no ground first. Of ground called as `wet`, a part is water."""
     doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
@@ -73,7 +74,9 @@ def scenery_doubts(
     for use, keys in (("ground", "if it is none, name it in not_ground"), ("water", "if it is none, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
             doubts.append(f"taken as {use}: {_names(found)}, by shape; {keys}")
-    doubts += _perhaps_water(used) if options.water is None else []
+    if wet:
+        doubts.append(f"taken as water: the faces of {_names(wet)} that wear water; if they are ground, set water = []")
+    doubts += _perhaps_water(used, wet) if options.water is None else []
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         doubts.append(
             f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
@@ -87,10 +90,10 @@ def scenery_doubts(
     return (*doubts, *_missing(missing))
 
 
-def _perhaps_water(used: Sequence[tuple[Piece, Role]]) -> list[str]:
+def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> list[str]:
     """Water that is taken for something else: a part of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
-    dressed = [(piece.name, m) for piece in ground for m in piece.materials if is_water_name(m)]
+    dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
     doubts = [
         f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
         "Blender and name it in water"

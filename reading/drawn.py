@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+import numpy as np
+from jaxtyping import Bool
+
 from geometry.meshes import Mesh
 from reading.roles import Link, Piece
 
@@ -26,6 +29,8 @@ class Evaluated:
     ----------
     meshes
         Unique evaluated meshes, each in its own frame and the file's units.
+    wet
+        By the number of a mesh, which of its faces wear a material called like water, where only some do.
     pieces
         Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
     markers
@@ -39,6 +44,7 @@ class Evaluated:
     """
 
     meshes: list[Mesh] = field(default_factory=list)
+    wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     left: Counter[Left] = field(default_factory=Counter)

@@ -9,21 +9,30 @@ import numpy as np
 from assets.naming import VEHICLE, says
 from geometry.errors import AssetError
 from reading.build import Options
-from reading.roles import FLAT, Piece, vehicle_roles
+from reading.roles import FLAT, Piece, Role, vehicle_roles
 from reading.scenery_roles import scenery_roles
 
 BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
 
 
-def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
+def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
     """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
 
     A scenery has ground, by name or by shape, and what is no ground fills more than a vehicle would, and is not called
     like one; or it is flat and wide.
+
+    Parameters
+    ----------
+    pieces
+        Everything that is drawn.
+    options
+        How to read the file.
+    roles
+        What `scenery_roles` makes of the pieces; asked if it is not given.
     """
     if not pieces:
         return "vehicle"
-    if not _ground(pieces, options):
+    if not _ground(pieces, roles or scenery_roles(pieces, options)):
         length, width, height = _extent(pieces)
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
@@ -33,10 +42,11 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 
-def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> str:
+def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
     """Refuse a scenery that is listed as a vehicle, or a vehicle as a scenery; a doubt where it may be meant, or "".
 
     Options that say more about the file than names and sizes do (a scale, what to keep, what is ground) win.
+    Arguments are those of `likely_kind`.
 
     Raises
     ------
@@ -45,9 +55,10 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
     """
     if not pieces:
         return ""
-    ground = _ground(pieces, options)
+    roles = roles or scenery_roles(pieces, options)
+    ground = _ground(pieces, roles)
     if kind == "vehicle":
-        if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
+        if options.scale or options.keep or options.drop or likely_kind(pieces, options, roles=roles) == "vehicle":
             return ""
         kept = _vehicle(pieces)
         if any(says(p.name, VEHICLE) for p in kept):
@@ -59,7 +70,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
             remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
         )
     said = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
-    if any(said) or likely_kind(pieces, options) == "scenery":
+    if any(said) or likely_kind(pieces, options, roles=roles) == "scenery":
         return ""
     telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
@@ -75,8 +86,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
     return ""
 
 
-def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
-    roles = scenery_roles(pieces, options)
+def _ground(pieces: Sequence[Piece], roles: Sequence[Role]) -> list[Piece]:
     return [p for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
 
 

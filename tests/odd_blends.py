@@ -22,6 +22,11 @@ def nan_scale(_):
     cube().scale.z = math.inf
 
 
+def nan_quaternion(_):
+    obj = cube()
+    obj.rotation_mode, obj.rotation_quaternion = "QUATERNION", (math.nan, 0.0, 0.0, 0.0)
+
+
 def far_vertices(_):
     cube().data.vertices[0].co.x = 3e38
 
@@ -77,7 +82,18 @@ def font(folder):
     bpy.context.object.data.font = bpy.data.fonts.load(str(folder / "font.woff2"))
 
 
-CASES = (nan_location, nan_scale, far_vertices, far_location, nan_vertices, names, instances, library, font)
+CASES = (
+    nan_location,
+    nan_scale,
+    nan_quaternion,
+    far_vertices,
+    far_location,
+    nan_vertices,
+    names,
+    instances,
+    library,
+    font,
+)
 
 
 def main(folder):

@@ -97,6 +97,12 @@ def test_a_share_that_is_none_is_refused(share, capsys):
     assert "expected K/N with K from 1 to N, such as 3/8" in capsys.readouterr().err
 
 
+def test_an_error_with_line_breaks_in_its_path_is_one_line():
+    """Whoever catches it from Python reads no other text than the command prints."""
+    error = HulldownError("in it is 'a\r\nb'", path="folder\n/a.blend", remedy="rename it")
+    assert str(error) == "folder /a.blend: in it is 'a b'; rename it"
+
+
 @pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
 def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
     given = {}

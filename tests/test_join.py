@@ -162,6 +162,14 @@ def licences(folder):
     (folder / "annotations.json").write_text(json.dumps({**coco, "licenses": [{"id": 1}]}))
 
 
+def run_without_a_key(folder):
+    """A record of the dataset's plan that names no plan."""
+    coco = json.loads((folder / "annotations.json").read_text())
+    coco["info"]["hulldown_runs"][0]["key"] = ""
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    (folder / "journal.jsonl").unlink(missing_ok=True)
+
+
 def edited(**change):
     def edit(folder):
         coco = json.loads((folder / "annotations.json").read_text())
@@ -177,6 +185,7 @@ def edited(**change):
     [
         (no_image, r"00000001\.png: is missing"),
         (licences, "has 'licenses', which joining would lose; join the other parts into this one"),
+        (run_without_a_key, "expected key and prefix to be parts of names, got ''"),
         (edited(images=("id", 2)), "image ids repeat themselves"),
         (edited(images=("file_name", "images/00000002.png")), "file names repeat themselves"),
         (edited(images=("file_name", "../x.png")), "no path inside the dataset"),

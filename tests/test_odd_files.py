@@ -52,6 +52,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
     [
         ("nan_location", "object 'Body' stands at a place that is no number; repair or delete it"),
         ("nan_scale", "object 'Body'"),
+        ("nan_quaternion", "object 'Body' stands at a place that is no number; repair or delete it"),
         ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
         ("nan_vertices", "object 'Body': "),

@@ -7,6 +7,7 @@ from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, 
 from geometry.errors import AssetError
 from reading.build import Options, build_scenery
 from reading.doubts import vehicle_doubts
+from reading.drawn import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.parts import Asked, find_parts
 from reading.roles import Link, Piece, vehicle_roles
@@ -328,4 +329,4 @@ def test_an_empty_scenery_says_so() -> None:
     from geometry.errors import AssetError
 
     with pytest.raises(AssetError, match="nothing in it is rendered"):
-        build_scenery("s", [], [], metres=np.eye(4), options=Options())
+        build_scenery("s", Evaluated(), [], metres=np.eye(4), options=Options())

@@ -8,6 +8,7 @@ from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_about
 from reading.build import Options, build_scenery
 from reading.doubts import scenery_doubts
+from reading.drawn import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.roles import Piece
 from reading.scenery_roles import VOLUME, matching, scenery_roles
@@ -215,7 +216,7 @@ def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
 @pytest.mark.parametrize("key", ["ground", "not_ground", "water", "drop"])
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
     with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
-        build_scenery("s", [], [HILLS], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
+        build_scenery("s", Evaluated(pieces=[HILLS]), [], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
 
 
 @pytest.mark.parametrize(("lean", "level"), [(0, 1.0), (25, 1.0), (35, 0.0), (90, 0.0), (180, 1.0)])

@@ -107,6 +107,24 @@ bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/dressed.blend")
 for name in ("Ocean", "Mist", "Leaf mat"):
     bpy.data.objects.remove(bpy.data.objects[name])
 bpy.ops.export_scene.gltf(filepath=f"{folder}/dressed.glb", export_apply=True)
+
+# A lake within the ground's mesh, a steep waterfall in that of another, and ground all of which wears water.
+terrain = begin()
+terrain.name = "Terrain"
+terrain.modifiers.new("t", "TRIANGULATE")
+material("Grass", terrain)
+material("Lake water", terrain)
+for face in terrain.data.polygons:
+    x, y, _ = face.center
+    face.material_index = 7 if x > 20 and y > 0 else 0  # beyond the last slot, as the last is worn
+cliff = plane("North terrain", 40, (0, -60, 9), cells=4)
+material("Grass", cliff)
+material("Falling water", cliff)
+for vertex in cliff.data.vertices:
+    vertex.co.z = 4 * vertex.co.x if vertex.co.x > 9 else 0
+for face in cliff.data.polygons:
+    face.material_index = int(face.center.x > 9)
+bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/worn.blend")
 """
 
 
@@ -148,6 +166,25 @@ def test_water_by_material_and_not_windows_or_leaves(folder: Path, name: str) ->
     assert water_of(scenery) == sorted(["Flat.001", "Upright", *(["Ocean"] if name.endswith("blend") else [])])
     _, none = read(folder, name, water=())
     assert water_of(none) == []
+
+
+@pytest.mark.blender
+def test_faces_of_the_ground_that_wear_water_are_water(folder: Path) -> None:
+    exported, scenery = read(folder, "worn.blend")
+    assert water_of(scenery) == ["Terrain"]
+    water, ground = scenery.water(), scenery.ground
+    assert water is not None
+    assert ground is not None
+    xy = [[50.0, 50.0], [-50.0, 50.0], [50.0, -50.0]]
+    assert np.isfinite(Terrain(water).top_hits(xy).z).tolist() == [True, False, False]
+    assert np.isfinite(Terrain(ground).top_hits(xy).z).tolist() == [False, True, True]
+    assert {scenery.ground_names[i] for i in scenery.face_ground} == {"Terrain", "North terrain"}
+    doubts = exported.report.doubts
+    assert "taken as water: the faces of 'Terrain' that wear water; if they are ground, set water = []" in doubts
+    assert any(doubt.startswith("'North terrain' is ground and wears 'Falling water'") for doubt in doubts)
+    _, dry = read(folder, "worn.blend", water=())
+    assert dry.water() is None
+    assert np.isfinite(Terrain(dry.ground).top_hits(xy).z).all()
 
 
 @pytest.mark.blender

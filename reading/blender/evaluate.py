@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from assets.textures import TEXTURE_SIZE
 from geometry.errors import AssetError
@@ -26,6 +26,7 @@ from reading.drawn import Evaluated, Left
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
 from reading.shape import level_share
+from reading.wet_faces import wet_slots
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
@@ -151,6 +152,10 @@ class _Reader:
                 return
             self._doubt(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
+            if drawn.type == "MESH" and (slots := wet_slots(materials)):
+                wet = _wearing(drawn.data, slots, len(materials))
+                if wet.any() and not wet.all():
+                    self.result.wet[len(self.result.meshes)] = wet
             self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
@@ -326,6 +331,13 @@ def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
     data.loop_triangles.foreach_get("vertices", faces)
     holes = cutouts.cutouts(data, [slot.material for slot in drawn.material_slots])
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name, holes)
+
+
+def _wearing(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
+    """Which triangles of a mesh of `count` materials wear those of these slots."""
+    worn = np.empty(len(data.loop_triangles), np.int32)
+    data.loop_triangles.foreach_get("material_index", worn)
+    return np.isin(np.minimum(worn, count - 1), slots)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:

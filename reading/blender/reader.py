@@ -32,6 +32,7 @@ from reading.drawn import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.report import FileReport, Missing, Row, gathered
 from reading.roles import Piece
+from reading.scenery_roles import scenery_roles
 from reading.stance import metres_from_file, stood
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
@@ -72,8 +73,9 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
     upright = stood(drawn, unit=unit, said=opened.up, up=options.up) if job["kind"] != "scenery" else None
     pieces = upright.pieces if upright else drawn.pieces
-    kind = job["kind"] or likely_kind(pieces, options)
-    odd = refuse_wrong_kind(kind, pieces, options) if job["kind"] else ""
+    roles = scenery_roles(pieces, options)
+    kind = job["kind"] or likely_kind(pieces, options, roles=roles)
+    odd = refuse_wrong_kind(kind, pieces, options, roles=roles) if job["kind"] else ""
     tidy = Path(job["tidy"])
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
@@ -103,13 +105,15 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         )
         write_vehicle(tidy, keeper, drawn.pieces, vehicle.piece_part, vehicle.shape.vehicle_from_file)
     else:
-        scenery = build_scenery(job["name"], drawn.meshes, drawn.pieces, metres=metres, options=options)
+        if pieces is not drawn.pieces:  # stood upright, as for a vehicle
+            roles = scenery_roles(drawn.pieces, options)
+        scenery = build_scenery(job["name"], drawn, roles, metres=metres, options=options)
         save_scenery(job["bundle"], scenery.scenery)
-        uses = [r.use for r in scenery.roles]
+        uses = [r.use for r in roles]
         solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
         extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
         size = _three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
-        rows, missing = _rows(drawn, uses, [r.why for r in scenery.roles]), _missing(drawn, uses)
+        rows, missing = _rows(drawn, uses, [r.why for r in roles]), _missing(drawn, uses)
         report = FileReport(
             kind=kind,
             size=size,
@@ -119,7 +123,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
             missing=missing,
             doubts=(
                 *([odd] if odd else []),
-                *scenery_doubts(size, drawn.pieces, scenery.roles, missing, unit=unit, options=options),
+                *scenery_doubts(size, drawn.pieces, roles, missing, wet=scenery.wet_names, unit=unit, options=options),
                 *opened.doubts,
                 *drawn.doubts,
             ),
