@@ -18,6 +18,7 @@ from reading.blender.frames import pose
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
+FINE = 1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
 
 
 class HdriWorld:
@@ -26,10 +27,9 @@ class HdriWorld:
     def __init__(self, scene: Any) -> None:
         world = bpy.data.worlds.new("hulldown")
         scene.world = world
-        # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew;
-        # measured, 1024 has the noise of 4096.
+        # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew.
         world.cycles.sampling_method = "MANUAL"
-        world.cycles.sample_map_resolution = SKY_MAP
+        self._map = world.cycles
         nodes, links = world.node_tree.nodes, world.node_tree.links
         nodes.clear()
         coordinates = nodes.new("ShaderNodeTexCoord")
@@ -67,6 +67,7 @@ class HdriWorld:
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:
                 raise RuntimeError(f"{path}: Blender cannot read this picture")
+            self._map.sample_map_resolution = sky_map(self._texture.image.size[0])
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         cos, sin = math.cos(-yaw), math.sin(-yaw)
@@ -91,6 +92,16 @@ class HdriWorld:
             weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
             self._airlight[self._path] = (pixels.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
         return self._airlight[self._path] * self._background.inputs["Strength"].default_value
+
+
+def sky_map(width: int) -> int:
+    """Columns of the map by which Cycles finds the bright parts of an HDRI of so many columns.
+
+    A texel of the map is as bright as the HDRI at its centre. Where its other parts see a sun that its centre does not,
+    light is found by chance: pictures are too dark, with sparks. For wider HDRIs, measured, more than `SKY_MAP` change
+    nothing until they are too many to build for each image.
+    """
+    return 2 * width if width <= FINE else SKY_MAP
 
 
 class _Lifted:
