@@ -13,6 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from camera.backdrop import HIGH, even_colour, fade
 from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from reading.blender.frames import pose
 
@@ -39,10 +40,11 @@ class HdriWorld:
         output = nodes.new("ShaderNodeOutputWorld")
         links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
         self._links, self._lifted = links, _Lifted(nodes, links, self._mapping.outputs["Vector"])
+        self._veil = _Veil(nodes, links, self._mapping.outputs["Vector"], self._texture.outputs["Color"])
         links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
         links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
         links.new(self._background.outputs["Background"], output.inputs["Surface"])
-        self._airlight: dict[str, np.ndarray] = {}
+        self._small: dict[str, np.ndarray] = {}
         self._path = ""
 
     def set(
@@ -50,7 +52,8 @@ class HdriWorld:
     ) -> None:
         """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above.
 
-        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it.
+        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it; with a
+        high one, one colour (`camera.backdrop`).
         """
         if path != self._path:
             if not os.path.isfile(path):
@@ -78,20 +81,30 @@ class HdriWorld:
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
         if self._texture.inputs["Vector"].links[0].from_socket != seen:  # new links make Cycles compile the sky anew
             self._links.new(seen, self._texture.inputs["Vector"])
+        colour = self._texture.outputs["Color"]
+        if horizon is not None and horizon > HIGH:
+            colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
+        if self._background.inputs["Color"].links[0].from_socket != colour:
+            self._links.new(colour, self._background.inputs["Color"])
 
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
-        if self._path not in self._airlight:
+        sky = self._map_of_path()[::-1]
+        elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
+        weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
+        radiance = (sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+        return np.asarray(radiance * self._background.inputs["Strength"].default_value)
+
+    def _map_of_path(self) -> np.ndarray:
+        """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
+        if self._path not in self._small:
             small = self._texture.image.copy()
             small.scale(256, 128)
             pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
             small.pixels.foreach_get(pixels)
-            pixels = pixels.reshape(128, 256, small.channels)[..., :3].astype(np.float64)
             bpy.data.images.remove(small)
-            elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
-            weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
-            self._airlight[self._path] = (pixels.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
-        return self._airlight[self._path] * self._background.inputs["Strength"].default_value
+            self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
+        return self._small[self._path]
 
 
 def sky_map(width: int) -> int:
@@ -104,17 +117,40 @@ def sky_map(width: int) -> int:
     return 2 * width if width <= FINE else SKY_MAP
 
 
+def _node(nodes: Any, links: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
+    new = nodes.new(f"ShaderNode{kind}")
+    for name, value in settings.items():
+        setattr(new, name, value)
+    for socket, value in zip(new.inputs, inputs, strict=False):
+        links.new(value, socket)
+    return new
+
+
+class _Veil:
+    """Nodes that show the camera one colour up to an elevation, and a picture from a little above it."""
+
+    def __init__(self, nodes: Any, links: Any, direction: Any, colour: Any) -> None:
+        z = _node(nodes, links, "SeparateXYZ", direction).outputs[2]
+        self._share = _node(nodes, links, "MapRange", z, clamp=True)
+        self._share.inputs["To Min"].default_value, self._share.inputs["To Max"].default_value = 1.0, 0.0
+        camera = nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        share = _node(nodes, links, "Math", camera, self._share.outputs[0], operation="MULTIPLY").outputs[0]
+        self._mix = _node(nodes, links, "Mix", share, data_type="RGBA")
+        links.new(colour, self._mix.inputs[6])
+
+    def at(self, horizon: float, colour: np.ndarray) -> Any:
+        """What is seen: the colour below an elevation in radians, the picture above."""
+        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
+        self._mix.inputs[7].default_value = (*colour, 1.0)
+        return self._mix.outputs[2]
+
+
 class _Lifted:
     """Nodes that lift directions of camera rays to an elevation; light comes from where it comes from."""
 
     def __init__(self, nodes: Any, links: Any, direction: Any) -> None:
         def node(kind: str, *inputs: Any, **settings: Any) -> Any:
-            new = nodes.new(f"ShaderNode{kind}")
-            for name, value in settings.items():
-                setattr(new, name, value)
-            for socket, value in zip(new.inputs, inputs, strict=False):
-                links.new(value, socket)
-            return new
+            return _node(nodes, links, kind, *inputs, **settings)
 
         x, y, z = node("SeparateXYZ", direction).outputs
         squares = [node("Math", axis, axis, operation="MULTIPLY").outputs[0] for axis in (x, y)]
