@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from camera import fog
+from camera.backdrop import HIGH, even_colour, fade
 from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from camera.response import displayed, white_balance
 
@@ -50,16 +51,21 @@ def radiance(
     kind
         Of the weather.
     horizon_deg
-        Elevation whose colour is seen below it too; None: the sky is seen as it is.
+        Elevation whose colour is seen below it too; None: the sky is seen as it is. See `camera.backdrop`.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)
     column = (0.5 - (np.arctan2(y, x) - yaw) / (2.0 * np.pi)) * width
     elevation = np.arctan2(z, np.hypot(x, y))
-    if horizon_deg is not None:
-        elevation = np.maximum(elevation, math.radians(horizon_deg))
+    horizon = None if horizon_deg is None else math.radians(horizon_deg)
+    if horizon is not None:
+        elevation = np.maximum(elevation, horizon)
     row = (0.5 - elevation / np.pi) * height
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
+    if horizon is not None and horizon > HIGH:
+        low, high = fade(horizon)
+        share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
+        seen = (1.0 - share) * seen + share * even_colour(sky, horizon) * strength
     if visibility_m is None:
         return seen
     through, tops = np.zeros(along.shape[:-1]), layer_tops(kind, visibility_m)

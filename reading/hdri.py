@@ -23,11 +23,11 @@ from reading.formats import refuse_no_file
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
-CHECKED = 2  # raised whenever the same file would be judged or mended otherwise
+CHECKED = 3  # raised whenever the same file would be judged or mended otherwise
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
-NEGATIVE = 1e-3  # of all light may be negative: what filters and colours outside the gamut leave behind
+NEGATIVE = 0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
 MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 BATCH = 16  # pictures that one process reads, one after the other
 
@@ -88,7 +88,8 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
     if taken > 0.0:
         if not taken <= NEGATIVE * light:
             raise AssetError(f"is negative: {-taken:g} in all beside {light:g} of light")
-        notes.append(f"{int((pixels < 0).any(axis=2).sum())} pixels that are negative are black")
+        count, percent = int((pixels < 0).any(axis=2).sum()), 100.0 * taken / light
+        notes.append(f"{count} pixels that are negative are black: they took {percent:.1f} % of all light")
         pixels = pixels.clip(min=0)
     if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
         raise AssetError("is the same everywhere, which is no sky")

@@ -13,11 +13,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from camera.backdrop import HIGH, even_colour, fade
 from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
 from reading.blender.frames import pose
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
+FINE = 1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
 
 
 class HdriWorld:
@@ -26,10 +28,9 @@ class HdriWorld:
     def __init__(self, scene: Any) -> None:
         world = bpy.data.worlds.new("hulldown")
         scene.world = world
-        # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew;
-        # measured, 1024 has the noise of 4096.
+        # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew.
         world.cycles.sampling_method = "MANUAL"
-        world.cycles.sample_map_resolution = SKY_MAP
+        self._map = world.cycles
         nodes, links = world.node_tree.nodes, world.node_tree.links
         nodes.clear()
         coordinates = nodes.new("ShaderNodeTexCoord")
@@ -39,10 +40,11 @@ class HdriWorld:
         output = nodes.new("ShaderNodeOutputWorld")
         links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
         self._links, self._lifted = links, _Lifted(nodes, links, self._mapping.outputs["Vector"])
+        self._veil = _Veil(nodes, links, self._mapping.outputs["Vector"], self._texture.outputs["Color"])
         links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
         links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
         links.new(self._background.outputs["Background"], output.inputs["Surface"])
-        self._airlight: dict[str, np.ndarray] = {}
+        self._small: dict[str, np.ndarray] = {}
         self._path = ""
 
     def set(
@@ -50,7 +52,8 @@ class HdriWorld:
     ) -> None:
         """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above.
 
-        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it.
+        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it; with a
+        high one, one colour (`camera.backdrop`).
         """
         if path != self._path:
             if not os.path.isfile(path):
@@ -67,6 +70,7 @@ class HdriWorld:
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:
                 raise RuntimeError(f"{path}: Blender cannot read this picture")
+            self._map.sample_map_resolution = sky_map(self._texture.image.size[0])
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         cos, sin = math.cos(-yaw), math.sin(-yaw)
@@ -77,20 +81,68 @@ class HdriWorld:
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
         if self._texture.inputs["Vector"].links[0].from_socket != seen:  # new links make Cycles compile the sky anew
             self._links.new(seen, self._texture.inputs["Vector"])
+        colour = self._texture.outputs["Color"]
+        if horizon is not None and horizon > HIGH:
+            colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
+        if self._background.inputs["Color"].links[0].from_socket != colour:
+            self._links.new(colour, self._background.inputs["Color"])
 
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
-        if self._path not in self._airlight:
+        sky = self._map_of_path()[::-1]
+        elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
+        weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
+        radiance = (sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+        return np.asarray(radiance * self._background.inputs["Strength"].default_value)
+
+    def _map_of_path(self) -> np.ndarray:
+        """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
+        if self._path not in self._small:
             small = self._texture.image.copy()
             small.scale(256, 128)
             pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
             small.pixels.foreach_get(pixels)
-            pixels = pixels.reshape(128, 256, small.channels)[..., :3].astype(np.float64)
             bpy.data.images.remove(small)
-            elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
-            weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
-            self._airlight[self._path] = (pixels.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
-        return self._airlight[self._path] * self._background.inputs["Strength"].default_value
+            self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
+        return self._small[self._path]
+
+
+def sky_map(width: int) -> int:
+    """Columns of the map by which Cycles finds the bright parts of an HDRI of so many columns.
+
+    A texel of the map is as bright as the HDRI at its centre. Where its other parts see a sun that its centre does not,
+    light is found by chance: pictures are too dark, with sparks. For wider HDRIs, measured, more than `SKY_MAP` change
+    nothing until they are too many to build for each image.
+    """
+    return 2 * width if width <= FINE else SKY_MAP
+
+
+def _node(nodes: Any, links: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
+    new = nodes.new(f"ShaderNode{kind}")
+    for name, value in settings.items():
+        setattr(new, name, value)
+    for socket, value in zip(new.inputs, inputs, strict=False):
+        links.new(value, socket)
+    return new
+
+
+class _Veil:
+    """Nodes that show the camera one colour up to an elevation, and a picture from a little above it."""
+
+    def __init__(self, nodes: Any, links: Any, direction: Any, colour: Any) -> None:
+        z = _node(nodes, links, "SeparateXYZ", direction).outputs[2]
+        self._share = _node(nodes, links, "MapRange", z, clamp=True)
+        self._share.inputs["To Min"].default_value, self._share.inputs["To Max"].default_value = 1.0, 0.0
+        camera = nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        share = _node(nodes, links, "Math", camera, self._share.outputs[0], operation="MULTIPLY").outputs[0]
+        self._mix = _node(nodes, links, "Mix", share, data_type="RGBA")
+        links.new(colour, self._mix.inputs[6])
+
+    def at(self, horizon: float, colour: np.ndarray) -> Any:
+        """What is seen: the colour below an elevation in radians, the picture above."""
+        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
+        self._mix.inputs[7].default_value = (*colour, 1.0)
+        return self._mix.outputs[2]
 
 
 class _Lifted:
@@ -98,12 +150,7 @@ class _Lifted:
 
     def __init__(self, nodes: Any, links: Any, direction: Any) -> None:
         def node(kind: str, *inputs: Any, **settings: Any) -> Any:
-            new = nodes.new(f"ShaderNode{kind}")
-            for name, value in settings.items():
-                setattr(new, name, value)
-            for socket, value in zip(new.inputs, inputs, strict=False):
-                links.new(value, socket)
-            return new
+            return _node(nodes, links, kind, *inputs, **settings)
 
         x, y, z = node("SeparateXYZ", direction).outputs
         squares = [node("Math", axis, axis, operation="MULTIPLY").outputs[0] for axis in (x, y)]

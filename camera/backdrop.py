@@ -1,0 +1,33 @@
+"""What a camera sees in place of things that stand high around an HDRI: a sky without them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+HIGH = math.radians(15.0)  # horizons above it are streets, woods and rooms: their colours would be streaks below
+FADE = math.radians(10.0)  # above such a horizon, over which the HDRI comes in
+
+
+def even_colour(sky: Float[np.ndarray, "m k 3"], horizon: float) -> Float[np.ndarray, "3"]:
+    """Radiance of what is seen below a high horizon: the median around, by channel, of the HDRI where it comes in.
+
+    Parameters
+    ----------
+    sky
+        Equirectangular map of radiance, the zenith in the first row.
+    horizon
+        Elevation in radians, above `HIGH`.
+    """
+    elevation = math.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
+    nearest = np.abs(elevation - horizon - FADE / 2.0)
+    band = (nearest <= FADE / 2.0) | (nearest == nearest.min())
+    return np.asarray(np.median(sky[band].reshape(-1, 3), axis=0))
+
+
+def fade(horizon: float) -> tuple[float, float]:
+    """Sines of the elevations between which, linearly in the sine, the even colour gives way to the HDRI."""
+    high = math.sin(min(horizon + FADE, math.pi / 2.0))
+    return min(math.sin(horizon), high - 1e-3), high
