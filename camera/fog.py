@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -12,7 +13,7 @@ FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of
 FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
 FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
 FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
-DUST_LAYERS = 4  # boxes of equal density in each other, whose tops follow an exponential decay with height
+DUST_LAYERS = 2  # boxes of equal density in each other, whose tops follow an exponential decay with height
 BETWEEN = 0.01  # of their size between the sides of such boxes: a ray must not meet two at once
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
@@ -39,7 +40,8 @@ def layer_tops(kind: str, visibility_m: float) -> list[float]:
     """Metres above the camera of the tops of boxes of air, one in the other, that share the extinction evenly.
 
     Fog, rain and snow fill one box. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of the
-    fog's box: four steps. From the camera down it is whole, so that targets lose contrast as `extinction` says.
+    fog's box: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the
+    camera down it is whole, so that targets lose contrast as `extinction` says.
 
     Parameters
     ----------
@@ -51,7 +53,9 @@ def layer_tops(kind: str, visibility_m: float) -> list[float]:
     top = min(FOG_ABOVE * visibility_m, FOG_TOP)
     if kind != "dust":
         return [top]
-    return [-top * math.log((step + 0.5) / DUST_LAYERS) for step in range(DUST_LAYERS)]
+    parts = [part / DUST_LAYERS for part in range(DUST_LAYERS + 1)]
+    areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
+    return [DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas)]
 
 
 def airlight(kind: str, sky: np.ndarray) -> np.ndarray:

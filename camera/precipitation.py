@@ -29,8 +29,9 @@ FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
 CLASSES = 100  # of diameters
 FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
 NEAREST, FARTHEST = 0.4, 10.0  # metres from the camera; what is farther is in the veil alone
-FAINTEST = 0.005  # the least opacity that a drop is drawn for; what hides less is in the veil alone
+FAINTEST = 0.01  # the least opacity that a drop is drawn for; what hides less is in the veil alone
 MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
+MOST_ON_A_RAY = 0.3  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
 # Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its
@@ -209,7 +210,9 @@ def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.n
     for faintest in np.geomspace(FAINTEST, 1.0, 40):
         seen = np.count_nonzero(peak >= faintest, axis=1)
         reach = distances[np.maximum(seen - 1, 0)]
-        if float(sizes.number @ _volume(view, reach, behind)) <= MOST:
+        met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
+        crowd = sizes.number @ (met[:, 1:] @ np.diff(distances))
+        if sizes.number @ _volume(view, reach, behind) <= MOST and crowd <= MOST_ON_A_RAY:
             break
     return reach
 

@@ -209,7 +209,9 @@ def decode_parcel(data: bytes) -> Parcel:
         numbers = [x for matrix in matrices for row in matrix for x in row]
         numbers += [light.yaw, light.strength, light.horizon or 0.0]
         numbers += [camera.fov_x, camera.near, camera.exposure, camera.white_balance]
-        numbers += [job.weather.visibility_m] if job.weather else []
+        if air := job.weather:
+            numbers += [air.visibility_m, air.rain_mm_h, *air.wind_m_s, air.exposure_s, air.ground_cover]
+            numbers.append(air.vehicle_cover)
         coats = [paint for vehicle in job.vehicles for paint in vehicle.paint]
         numbers += [x for p in coats for x in (p.mean, *(p.colour or ()), p.hue, p.saturation, p.value)]
         if not all(map(math.isfinite, numbers)):

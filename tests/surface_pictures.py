@@ -133,9 +133,9 @@ def tiles(path):
 
 
 def dome(path):
-    """A black sphere of 20 m in the air: from above, a pixel's distance from the middle says its slope."""
+    """A black sphere of 80 m in the air: from above, a pixel's distance from the middle says its slope."""
     fresh()
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=20.0)
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=80.0)
     bpy.ops.object.shade_smooth()
     bpy.context.object.data.materials.append(principled("rock", 0.0, 1.0, Specular_IOR_Level=0.0))
     save(path)
@@ -243,7 +243,7 @@ def albedos(folder):
 def slopes(folder):
     studio = Studio(folder, "dome")
     for share in (0.3, 1.0):
-        studio.picture(f"dome {share}", looking_down(0.0, 0.0, 4000.0, 40.0), weather("snow", share, 0.0))
+        studio.picture(f"dome {share}", looking_down(0.0, 0.0, 16000.0, 160.0), weather("snow", share, 0.0))
 
 
 def yards(folder):

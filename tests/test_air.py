@@ -97,9 +97,9 @@ def test_dust_thins_above_the_camera(studio):
     visibility = 400.0
     weather = WeatherInput(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     tops = layer_tops("dust", visibility)
-    assert len(tops) == 4
+    assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is overhead
     assert max(tops) > 5.0 * min(tops)
-    clear = math.exp(-extinction(visibility) * sum(tops) / 4)
+    clear = math.exp(-extinction(visibility) * 100.0)
     seen = studio.picture(weather, pose=UP, fov_x_deg=5.0, width=32, samples=4)
     expected = displayed(SKY * (clear + (1.0 - clear) * np.array(DUST_ALBEDO)))
     assert np.abs(seen - expected).max() <= 4.0
@@ -147,7 +147,7 @@ def test_streaks_are_those_of_the_drops_that_fall(studio):
     expected = moved(drops, view, 96)
     bare = hidden_by(studio.picture(None, fov_x_deg=25.0, samples=1), SKY * SHARE_OF_SKY["rain"])
     share = hidden_by(found, SKY * SHARE_OF_SKY["rain"]) - bare
-    assert len(drops.diameters) > 500
+    assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)
     assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95
 

@@ -6,7 +6,7 @@ import math
 import msgspec
 import pytest
 
-from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, VehicleInput
+from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, VehicleInput, WeatherInput
 from render.parcels import AssetNote, FileNote, Order, Parcel, Versions, decode_parcel, encode
 
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -20,6 +20,8 @@ JOB = RenderJob(
     settings=Settings(2, True, 0.0, 4),
     output="/dataset/.unfinished/0.png",
 )
+NUMBERS = ("visibility_m", "rain_mm_h", "exposure_s", "ground_cover", "vehicle_cover")
+RAIN = {"kind": "rain", "wind_m_s": (0.0, 0.0), **dict.fromkeys(NUMBERS, 0.5)}
 ASSETS = [AssetNote(FileNote(path, "0" * 64, 1)) for path in ("/field.blend", "/tank.blend", "/sky.exr")]
 
 
@@ -39,6 +41,10 @@ def test_what_is_sent_arrives():
         ({"camera": dataclasses.replace(JOB.camera, fov_x=math.nan)}, "finite"),
         ({"scenery": dataclasses.replace(JOB.scenery, scenery_from_file=POSE[:3])}, r"poses of \(4, 4\)"),
         ({"vehicles": [VehicleInput("/tank.blend", [[[math.inf] * 4] * 4])]}, "finite"),
+        *(
+            ({"weather": WeatherInput(**{**RAIN, key: wrong})}, "finite")
+            for key, wrong in [*((key, math.nan) for key in NUMBERS), ("wind_m_s", (0.0, math.inf))]
+        ),
         ({"light": dataclasses.replace(JOB.light, hdri="/etc/passwd")}, "'/etc/passwd' is not among its files"),
     ],
 )

@@ -7,7 +7,9 @@ import pytest
 
 from annotate.masks import decode
 from dataset.verify import verify
+from planning.plan_file import read_plan
 from planning.row import PlannedVehicle
+from render.jobs import mask_job
 from render.masks import RowMasks, verify_masks
 from render.supervisor import render_plan
 from tests.render_plans import ASSETS, make_row, write_plan
@@ -78,3 +80,12 @@ def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_p
     assert [str(finding) for finding in report.findings] == [expected]
     assert [row.mask_iou for row in report.rows] == [1.0, 1.0, 1.0]
     assert expected in [str(finding) for finding in verify(tmp_path / "d", plan=plan)]
+
+
+@pytest.mark.parametrize("kind", ["fog", "rain", "snow", "dust"])
+def test_masks_do_not_know_of_weather(tmp_path, kind):
+    weather = {"kind": kind, "visibility_m": 300.0, "ground_cover": 1.0, "vehicle_cover": 1.0, "rain_mm_h": 10.0}
+    covered, clear = read_plan(write_plan(tmp_path, [make_row(0, weather=weather), make_row(1)]))
+    output = tmp_path / "mask.npy"
+    assert covered.weather is not None
+    assert mask_job(covered, ASSETS, output) == mask_job(clear, ASSETS, output)

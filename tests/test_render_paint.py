@@ -17,6 +17,7 @@ from planning.check import check_plan
 from planning.config import load_config
 from planning.loading import load_assets, load_library
 from planning.paint import Coat
+from planning.weather import Weather
 from planning.write import write_plan
 from render.jobs import render_assets, render_job
 from render.messages import Settings, to_json
@@ -24,6 +25,8 @@ from render.pool import Pool
 
 pytestmark = pytest.mark.blender
 SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
+RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
+SNOW = Weather(500.0, "snow", ground_cover=0.8, vehicle_cover=0.8)
 CONFIG = """
 seed = 5
 [assets]
@@ -89,7 +92,11 @@ def pictures(row, assets, folder):
     blue = altered(other, paint=[Coat(["*"], "#1010c0")])
     bare = altered(red, paint=[], companions=[altered(other, paint=[])])
     turned = altered(bare, paint=[Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tyre"], None, 120.0)])
-    rows = [bare, red, altered(red, companions=[blue]), turned, bare]
+    return rendered([bare, red, altered(red, companions=[blue]), turned, bare], assets, folder)
+
+
+def rendered(rows, assets, folder):
+    """Pictures of rows by one worker."""
     messages = [to_json(render_job(row, assets, SETTINGS, folder / f"{number}.png")) for number, row in enumerate(rows)]
     failures = {}
     with Pool(folder / "logs", workers=1) as pool:
@@ -186,6 +193,17 @@ def test_a_whole_name_reaches_what_a_pattern_leaves_alone_and_hues_turn(pictures
 def test_nothing_of_the_paint_is_left_in_the_next_picture(pictures):
     assert np.array_equal(pictures[0], pictures[4])
     assert not np.array_equal(pictures[0], pictures[1])
+
+
+def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folder):
+    """Paint comes into materials that are wet, and stays as they dry."""
+    bare = altered(row, paint=[], companions=[])
+    red = altered(row, companions=[])
+    rows = [altered(bare, weather=RAIN), altered(red, weather=RAIN), red, altered(bare, weather=SNOW)]
+    alone = [rendered([one], assets, folder)[0] for one in rows]
+    for found, expected in zip(rendered(rows, assets, folder), alone, strict=True):
+        assert np.array_equal(found, expected)
+    assert not np.array_equal(alone[1], alone[2])
 
 
 def test_inspect_says_what_can_be_painted(folder, plan):

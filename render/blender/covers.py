@@ -21,9 +21,11 @@ SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
-PATCH = 0.35  # metres of a patch of snow, where it lies in patches
-PATCH_EDGE = 0.12  # of its noise
-NOISE_MEAN, NOISE_SPREAD = 0.498, 0.0717  # of Blender's noise with detail 2, measured
+PATCH = 1.2  # metres of the largest patches of snow, where it lies in patches
+PATCH_EDGE = 0.1  # of its noise
+DUST_PATCH = 0.5  # metres
+NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
+NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
 SKY_REACH = 10.0  # metres above which nothing keeps snow off
 SKY_RAYS = 2
 SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
@@ -67,7 +69,7 @@ class Group:
 
     def even_noise(self, where: Any, size: float) -> Any:
         """Noise in patches of `size`, as often below any number from 0 to 1 as that number says, within 0.02."""
-        noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, "Detail": 2.0, "Roughness": 0.5})
+        noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **NOISE})
         reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
         return self.ramp(noise.outputs[0], NOISE_MEAN - reach, NOISE_MEAN + reach)
 
@@ -162,7 +164,7 @@ def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, c
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCH)
+    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), DUST_PATCH)
     lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), laws.DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs

@@ -38,6 +38,10 @@ class Paintable:
                     self._materials.setdefault(slot.material.name, slot.material)
         self._numbers: dict[str, int] = {}  # of those that have been painted
 
+    def is_first(self, paints: Sequence[PaintInput]) -> bool:
+        """Whether nodes come into a material by these that have not been painted before."""
+        return any(p.material in self._materials and p.material not in self._numbers for p in paints)
+
     def paint(self, objects: Iterable[Any], paints: Sequence[PaintInput]) -> None:
         """Paint a copy of the vehicle like this, and in no other way.
 

@@ -91,6 +91,8 @@ class Stage:
             for obj in collection.objects:
                 obj[PLANE] = above
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+            if self._paintable[path].is_first(vehicle.paint):
+                self.surfaces.clear()  # paint goes beneath water and snow
             self._paintable[path].paint(collection.objects, vehicle.paint)
             placed.append(list(collection.objects))
         linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
