@@ -15,8 +15,8 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
-from reading.axes import forward_said
 from reading.drawn import Evaluated
+from reading.nose import forward_said
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow

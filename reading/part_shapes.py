@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from assets.naming import BODY, FRONT, REAR, VEHICLE, says
-from reading.axes import gun_barrel
+from reading.nose import gun_barrel
 from reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
 from reading.roles import Link, Piece
 from reading.solids import Solids

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.distance import pdist
 
 from assets.naming import PIVOT, says, words
 from geometry.transforms import apply
@@ -280,7 +281,7 @@ def gun_guess(
     start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
     tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
-    beside = np.linalg.norm(np.cross(tubes.centre - start, line), axis=1).max()
+    beside = pdist(tubes.centre - np.outer(tubes.centre @ line, line)).max(initial=0.0)
     if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
         if held is not None:
             return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
