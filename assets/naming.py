@@ -32,6 +32,8 @@ NOT_GUN_HINTS = (
     *("treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder", "begun"),
 )
 
+ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # what hangs from something that aims
+
 FRONT = (  # what is at the nose of a vehicle, and
     *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
     *("bonnet", "hood", "cab", "cabin", "driver", "glacis", "radiator", "wiper", "steering", "mirror", "fog light"),

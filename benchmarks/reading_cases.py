@@ -140,6 +140,24 @@ def cases(vehicles: Sequence[str], *, each: int, held: int) -> list[Case]:
     return made
 
 
+# What of the truth a file does not hold, the worst last; "pivots" can be estimated, "names" be told by shape.
+LOST = ("all is in the file", "its pivots are lost", "its names say nothing", "its scale is not the file's")
+
+
+def lost(case: Case) -> str:
+    """What of a case cannot be known from its file, one of `LOST`."""
+    carries = not case.vehicle.startswith("truck") and case.layout != "one mesh"
+    # OBJ files keep no hierarchy and no empties: there a part is what the object's own name says.
+    bare = case.suffix == ".obj" and not _flat(case.layout) and not case.layout.startswith("part meshes")
+    unnamed = bare and case.names in ("as built", "drums", "exporter")
+    if case.scale != 1:
+        return LOST[3]
+    if case.names in ("numbered", "letters") or case.layout == "one mesh" or (carries and unnamed):
+        return LOST[2]
+    origins = ("as built", "part meshes", "nested", "root turned")
+    return LOST[1] if carries and (case.layout not in origins or case.suffix == ".obj") else LOST[0]
+
+
 def file_from_vehicle(case: Case) -> Float[np.ndarray, "4 4"]:
     """From the vehicle's frame to what is written into the file."""
     yaw = np.radians(case.turn_deg)
@@ -172,9 +190,14 @@ def build(base: Model, case: Case) -> Model:
 
 
 def _renamed(things: Sequence[Thing], case: Case, rng: np.random.Generator) -> list[Thing]:
-    flat = "flat" in case.layout or case.layout in ("loose", "middles")
+    flat = _flat(case.layout)
     numbers = rng.permutation(len(things))
     return [replace(t, name=_name(t, case.names, flat, int(n), rng)) for t, n in zip(things, numbers, strict=True)]
+
+
+def _flat(layout: str) -> bool:
+    """Whether objects hang from nothing that says their part, so that their own names do."""
+    return "flat" in layout or layout in ("loose", "middles")
 
 
 def _name(thing: Thing, style: str, flat: bool, number: int, rng: np.random.Generator) -> str:

@@ -76,11 +76,11 @@ def find_forward(
     half = max(float(np.percentile(reach, 98)), 1e-12)
     barrel = gun_barrel(solids, ahead, middle, half, gun)
     votes = _votes(solids, names, (solids.centre - middle) @ ahead / half)
-    raised = _rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
+    raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     shape = _shape_votes(solids, wheels, ahead, middle)
     toward = 0.0
     doubt = ""
-    if raised and raised == _rising(solids, ahead, 2 * half, np.zeros(len(solids), bool)):
+    if raised and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool)):
         # Tubes side by side may lie behind the middle, and yet they rise ahead.
         toward, why_sign = raised, "its tubes rise there"
     elif barrel is not None:
@@ -223,7 +223,7 @@ def _shape_votes(
     """Which way a vehicle looks by its shape, one sign for each thing that tells: lone axle, mirrors, tubes."""
     off = solids.bounds.reshape(-1, 3) - middle
     length = float(np.ptp(off @ ahead))
-    votes = [_rising(solids, ahead, length, np.zeros(len(solids), bool))]
+    votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))]
     if wheels is not None:
         at = np.sort((solids.centre[wheels.index] - middle) @ ahead)
         radius = float(np.median(solids.radius[wheels.index]))
@@ -236,7 +236,7 @@ def _shape_votes(
     return [vote for vote in votes if vote]
 
 
-def _rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: Bool[np.ndarray, " n"]) -> float:
+def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: Bool[np.ndarray, " n"]) -> float:
     """The end to which launching tubes rise: nobody drives with them raised over the tail. 0 if there are none.
 
     Where no name says gun there must be two that are parallel and alike.

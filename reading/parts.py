@@ -155,7 +155,7 @@ def find_parts(
         why.append(pivot.why)
     doubts += _missing_parts(names, asked, no_guns)
     if names == [HULL] and not doubts and asked.turret is None and asked.gun is None:
-        doubts += unnamed(pieces, bounds)
+        doubts += unnamed(pieces, bounds, solids)
     decided = [namer.decided(chain) for chain in chains]
     shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
     return Parts(
