@@ -196,11 +196,12 @@ def report(results: dict[str, Any]) -> str:
         "",
         "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, "
         "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. "
-        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). Tuned: what rules were tuned on. Seen: held "
-        "out at first, then its failures were looked at. Held out: only measured. A file can say no more than it "
-        "holds, so each set is split: all is in the file; the origins of turret and gun are lost, and pivots are "
-        "estimated; no name says what a part is, or all is one mesh; or the scale is not the file's, which can be no "
-        "more than a doubt.",
+        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). Tuned: what rules were tuned on. Second and "
+        "third: names and changes of their own, each held out until it was measured once (29.2 % and 21.7 % right, "
+        "none and 10.0 % wrong in silence) and its failures were looked at. A file can say no more than it holds, so "
+        "each set is split: all is in the file; the origins of turret and gun are lost, and pivots are estimated; no "
+        "name says what a part is, or all is one mesh; or the scale is not the file's, which can be no more than a "
+        "doubt.",
         "",
         "| | files | right | of these with a doubt | wrong, and a doubt names the key | wrong in silence |",
         "|---|---:|---:|---:|---:|---:|",

@@ -1,6 +1,6 @@
 """Writes hard vehicle files with Blender and reads them back.
 
-`python -P reading_blender.py DEMO FOLDER TUNED SEEN HELD`, where the last three are how many files of each vehicle.
+`python -P reading_blender.py DEMO FOLDER TUNED SECOND THIRD`, where the last three are how many files of each vehicle.
 All in one process, one after the other; what reading draws of each is pickled, so that it can be judged again and again
 without Blender.
 """

@@ -138,15 +138,14 @@ def find_pivot(
         return Pivot(at, f"origin of the empty {node.link.name!r}")
     slack = BELIEVED * size
     wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
+    middle = middles.get(key_of(node.link))
+    centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
     if part == GUN_PART:
         rear, front = gun_ends(own, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
-    else:
-        middle = middles.get(key_of(node.link))
-        centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
-        if centred and guess.guessed and not wrong:
-            return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
-        wrong |= centred
+    elif centred and guess.guessed and not wrong:
+        return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
+    wrong |= centred
     if not wrong:
         return Pivot(at, f"origin of {node.link.name!r}")
     return Pivot(

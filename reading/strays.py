@@ -21,6 +21,8 @@ PRIMITIVES = {
 BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
 OUT = 0.1  # of the length of the rest
 APART = 0.02  # of the length of the rest: so much air around it
+FAR = 0.06  # and so much where it cannot belong to the rest
+SMALL = 0.6  # diagonal of what may stand beside a vehicle, in the rest's: a trailer is larger
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
@@ -88,7 +90,11 @@ def find_strays(
     out |= {i: "named as what stands beside a vehicle, and not touching it" for i in apart if stage_name(pieces[i])}
     out |= {i: "hidden from the viewport, and a regular primitive" for i in regular if i in hidden}
     out |= {i: "hidden from the viewport, and a sheet that sticks out" for i in sheets if i in hidden}
+    ground = None if wheels is None else wheels.level + BELOW * height
+    under = [i for i in loose if ground is not None and _is_under(bounds[i], bounds[sorted(wheeled)], ground)]
+    out |= dict.fromkeys(under, "under all of the wheels")
     sure = set(out)
+    out |= {i: "far from the rest" for i in apart if _is_far(i, bounds) and i not in sure}
     out |= {i: "a regular primitive that reaches below the wheels" for i in regular if i in low and i not in sure}
     out |= {i: "a sheet that reaches below the wheels and out" for i in sheets if i in low and i not in sure}
     out = {i: why for i, why in out.items() if i not in wanted}
@@ -169,6 +175,21 @@ def _is_backdrop(
     corners = points[i][mesh.faces]
     near = ((corners.min(axis=1) < high) & (corners.max(axis=1) > low))[:, :2].all(axis=1)
     return bool(near.any() and (corners[near][..., 2] < low[2] + slack).all())
+
+
+def _is_under(own: Float[np.ndarray, "2 3"], wheels: Float[np.ndarray, "n 2 3"], ground: float) -> bool:
+    """What the wheels stand on, and nothing that hangs between them: it reaches out from under all of them."""
+    low, high = _around(wheels)
+    return bool(own[1, 2] < ground and ((own[0] < low) & (own[1] > high))[:2].all())
+
+
+def _is_far(i: int, bounds: np.ndarray) -> bool:
+    """Much smaller than the rest, and more air around it than a part has that is drawn a little off its place."""
+    low, high = _around(np.delete(bounds, i, axis=0))
+    slack = FAR * float((high - low).max())
+    near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
+    small = np.linalg.norm(bounds[i, 1] - bounds[i, 0]) < SMALL * np.linalg.norm(high - low)
+    return bool(small and near.all(axis=1).sum() == 1)
 
 
 def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:

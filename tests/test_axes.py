@@ -186,7 +186,7 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
         ("Thing", box((1, 1, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
         ("Keel", box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
         ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
-        ("Block", box((0.4, 0.4, 1), (0, 3, 0.5)), False, "not touching the rest"),
+        ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
         ("Card", Mesh(np.array([[-5.0, 0, 0], [5, 0, 0], [5, 0, 5], [-5, 0, 5]]), np.array([[0, 1, 2], [0, 2, 3]])),
          False, "sticks out of the rest"),
     ],
@@ -215,6 +215,8 @@ STUDIO = Mesh(
         ("Blueprint", SHEET, True, ()),
         ("Blueprint", SHEET, False, ("reaches below the wheels",)),
         ("Cyc", STUDIO, False, ()),
+        ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
+        ("Softbox", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
         ("Human_Reference", box((0.4, 0.4, 1.8), (0, 3.5, 0.9)), False, ()),
     ],
 )
