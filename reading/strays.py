@@ -22,7 +22,7 @@ BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
 OUT = 0.1  # of the length of the rest
 APART = 0.02  # of the length of the rest: so much air around it
 FAR = 0.06  # and so much where it cannot belong to the rest
-SMALL = 0.6  # diagonal of what may stand beside a vehicle, in the rest's: a trailer is larger
+SMALL = 0.75  # diagonal of what may stand beside a vehicle, in the diagonal of the rest: a trailer is as long
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
