@@ -122,7 +122,7 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     """
     roles: list[Role | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
     open_ = [i for i, role in enumerate(roles) if role is None]
-    doubtful = [i for i in open_ if stage_name(pieces[i]) or _is_sheet(pieces[i])]
+    doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
     # What is beyond doubt says how large the vehicle is; judged from the smallest up, what is kept is added to it.
     doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
     sure = set(open_) - set(doubtful)
@@ -167,8 +167,7 @@ def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
     return any(says(name, keep) for name in _names(piece))
 
 
-def stage_name(piece: Piece) -> tuple[str, str] | None:
-    """The name by which it may be a stage or a figure beside the vehicle, and the word that says so."""
+def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
         if pattern := says(name, (*STAGES, *FIGURES)):
             return name, pattern
@@ -193,7 +192,7 @@ def _vehicle_by_place(piece: Piece, rest: list[Float[np.ndarray, "2 3"]]) -> Rol
     low, high = np.min([b[0] for b in rest], axis=0), np.max([b[1] for b in rest], axis=0)
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
-    if named := stage_name(piece):
+    if named := _stage_name(piece):
         out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
         if out > REACH * size:
             return Role("dropped", f"{named[0]!r} says {named[1]!r} and reaches {out:.1f} m beyond the rest")

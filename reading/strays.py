@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import words
+from assets.naming import FIGURES, STAGES, says, words
 from geometry.meshes import Mesh
 from reading.axes import Wheels
-from reading.roles import MUCH_LARGER, UNDERSIDE, Piece, stage_name
+from reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 
 # What Blender calls a new mesh, and how many vertices it has, None for any.
 PRIMITIVES = {
@@ -21,7 +21,8 @@ PRIMITIVES = {
 BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
 OUT = 0.1  # of the length of the rest
 APART = 0.02  # of the length of the rest: so much air around it
-FAR = 0.06  # and so much where it cannot belong to the rest
+BESIDE = (*STAGES, *FIGURES)  # and not "plane", which armour plates are called too
+FAR = 0.08  # and so much where it cannot belong to the rest
 SMALL = 0.75  # diagonal of what may stand beside a vehicle, in the diagonal of the rest: a trailer is as long
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
@@ -87,7 +88,9 @@ def find_strays(
     told = {i for some in (*signs.values(), regular) for i in some}
     backdrops = [i for i in beyond if _is_backdrop(i, points, meshes[pieces[i].mesh], bounds, told)]
     out = dict.fromkeys(backdrops, "a sheet that lies under the rest and rises beside it")
-    out |= {i: "named as what stands beside a vehicle, and not touching it" for i in apart if stage_name(pieces[i])}
+    out |= {
+        i: "named as what stands beside a vehicle, and not touching it" for i in apart if says(pieces[i].name, BESIDE)
+    }
     out |= {i: "hidden from the viewport, and a regular primitive" for i in regular if i in hidden}
     out |= {i: "hidden from the viewport, and a sheet that sticks out" for i in sheets if i in hidden}
     ground = None if wheels is None else wheels.level + BELOW * height
