@@ -32,6 +32,8 @@ NOT_GUN_HINTS = (
     *("treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder", "begun"),
 )
 
+ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # what hangs from something that aims
+
 FRONT = (  # what is at the nose of a vehicle, and
     *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
     *("bonnet", "hood", "cab", "cabin", "driver", "glacis", "radiator", "wiper", "steering", "mirror", "fog light"),
@@ -226,14 +228,15 @@ def hints(name: str, stems: Iterable[str]) -> str | None:
     """The first of `stems` that a word of `name` begins or ends with, or is but for one letter; None if none.
 
     Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
-    never taken for another by a slip; scripts that are written without spaces match anywhere.
+    never taken for another by a slip, which keeps the first letter: the Spanish "pieza" is no Polish "wieza". Scripts
+    that are written without spaces match anywhere.
     """
     found = [_folded(word) for word in words(name)]
     for stem in map(_folded, stems):
         for word in found:
             at_end = word.startswith(stem) or word.endswith(stem)
             foreign = not stem.isascii() and stem in word
-            slip = len(stem) >= 5 and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)
+            slip = len(stem) >= 5 and word[:1] == stem[0] and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)
             if (at_end and (len(stem) >= 3 or word == stem)) or foreign or slip:
                 return stem
     return None

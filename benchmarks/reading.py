@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reading_cases import LITTER, Case, Truth
+from benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
+from benchmarks.reading_things import LITTER
 from geometry.errors import AssetError
 from geometry.transforms import apply
 from reading.build import Options, build_vehicle
@@ -26,7 +27,7 @@ from reading.report import Row
 from reading.stance import stood
 
 ROOT = Path(__file__).parents[1]
-EACH, HELD = 36, 12  # files of each of the ten vehicles
+EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
 SIZE = 0.03  # a length may be off by this share
 ANGLE = 3.0  # degrees, up and forward
 PIVOT = {"turret": 0.15, "gun": 0.3}  # metres across the axis
@@ -153,32 +154,38 @@ def run(quick: bool) -> dict[str, Any]:
         folder = Path(temporary)
         for name in LOOK:
             write_vehicle(name, folder / "demo", rng=np.random.default_rng(0))
-        make(folder / "demo", folder, *((4, 2) if quick else (EACH, HELD)))
+        make(folder / "demo", folder, (4, 2, 1) if quick else EACH)
         found = [(case, verdict(case, *rest)) for case, *rest in corpus(folder)]
-    return {"tuned": figures(found, held_out=False), "held out": figures(found, held_out=True)}
+    return {group: figures([(case, v) for case, v in found if case.group == group]) for group in GROUPS}
 
 
-def make(demo: Path, folder: Path, each: int, held: int) -> None:
+def make(demo: Path, folder: Path, each: Sequence[int]) -> None:
     """Write and read the files of the corpus, by Blender in a process of its own."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-P", str(Path(__file__).with_name("reading_blender.py"))]
     subprocess.run(
-        [*command, str(demo), str(folder), str(each), str(held)], check=True, stdout=subprocess.DEVNULL, env=environment
+        [*command, str(demo), str(folder), *map(str, each)], check=True, stdout=subprocess.DEVNULL, env=environment
     )
 
 
-def figures(found: list[tuple[Case, Verdict]], *, held_out: bool) -> dict[str, Any]:
-    """Shares and pivot errors of the files that were tuned on, or of those that were not."""
-    chosen = [v for case, v in found if case.held_out == held_out]
-    outcomes = Counter(v.outcome for v in chosen)
-    result: dict[str, Any] = {"files": len(chosen)}
-    for outcome in ("right", "doubted", "silent"):
-        result[outcome] = outcomes[outcome] / len(chosen)
-    result["doubted though right"] = sum(v.outcome == "right" and bool(v.doubts) for v in chosen) / len(chosen)
-    result["silent by key"] = dict(Counter(key for v in chosen if v.outcome == "silent" for key in v.wrong))
+def figures(mine: list[tuple[Case, Verdict]]) -> dict[str, Any]:
+    """Shares and pivot errors of a group of files, and the shares by what of the truth they do not hold."""
+    result: dict[str, Any] = shares([v for _, v in mine])
+    result["split"] = {what: shares(some) for what in LOST if (some := [v for case, v in mine if lost(case) == what])}
+    result["silent by key"] = dict(Counter(key for _, v in mine if v.outcome == "silent" for key in v.wrong))
     for name in ("turret", "gun"):
-        errors = [v.pivots[name] for v in chosen if name in v.pivots]
+        errors = [v.pivots[name] for _, v in mine if name in v.pivots]
         result[f"{name} pivot"] = [float(np.median(errors)), float(np.max(errors))] if errors else None
+    return result
+
+
+def shares(verdicts: list[Verdict]) -> dict[str, Any]:
+    """How many files, the share of each outcome, and of those that are right but for a needless doubt."""
+    outcomes = Counter(v.outcome for v in verdicts)
+    result: dict[str, Any] = {"files": len(verdicts)}
+    for outcome in ("right", "doubted", "silent"):
+        result[outcome] = outcomes[outcome] / len(verdicts)
+    result["doubted though right"] = sum(v.outcome == "right" and bool(v.doubts) for v in verdicts) / len(verdicts)
     return result
 
 
@@ -189,17 +196,24 @@ def report(results: dict[str, Any]) -> str:
         "",
         "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, "
         "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. "
-        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). A scale that is not the file's, and what "
-        "is hidden or sticks out, can be no more than a doubt. Held out: names and changes that no rule was tuned on.",
+        "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). Tuned: what rules were tuned on. Second and "
+        "third: names and changes of their own, each held out until it was measured once (29.2 % and 21.7 % right, "
+        "none and 10.0 % wrong in silence) and its failures were looked at. A file can say no more than it holds, so "
+        "each set is split: all is in the file; the origins of turret and gun are lost, and pivots are estimated; no "
+        "name says what a part is, or all is one mesh; or the scale is not the file's, which can be no more than a "
+        "doubt.",
         "",
-        "| | files | right | wrong, and a doubt names the key | wrong in silence | turret's pivot, median / worst (m) "
-        "| gun's pivot (m) |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        "| | files | right | of these with a doubt | wrong, and a doubt names the key | wrong in silence |",
+        "|---|---:|---:|---:|---:|---:|",
     ]
+    keys = ("right", "doubted though right", "doubted", "silent")
     for name, one in results.items():
-        shares = " | ".join(f"{100 * one[k]:.1f} %" for k in ("right", "doubted", "silent"))
-        pivots = " | ".join("{:.2f} / {:.2f}".format(*one[f"{p} pivot"]) for p in ("turret", "gun"))
-        lines.append(f"| {name} | {one['files']} | {shares} | {pivots} |")
+        for what, some in {"": one, **one["split"]}.items():
+            cells = " | ".join(f"{100 * some[k]:.1f} %" for k in keys)
+            lines.append(f"| {name}{': ' if what else ''}{what} | {some['files']} | {cells} |")
+    for part in ("turret", "gun"):
+        said = "; ".join("{}: {:.2f} and {:.2f} m".format(n, *one[f"{part} pivot"]) for n, one in results.items())
+        lines += ["", f"The {part}'s pivot, median and worst error: {said}."]
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,8 @@
-"""Writes hard vehicle files with Blender and reads them back: `python -P reading_blender.py DEMO FOLDER EACH HELD`.
+"""Writes hard vehicle files with Blender and reads them back.
 
-All in one process, one file after the other; what reading draws of each is pickled, so that it can be judged again and
-again without Blender.
+`python -P reading_blender.py DEMO FOLDER TUNED SECOND THIRD`, where the last three are how many files of each vehicle.
+All in one process, one after the other; what reading draws of each is pickled, so that it can be judged again and again
+without Blender.
 """
 
 import pickle
@@ -14,17 +15,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from benchmarks.reading_cases import (
-    LITTER,
-    Case,
-    Model,
-    Thing,
-    Truth,
-    build,
-    cases,
-    file_from_vehicle,
-    world_from_written,
-)
+from benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
+from benchmarks.reading_things import LITTER, Model, Thing
 from geometry.transforms import apply
 from reading.blender.evaluate import evaluate
 from reading.blender.importers import open_file
@@ -34,10 +26,10 @@ from reading.stance import metres_from_file, stood
 
 def main() -> None:
     demo, folder = Path(sys.argv[1]), Path(sys.argv[2])
-    each, held = int(sys.argv[3]), int(sys.argv[4])
+    each = [int(count) for count in sys.argv[3:6]]
     files = sorted(demo.glob("*.blend"))
     bases = {file.stem: _base(file) for file in files}
-    for number, case in enumerate(cases(list(bases), each=each, held=held)):
+    for number, case in enumerate(cases(list(bases), each=each)):
         model = build(bases[case.vehicle], case)
         path = folder / f"{number:04d}{case.suffix}"
         world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)

@@ -15,15 +15,15 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
-from reading.axes import forward_said
 from reading.drawn import Evaluated
+from reading.nose import forward_said
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow
-from reading.roles import Link, Piece, Role, vehicle_roles
+from reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
 from reading.scenery_roles import removed_names, unmatched
 from reading.stance import Stood, heading, vehicle_from_upright
-from reading.strays import stray_doubts
+from reading.strays import find_strays
 from reading.wet_faces import dry_part, is_partly_water, wet_part
 
 KILOMETRE = 1000.0
@@ -115,10 +115,27 @@ def build_vehicle(
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"no vehicle is left after clean-up; in it is {there}", remedy="name what to `keep`")
-    forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
-    ahead = vehicle_from_upright(forward.angle)
-    vehicle_from_file = ahead @ upright.metres
-    points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
+    left_out: list[str] = []
+    while True:
+        forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
+        ahead = vehicle_from_upright(forward.angle)
+        vehicle_from_file = ahead @ upright.metres
+        points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
+        strays = find_strays(
+            [pieces[i] for i in kept],
+            points,
+            meshes,
+            wheels,
+            wheeled=set() if wheels is None else set(solids.piece[wheels.index].tolist()),
+            wanted=[k for k, i in enumerate(kept) if is_wanted(pieces[i], options.keep)],
+        )
+        if not strays.out or len(strays.out) == len(kept):
+            break
+        left_out += strays.out_doubts
+        for k, why in strays.out.items():
+            roles[kept[k]] = Role("dropped", why)
+        # Without them the nose may be another, and so what sticks out.
+        kept = [i for k, i in enumerate(kept) if k not in strays.out]
     asked = Asked(options.turret, options.gun, options.turret_pivot, options.gun_pivot)
     try:
         parts = find_parts(
@@ -158,9 +175,7 @@ def build_vehicle(
         part_limits=parts.limits,
         vehicle_from_file=to_underside @ vehicle_from_file,
     )
-    wheeled = set() if wheels is None else set(solids.piece[wheels.index].tolist())
-    strays = stray_doubts([pieces[i] for i in kept], points, meshes, wheels, wheeled=wheeled)
-    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *strays) if doubt]
+    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
     axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import BODY, FRONT, REAR, VEHICLE, says
-from reading.axes import gun_barrel
+from assets.naming import ARMED, BODY, FRONT, REAR, VEHICLE, says
+from reading.nose import gun_barrel, rising
 from reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from reading.pivots import RING
 from reading.roles import Link, Piece
 from reading.solids import Solids
 
@@ -154,8 +155,11 @@ def riding(
     return found
 
 
-def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"]) -> list[str]:
-    """A doubt where names say nothing at all, or where something hangs together above the rest."""
+def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids: Solids) -> list[str]:
+    """A doubt where something may aim: by what it hangs from, by a name, or by shape where names say nothing at all.
+
+    Shape tells by a ring or tubes that rise; a truck of numbered objects has neither, and nothing is asked about it.
+    """
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     carried: dict[Key, list[int]] = {}
     names: dict[Key, str] = {}
@@ -174,6 +178,17 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"]) -> list
             f"{len(carried[most])} objects hang from {names[most]!r} above the rest; if it turns, set turret to it, "
             f'and gun to what rises; if nothing does, set turret = ""'
         ]
-    if len(pieces) > 1 and not any(says(n, KNOWN) for p in pieces for n in (p.name, p.data)):
+    if armed := next((p.name for p in pieces if says(p.name, ARMED)), None):
+        return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
+    known = any(says(n, KNOWN) for p in pieces for n in (p.name, p.data))
+    if len(pieces) > 1 and not known and _may_aim(solids, low, high):
         return ['its names say nothing; set turret and gun if it has any, or turret = ""']
     return []
+
+
+def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
+    """Whether there are tubes that rise, or a level ring in the upper part, as turrets stand on."""
+    size = high - low
+    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
+    ring &= solids.centre[:, 2] > low[2] + LOW * size[2]
+    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0], np.zeros(len(solids), bool)))

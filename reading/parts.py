@@ -11,7 +11,7 @@ from jaxtyping import Float
 from geometry.transforms import apply
 from reading.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
 from reading.part_shapes import by_shape, riding, screened, unnamed
-from reading.pivots import PIVOT_KEYS, Pivot, find_pivot, gun_guess, nodes_of, turret_guess
+from reading.pivots import PIVOT_KEYS, Pivot, cheeks, find_pivot, gun_guess, nodes_of, turret_guess
 from reading.roles import Link, Piece
 from reading.solids import Solids, no_solids
 
@@ -155,7 +155,7 @@ def find_parts(
         why.append(pivot.why)
     doubts += _missing_parts(names, asked, no_guns)
     if names == [HULL] and not doubts and asked.turret is None and asked.gun is None:
-        doubts += unnamed(pieces, bounds)
+        doubts += unnamed(pieces, bounds, solids)
     decided = [namer.decided(chain) for chain in chains]
     shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
     return Parts(
@@ -185,12 +185,17 @@ def _guess(
     def of(part: str | None) -> Solids:
         return solids.where(np.array([part_of[i] == part for i in solids.piece], bool))
 
+    def cloud(part: str | None) -> Float[np.ndarray, "_ 3"]:
+        some = [p for p, its in zip(points, part_of, strict=True) if its == part]
+        return np.concatenate(some) if some else own[:0]
+
+    mount = TURRET_PART if TURRET_PART in part_of else None
+    gun = cloud(GUN_PART)
+    held = cheeks(gun, cloud(mount), of(mount)) if len(gun) else None
     if name == GUN_PART:
-        return gun_guess(own, behind, of(GUN_PART))
-    gun = [p for p, part in zip(points, part_of, strict=True) if part == GUN_PART]
-    trunnions = gun_guess(np.concatenate(gun), behind, of(GUN_PART)).at if gun else None
-    hull = [p for p, part in zip(points, part_of, strict=True) if part is None]
-    under = np.concatenate(hull) if hull else own[:0]
+        return gun_guess(own, behind, of(GUN_PART), held=held)
+    trunnions = gun_guess(gun, behind, of(GUN_PART), held=held).at if len(gun) else None
+    under = cloud(None)
     return turret_guess(own, under, of(TURRET_PART), of(None), trunnions=trunnions)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.distance import pdist
 
 from assets.naming import PIVOT, says, words
 from geometry.transforms import apply
@@ -23,6 +24,9 @@ THICK = 1.5  # a mantlet is wider than the barrel by this factor
 INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
 ALIKE = 0.8  # of the longest barrel's length: another barrel
 TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
+ASIDE = 1.5  # times as wide as long: it points to a side
+PLATE = 0.3  # thickness of a plate that holds a gun, in its height
+BEARING = 0.25  # and how far below its top the bearing is
 MIDDLE = 0.01  # an origin this close to the middle of its mesh, in shares of its longest side, was put there by a click
 
 
@@ -134,15 +138,14 @@ def find_pivot(
         return Pivot(at, f"origin of the empty {node.link.name!r}")
     slack = BELIEVED * size
     wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
+    middle = middles.get(key_of(node.link))
+    centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
     if part == GUN_PART:
         rear, front = gun_ends(own, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
-    else:
-        middle = middles.get(key_of(node.link))
-        centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
-        if centred and guess.guessed and not wrong:
-            return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
-        wrong |= centred
+    elif centred and guess.guessed and not wrong:
+        return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
+    wrong |= centred
     if not wrong:
         return Pivot(at, f"origin of {node.link.name!r}")
     return Pivot(
@@ -204,7 +207,50 @@ def turret_guess(
     return Pivot(at, why, guessed=True)
 
 
-def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], mine: Solids) -> Pivot:
+def cheeks(
+    own: Float[np.ndarray, "n 3"], mount: Float[np.ndarray, "m 3"], others: Solids
+) -> Float[np.ndarray, "3"] | None:
+    """The axis between two upright plates that hold a gun from both sides; None if there are no such plates.
+
+    A bearing sits near the top of its plate, in the middle of what is level there.
+
+    Parameters
+    ----------
+    own
+        Points of the gun.
+    mount, others
+        Points and solids of what carries it.
+    """
+    low, high = own.min(axis=0), own.max(axis=0)
+    middle = (low + high) / 2
+    plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
+    beside = np.abs(others.centre[:, 1] - middle[1]) < 0.55 * (high - low)[1]
+    meets = (others.bounds[:, 0, ::2] < high[::2]).all(axis=1) & (others.bounds[:, 1, ::2] > low[::2]).all(axis=1)
+    best, largest = None, 0.0
+    for i in np.flatnonzero(plate & beside & meets & (others.centre[:, 1] > middle[1])):
+        mirrored = others.centre[i] * [1, -1, 1] + [0, 2 * middle[1], 0]
+        size = others.size[i]
+        twin = np.linalg.norm(others.centre - mirrored, axis=1) < 0.1 * size[1]
+        twin &= np.abs(others.size - size).max(axis=1) < 0.05 * size[0]
+        if not twin.any() or size[0] * size[1] <= largest:
+            continue
+        box = others.bounds[i]
+        inside = mount[((mount > box[0] - 1e-6) & (mount < box[1] + 1e-6)).all(axis=1)]
+        tall = box[1, 2] - box[0, 2]
+        top = inside[inside[:, 2] > box[1, 2] - BEARING * tall]
+        if len(top):
+            largest = size[0] * size[1]
+            best = np.array([(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING * tall])
+    return best
+
+
+def gun_guess(
+    own: Float[np.ndarray, "n 3"],
+    behind: Float[np.ndarray, "3"],
+    mine: Solids,
+    *,
+    held: Float[np.ndarray, "3"] | None = None,
+) -> Pivot:
     """Where a gun turns by its shape: at its trunnions, in its mantlet, or at its rear end.
 
     Parameters
@@ -215,6 +261,8 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
         A point behind it: the turret's pivot, or the vehicle's middle.
     mine
         Its solids.
+    held
+        The axis of the plates that hold it, if there are any.
     """
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
@@ -232,8 +280,10 @@ def gun_guess(own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"], min
     start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
     tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
-    beside = np.linalg.norm(np.cross(tubes.centre - start, line), axis=1).max()
+    beside = pdist(tubes.centre - np.outer(tubes.centre @ line, line)).max(initial=0.0)
     if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
+        if held is not None:
+            return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
         low, high = own.min(axis=0), own.max(axis=0)
         at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
         return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
@@ -257,7 +307,8 @@ def gun_ends(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
     low, high = own.min(axis=0), own.max(axis=0)
-    axis = int(np.argmax((high - low)[:2]))
+    # Tubes side by side are often wider than long.
+    axis = int((high - low)[1] > ASIDE * (high - low)[0])
     rear, front = (low + high) / 2, (low + high) / 2
     forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
     rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])

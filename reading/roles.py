@@ -162,6 +162,11 @@ def _names(piece: Piece) -> list[str]:
     )
 
 
+def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
+    """Whether the config keeps it by name."""
+    return any(says(name, keep) for name in _names(piece))
+
+
 def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
         if pattern := says(name, (*STAGES, *FIGURES)):

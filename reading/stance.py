@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
 from geometry.transforms import apply, rotation_z
-from reading.axes import Forward, Up, Wheels, find_forward, find_up, find_wheels, up_matrix
+from reading.axes import Up, Wheels, find_up, find_wheels, up_matrix
 from reading.drawn import Evaluated
+from reading.nose import Forward, find_forward
 from reading.roles import Piece
 from reading.solids import Solids, find_solids
 
@@ -82,9 +83,9 @@ def _in_file(found: Up, said: str) -> Up:
         return found
     for axis in ("z", "-z", "y", "-y", "x", "-x"):
         if np.allclose(up_matrix(axis)[2, :3], up_matrix(found.axis)[2, :3] @ up_matrix(said)[:3, :3]):
-            why, doubt = (text.replace("not z as", f"not {said} as") for text in (found.why, found.doubt))
-            doubt = doubt.replace(f"{found.axis} is taken", f"{axis} is taken").replace('up = "z"', f'up = "{said}"')
-            return Up(axis, why, doubt)
+            # Such a file does not say which axis is up, as OBJ: "y" is a habit, and no doubt where wheels tell.
+            why = found.why.replace("not z as the file says", f"not {said} as is usual")
+            return Up(axis, why, "" if " is taken to be up" in found.doubt else found.doubt)
     raise AssertionError(f"{found.axis} is no axis")
 
 

@@ -47,6 +47,7 @@ TANK = {
     "Gun": tube((1.0, 0, 1.9), (5.5, 0, 1.9), 0.07),
 }  # fmt: skip
 TRUCK = {k: TANK[k] for k in TANK if k[0] == "W"} | {"Hull": TANK["Hull"], "Cab": box((1.5, 2, 1.2), (2, 0, 2))}
+CAR = {k: mesh for k, mesh in TRUCK.items() if k[:2] not in ("W1", "W2")}
 
 
 def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool) -> Evaluated:
@@ -84,12 +85,14 @@ def turned(rotation: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("axis", UPS)
 @pytest.mark.parametrize("said", ["z", "y"])
-def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(axis: str, said: str) -> None:
+@pytest.mark.parametrize("parts", [TANK, CAR])
+def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, said: str) -> None:
     pose = np.linalg.inv(up_matrix(axis))
-    built = read(TANK, pose, said=said)
-    assert np.allclose((built.shape.vehicle_from_file @ pose)[:3, :3], np.eye(3), atol=1e-9)
+    built = read(parts, pose, said=said)
+    assert np.allclose((built.shape.vehicle_from_file @ pose)[2, :3], [0, 0, 1], atol=1e-9)
     doubts = [d for d in built.doubts if f'set up = "{said}"' in d]
-    assert len(doubts) == (axis != said)
+    # y is what OBJ files have by habit; six wheels and more leave no doubt but which of two ways they are turned.
+    assert len(doubts) == (said == "z" and axis != said and (parts is CAR or axis == "-z"))
     assert all(d.startswith(f"{axis} is taken to be up") for d in doubts)
 
 
@@ -183,7 +186,7 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
         ("Thing", box((1, 1, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
         ("Keel", box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
         ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
-        ("Block", box((0.4, 0.4, 1), (0, 3, 0.5)), False, "not touching the rest"),
+        ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
         ("Card", Mesh(np.array([[-5.0, 0, 0], [5, 0, 0], [5, 0, 5], [-5, 0, 5]]), np.array([[0, 1, 2], [0, 2, 3]])),
          False, "sticks out of the rest"),
     ],
@@ -195,3 +198,74 @@ def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, h
     assert doubt.startswith(f"'{name}': ")
     assert what in doubt
     assert f'set drop = ["{name}"]' in doubt
+
+
+SHEET = Mesh(np.array([[-5.0, 1, -1], [5, 1, -1], [5, 1, 5], [-5, 1, 5]]), np.array([[0, 1, 2], [0, 2, 3]]))
+STUDIO = Mesh(
+    np.array([[x, y, z] for y in (-12.0, 12.0) for x, z in ((12.0, 0.0), (-9.0, 0.0), (-11.0, 2.0), (-11.0, 9.0))]),
+    np.array([[k, k + 1, k + 4] for k in range(3)] + [[k + 1, k + 5, k + 4] for k in range(3)]),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "mesh", "hidden", "said"),
+    [
+        ("Cube", box((2, 2, 2), (0, 0, 1.0)), True, ()),
+        ("Cube", box((2, 2, 2), (0, 0, -0.2)), False, ("reaches below the wheels",)),
+        ("Blueprint", SHEET, True, ()),
+        ("Blueprint", SHEET, False, ("reaches below the wheels",)),
+        ("Cyc", STUDIO, False, ()),
+        ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
+        ("Softbox", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
+        ("Human_Reference", box((0.4, 0.4, 1.8), (0, 3.5, 0.9)), False, ()),
+    ],
+)
+@pytest.mark.parametrize("yaw", [0.0, 33.0])
+def test_what_two_signs_show_to_be_no_part_is_left_out(
+    name: str, mesh: Mesh, hidden: bool, said: tuple, yaw: float
+) -> None:
+    found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
+    upright = stood(found, unit=1.0, said="z", up=None)
+    built = build_vehicle("v", found.meshes, upright, (), options=Options())
+    assert [r.use for r in built.roles] == ["vehicle"] * len(TANK) + ["dropped"]
+    assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
+    keeps = [d for d in built.doubts if d.startswith(f"{name!r}: ")]
+    assert len(keeps) == len(said)
+    assert all(what in keeps[0] and f'set keep = ["{name}"]' in keeps[0] for what in said)
+    kept = build_vehicle("v", found.meshes, upright, (), options=Options(keep=(name,)))
+    assert all(r.use == "vehicle" for r in kept.roles)
+
+
+def test_a_wide_hull_under_a_turret_is_no_backdrop() -> None:
+    open_below = Mesh(BOX * (8, 5, 1) + (0, 0, 1), BOX_FACES[[0, 1, 2, 3, 4, 5, 6, 7]])
+    built = read(
+        {"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))}
+    )
+    assert all(r.use == "vehicle" for r in built.roles)
+
+
+def test_tubes_rise_ahead_and_turn_at_the_top_of_their_plates() -> None:
+    rise = rotation_z(0.0)
+    rise[:3, :3] = [[np.cos(0.4), 0, -np.sin(0.4)], [0, 1, 0], [np.sin(0.4), 0, np.cos(0.4)]]
+    tubes = {f"Launch_Gun_{i}": tube((-3, y, 0.8), (2.0, y, 0.8), 0.3) for i, y in enumerate((-0.8, 0.0, 0.8))}
+    raised = {k: Mesh(m.vertices @ rise[:3, :3].T + (-0.8, 0, 1.8), m.faces) for k, m in tubes.items()}
+    plates = {f"Turret_Plate_{s}": box((1.0, 0.1, 0.8), (-1.0, 0.9 * s, 2.0)) for s in (-1, 1)}
+    base = {k: m for k, m in TANK.items() if k != "Gun" and k != "Turret"}
+    for yaw in (0.0, 180.0):
+        pose = turned(rotation_z(np.radians(yaw)))
+        built = read(base | plates | raised, pose)
+        assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
+        at = built.shape.part_pivot[built.shape.part_names.index("gun")]
+        inner = apply(np.linalg.inv(built.shape.vehicle_from_file @ pose), at[None])[0]
+        assert np.allclose(inner, [-1.0, 0, 2.2], atol=1e-6)
+        assert any("gun_pivot" in d for d in built.doubts)
+
+
+def test_mirrors_say_where_the_nose_is() -> None:
+    car = {k: m for k, m in CAR.items() if k != "Cab"} | {
+        f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)
+    }
+    for yaw in (0.0, 180.0):
+        built = read(car, turned(rotation_z(np.radians(yaw))))
+        assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
+        assert any("its nose was found by shape alone" in d for d in built.doubts)

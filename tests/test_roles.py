@@ -93,6 +93,7 @@ def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
         ("begonia", GUN_HINTS, False),
         ("Sturmhaube", TURRET_HINTS, False),
         ("vezel", ("wheel",), False),
+        ("pieza_11", TURRET_HINTS, False),
     ],
 )
 def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, ...], found: bool) -> None:
