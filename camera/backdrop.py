@@ -1,23 +1,25 @@
-"""What a camera sees in place of things that stand high around an HDRI: a sky without them."""
+"""What a camera sees in place of things that stand high around an HDRI: a sky without them.
+
+The renderer uses it too, inside Blender; needs numpy only.
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from jaxtyping import Float
 
 HIGH = math.radians(15.0)  # horizons above it are streets, woods and rooms: their colours would be streaks below
 FADE = math.radians(10.0)  # above such a horizon, over which the HDRI comes in
 
 
-def even_colour(sky: Float[np.ndarray, "m k 3"], horizon: float) -> Float[np.ndarray, "3"]:
-    """Radiance of what is seen below a high horizon: the median around, by channel, of the HDRI where it comes in.
+def even_colour(sky: np.ndarray, horizon: float) -> np.ndarray:
+    """Radiance (3,) of what is seen below a high horizon: the median around, by channel, of the HDRI where it comes in.
 
     Parameters
     ----------
     sky
-        Equirectangular map of radiance, the zenith in the first row.
+        (m, k, 3) equirectangular map of radiance, the zenith in the first row.
     horizon
         Elevation in radians, above `HIGH`.
     """
