@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "rows", "planning", "export",
     "rendering", "resuming", "cluster", "omissions", "evaluation", "reading",
-    "exposure",
+    "exposure", "weather",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools", "faster-coco-eval")

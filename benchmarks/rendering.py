@@ -82,6 +82,7 @@ def planned(
         given["assets"]["vehicles"] = list({v["category"]: v for v in given["assets"]["vehicles"]}.values())
     if scenery is not None:
         given["assets"]["sceneries"] = [s for s in given["assets"]["sceneries"] if scenery in s["path"]]
+        given["assets"]["distractors"] = []  # some occur in one scenery only
     given["budget"] = {"images_per_class": per_class, "images_per_position": 2}
     given["render"] |= {"width": size[0], "height": size[1]}
     for section, values in sections.items():
