@@ -1,6 +1,7 @@
 """`hulldown study run --scheduler` on real Dask workers, one of which is lost."""
 
 import hashlib
+import json
 import threading
 import time
 
@@ -9,7 +10,7 @@ import pytest
 from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
-from tests.test_study import SMALL, written
+from tests.test_study import SMALL, tree, written
 from tests.training_pictures import make_dataset
 from training.study.config import load_study
 from training.study.elsewhere import Answer, Order, code, run_here
@@ -25,13 +26,14 @@ OPTIONS = Options("cpu", 0)
 def study(tmp_path_factory):
     """A study of two runs."""
     folder = tmp_path_factory.mktemp("pictures")
-    for seed, (name, count) in enumerate({"real": 8, "synthetic": 8, "test": 8}.items()):
-        make_dataset(folder / name, count, seed=seed)
-    return settle(load_study(written(folder, folder / "study.toml", fractions=[1.0], train=SMALL)))
+    for seed, name in enumerate(("real", "synthetic", "test")):
+        make_dataset(folder / name, 4, seed=seed)
+    return settle(load_study(written(folder, folder / "study.toml", fractions=[1.0], train=SMALL | {"budget": 8})))
 
 
 def report_of(out):
-    found = write_report(out)
+    write_report(out)
+    found = json.loads((out / "report.json").read_text())
     del found["times"]
     return found
 
@@ -56,22 +58,23 @@ def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_p
 
         def say(line):
             said.append(line)
-            if "begins on" in line and len(said) == 2:
+            if "begins on" in line and sum("begins on" in each for each in said) == 1:
                 run = study.manifest.run(line.split(":")[0])
-                threading.Thread(target=lose, args=(run.folder,)).start()
+                threading.Thread(target=lose, args=(run.folder,), daemon=True).start()
 
         with training_workers(Scheduler(nodes.address), say=say) as launch:
             done = run_study(study, out, options=OPTIONS, launch=launch, at_once=2)
     assert (len(done.finished), done.failed, len(lost)) == (2, {}, 1)
     assert sum("was lost; another goes on" in line for line in said) == 1
     assert sum("begins on" in line for line in said) == 3
+    assert tree(out) == tree(tmp_path / "here")
     assert report_of(out) == report_of(tmp_path / "here")
 
 
-def order_for(study, out, **changes):
-    write_manifest(study, out)
+def order_for(settled, out, **changes):
+    write_manifest(settled, out)
     manifest = hashlib.sha256((out / "study.json").read_bytes()).hexdigest()
-    order = Order(code=code(), study=str(out), manifest=manifest, name="real", device="cpu", workers=0)
+    order = Order(code=code(), study=str(out), manifest=manifest, name="real-100-seed0", device="cpu", workers=0)
     return order.model_copy(update=changes).model_dump_json().encode()
 
 
