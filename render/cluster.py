@@ -28,6 +28,7 @@ from render.parcels import (
     Piece,
     decode_answer,
     encode,
+    encode_parcel,
     named_files,
     versions,
 )
@@ -209,7 +210,7 @@ class ClusterPool:
             positions = self._shares.take(node.address, most, only=usable == 1)
             if not positions:
                 return
-            parcel = encode(self._parcel(positions))
+            parcel = encode_parcel(self._parcel(positions))
             self.submitted += 1
             node.parcels[self._tasks.submit(node.address, _render_here, encode(versions()), parcel)] = positions
 

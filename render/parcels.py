@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import importlib.metadata
 import math
@@ -15,7 +16,7 @@ from msgspec import Meta, Struct
 
 from assets.bundle import FORMAT
 from reading.cache import EXPORTER
-from render.messages import RenderJob
+from render.messages import RenderJob, SceneryInput
 
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 Device = Annotated[str, Meta(pattern="^(auto|cpu|gpu|optix|cuda|hip|oneapi|metal)$")]
@@ -116,6 +117,17 @@ class Parcel(Struct, frozen=True):
     shared: str = ""
 
 
+class _Sent(Struct, frozen=True):
+    """A parcel on its way. Its jobs do not name the objects of their sceneries: `which` says whose names each needs.
+
+    Those names are nearly all of a job, and its neighbours have the same.
+    """
+
+    parcel: Parcel
+    sceneries: list[SceneryInput]
+    which: list[Annotated[int, Meta(ge=0)]]
+
+
 class Picture(Struct, frozen=True):
     """A finished picture: its row, its PNG file unless that was left in the shared folder, and what rendered it."""
 
@@ -179,7 +191,21 @@ encode = msgspec.msgpack.Encoder().encode
 decode_versions = msgspec.msgpack.Decoder(Versions).decode
 decode_answer = msgspec.msgpack.Decoder(Answer).decode
 decode_piece = msgspec.msgpack.Decoder(Piece).decode
-_parcel = msgspec.msgpack.Decoder(Parcel).decode
+_sent = msgspec.msgpack.Decoder(_Sent).decode
+
+
+def encode_parcel(parcel: Parcel) -> bytes:
+    """A parcel to be sent, for `decode_parcel`."""
+    sceneries: list[SceneryInput] = []
+    which, orders = [], []
+    for order in parcel.orders:
+        scenery = order.job.scenery
+        if scenery not in sceneries:
+            sceneries.append(scenery)
+        which.append(sceneries.index(scenery))
+        bare = dataclasses.replace(scenery, standing=[], removed=[])
+        orders.append(Order(order.index, dataclasses.replace(order.job, scenery=bare)))
+    return encode(_Sent(msgspec.structs.replace(parcel, orders=orders), sceneries, which))
 
 
 def decode_parcel(data: bytes) -> Parcel:
@@ -190,7 +216,14 @@ def decode_parcel(data: bytes) -> Parcel:
     ValueError
         If it is none, or has matrices, sizes or numbers that no plan could have.
     """
-    parcel = _parcel(data)
+    sent = _sent(data)
+    if len(sent.which) != len(sent.parcel.orders) or max(sent.which, default=-1) >= len(sent.sceneries):
+        raise ValueError(f"expected a scenery for each of {len(sent.parcel.orders)} images")
+    orders = [
+        Order(order.index, dataclasses.replace(order.job, scenery=sent.sceneries[i]))
+        for order, i in zip(sent.parcel.orders, sent.which, strict=True)
+    ]
+    parcel = msgspec.structs.replace(sent.parcel, orders=orders)
     for note in parcel.assets:
         for file in note.files:
             # Nodes lay files out below a folder of theirs.

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, VehicleInput, WeatherInput
-from render.parcels import AssetNote, FileNote, Order, Parcel, Versions, decode_parcel, encode
+from render.parcels import AssetNote, FileNote, Order, Parcel, Versions, decode_parcel, encode, encode_parcel
 
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 JOB = RenderJob(
@@ -30,7 +30,23 @@ def parcel(job=JOB, **changes):
 
 
 def test_what_is_sent_arrives():
-    assert decode_parcel(encode(parcel())) == parcel()
+    assert decode_parcel(encode_parcel(parcel())) == parcel()
+
+
+def test_the_objects_of_a_scenery_are_sent_once():
+    """With sceneries of thousands of objects, their names were nearly all that the scheduler had to pass on."""
+    other = dataclasses.replace(JOB, scenery=dataclasses.replace(JOB.scenery, standing=["hill"]))
+    several = parcel(orders=[Order(i, (JOB, other)[i % 2]) for i in range(6)])
+    sent = encode_parcel(several)
+    assert decode_parcel(sent) == several
+    assert (sent.count(b"ground"), sent.count(b"hill")) == (1, 1)
+
+
+@pytest.mark.parametrize("which", [[], [1], [0, 0]])
+def test_each_image_has_a_scenery(which):
+    told = msgspec.msgpack.decode(encode_parcel(parcel())) | {"which": which}
+    with pytest.raises(ValueError, match="a scenery for each of 1 images"):
+        decode_parcel(encode(told))
 
 
 @pytest.mark.parametrize(
@@ -51,12 +67,12 @@ def test_what_is_sent_arrives():
 def test_a_job_that_no_plan_could_have_is_refused(changes, says):
     job = dataclasses.replace(JOB, **changes)
     with pytest.raises(ValueError, match=says):
-        decode_parcel(encode(parcel(job)))
+        decode_parcel(encode_parcel(parcel(job)))
 
 
 def test_a_number_that_is_none_is_refused():
-    told = msgspec.msgpack.decode(encode(parcel()))
-    told["orders"][0]["job"]["seed"] = "one"
+    told = msgspec.msgpack.decode(encode_parcel(parcel()))
+    told["parcel"]["orders"][0]["job"]["seed"] = "one"
     with pytest.raises(msgspec.ValidationError, match="Expected `int`, got `str`"):
         decode_parcel(encode(told))
 
@@ -64,7 +80,7 @@ def test_a_number_that_is_none_is_refused():
 @pytest.mark.parametrize("changes", [{"device": "; rm -rf /"}, {"image_s": -1.0}])
 def test_a_parcel_that_no_client_could_send_is_refused(changes):
     with pytest.raises(msgspec.ValidationError):
-        decode_parcel(encode(parcel(**changes)))
+        decode_parcel(encode_parcel(parcel(**changes)))
 
 
 @pytest.mark.parametrize(
@@ -87,4 +103,4 @@ def test_a_node_of_another_version_is_refused(node, says):
 def test_a_file_is_sent_under_an_absolute_path_without_detours(path):
     asset = AssetNote(ASSETS[0].file, [FileNote(path, "0" * 64, 1)])
     with pytest.raises(ValueError, match="absolute path without detours"):
-        decode_parcel(encode(parcel(assets=[*ASSETS, asset])))
+        decode_parcel(encode_parcel(parcel(assets=[*ASSETS, asset])))
