@@ -37,7 +37,7 @@ from render.todo import sort_key
 
 SIZES = ((96, 54), (480, 270))
 WORKERS = 2
-CHUNK = 16  # rows that one way renders before the other does
+CHUNK = 8  # rows that one way renders before the other does
 TINY = {"profile": "fast", "samples": 2}
 STUB = "benchmarks.cluster_stub"
 SAMPLES = 40  # of the scheduler's memory
@@ -53,7 +53,7 @@ def run(quick: bool) -> dict[str, Any]:
                 overhead(
                     *planned(folder, config, 6, size, one_of_a_class=True, scenery="dry_steppe", render=dict(FAST)),
                     folder / f"overhead-{size[0]}",
-                    2 if quick else 6,
+                    2 if quick else 3,
                 )
                 for size in SIZES
             ],
@@ -218,8 +218,8 @@ def large_plan(plan: Plan, assets: RenderAssets, output: Path, rows: int) -> dic
 
 
 def _slopes(memory: list[tuple[int, float, float]]) -> np.ndarray:
-    """(2,) MB that scheduler and client grow by in a million rows, once the first fifth is done."""
-    rows, *held = np.array(memory[len(memory) // 5 :]).T
+    """(2,) MB that scheduler and client grow by in a million rows, once Dask's logs of messages are full."""
+    rows, *held = np.array(memory[len(memory) // 2 :]).T
     return np.array([1e6 * np.polyfit(rows, one, 1)[0] for one in held])
 
 
@@ -296,7 +296,7 @@ def _told_plan(plan: dict) -> str:
         f"({by_scheduler[1] / tasks / 1e3:.1f} kB) and {by_workers[0] / tasks:.1f} of its worker "
         f"({by_workers[1] / tasks / 1e3:.1f} kB). From the first {first:,} rows to the last, the scheduler's memory "
         f"goes from {start[0]:.0f} to {end[0]:.0f} MB, and the client's from {start[1]:.0f} to {end[1]:.0f} MB; the "
-        f"slopes over the last four fifths are {plan['mb_per_million'][0]:+.0f} and {plan['mb_per_million'][1]:+.0f} "
+        f"slopes over the second half are {plan['mb_per_million'][0]:+.0f} and {plan['mb_per_million'][1]:+.0f} "
         "MB for a million rows."
     )
 

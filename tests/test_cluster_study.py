@@ -13,13 +13,14 @@ from render.scheduler import Scheduler
 from tests.test_study import SMALL, tree, written
 from tests.training_pictures import make_dataset
 from training.study.config import load_study
-from training.study.elsewhere import Answer, Order, code, run_here
+from training.study.elsewhere import NANNYS, Answer, Order, code, run_here
 from training.study.manifest import settle, write_manifest
 from training.study.report import write_report
 from training.study.runs import Options, run_study
 from verbs.cluster import training_workers
 
 OPTIONS = Options("cpu", 0)
+AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +49,12 @@ def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_p
     run_study(study, tmp_path / "here", options=OPTIONS)
     # A killed worker is missed at once. One that imports PyTorch on a busy machine may be silent for long.
     with cluster(tmp_path / "nodes", lost="600s") as nodes:
-        victim = nodes.add(resources="train=1")
+        victim = nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
 
         def lose(folder):
             wait_for(out / "runs" / folder / "config.json")
             victim.kill()
-            nodes.add(resources="train=1")
+            nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
             lost.append(folder)
 
         def say(line):

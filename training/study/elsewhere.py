@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import os
 import queue
 import threading
 from collections import deque
@@ -29,6 +30,8 @@ RESOURCE = "train"  # what `dask worker --resources "train=1"` says that a worke
 POLL_S = 0.2
 LOSSES = 3  # of workers over one run, until it is set aside
 LEFT_S = 60.0  # what a run gets to end whose worker is gone, until another goes on with it
+# Dask's nanny sets these to 1 for tasks that share a process; a run has one of its own, and its weights differ by them.
+NANNYS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 PACKAGES = ("torch", "rfdetr", "pytorch-lightning")
 
 
@@ -228,6 +231,9 @@ def run_here(order: bytes, wanted: Callable[[], bool]) -> bytes:
     asked = Order.model_validate_json(order)
     if wrong := _difference(asked):
         return Answer(refused=wrong).model_dump_json().encode()
+    for variable in NANNYS:
+        if os.environ.get(variable) == "1":
+            del os.environ[variable]
     study = Path(asked.study)
     stop, ended = threading.Event(), threading.Event()
 
