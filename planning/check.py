@@ -121,6 +121,10 @@ class _Checker:
             *(("distractor", vehicle.vehicle, stage.distractors) for vehicle in row.distractors),
         ]
         wrong = [f"{kind} {name!r} is not in the config" for kind, name, known in named if name not in known]
+        for vehicle in row.planned if not wrong else ():
+            there = stage.everything[vehicle.vehicle].shape.part_names[1:]
+            for part in sorted(vehicle.articulation.keys() - set(there)):
+                wrong.append(f"vehicle {vehicle.vehicle!r} has no part {part!r} to turn")
         self.findings += [f"image {row.index}: {what}" for what in wrong]
         return not wrong
 
