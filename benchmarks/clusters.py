@@ -14,7 +14,7 @@ import psutil
 from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[1]
-LOST_S = "12s"  # without a sign of life, until a worker counts as lost
+LOST_S = "600s"  # without a sign of life, until a worker counts as lost: on a busy machine one may be silent for long
 # Landlock hides a folder from a worker, as if it were on another machine, and leaves it the network.
 HIDDEN = """
 import os, sys

@@ -41,8 +41,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def nodes(folder):
-    """A cluster of three workers; who kills one adds another."""
-    with cluster(folder / "nodes", 3) as made:
+    """A cluster of three workers; who kills one adds another, and who stops one waits half a minute."""
+    with cluster(folder / "nodes", 3, lost="30s") as made:
         yield made
 
 
