@@ -69,7 +69,8 @@ class Exporter:
 def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(reading.cache, "export", stand_in)
-    monkeypatch.setattr(reading.hdri, "ask_reader", lambda jobs, limits: [{"notes": []} for _ in jobs])
+    sky = {"notes": [], "irradiance": [1.0, 1.0, 1.0], "horizon_deg": 0.0, "misfits": []}
+    monkeypatch.setattr(reading.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
     return stand_in
 
 
