@@ -9,6 +9,6 @@ def test_codes_and_keys_of_plan_files_never_change():
     assert [r.key for r in Rejection] == [
         "none", "off_ground", "too_steep", "overhang", "mean_too_steep", "gap", "penetration", "obstacle", "vehicle",
         "companion", "no_view", "distance", "camera_off_ground", "camera_low", "camera_obstacle", "camera_vehicle",
-        "truncation", "small", "hidden", "exposed", "size", "water", "dark", "camera_water",
+        "truncation", "small", "hidden", "exposed", "size", "water", "dark", "camera_water", "faint",
     ]  # fmt: skip
     assert [int(r) for r in Rejection] == list(range(len(Rejection)))
