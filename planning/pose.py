@@ -18,7 +18,7 @@ def decoded_pose(kind: type, value: Any) -> np.ndarray:
     assert kind is np.ndarray, kind
     try:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
-    except (msgspec.ValidationError, ValueError):
+    except (msgspec.ValidationError, ValueError, SystemError):  # the last is what an integer beyond all floats raises
         raise ValueError("no 4x4 matrix") from None
     if not (
         abs(a * a + b * b + c * c - 1.0) <= RIGID

@@ -152,7 +152,7 @@ OUT_OF_RANGE = [
     *(("fov_x_deg", value) for value in (-1.0, 0, 180, 1e308)),
     *((key, pose) for key in ("world_from_camera", "world_from_vehicle") for pose in (
         [[0.0] * 4] * 4, [[1e308] * 4] * 4, turned(_00=-1.0), turned(_00=1.01), turned(_01=0.1), turned(_32=0.5),
-        turned(_33=2.0), turned(_03=1e300), turned(_03=True), turned(_03="1"), [*POSE, POSE[3]],
+        turned(_33=2.0), turned(_03=1e300), turned(_03=10**400), turned(_03=True), turned(_03="1"), [*POSE, POSE[3]],
     )),
     *((key, share) for key in ("visible_fraction", "truncated_fraction") for share in (-5.0, 7.0, 1.0000001)),
     *((key, box) for key in ("bbox", "bbox_amodal") for box in (
