@@ -53,6 +53,8 @@ vehicles_per_image = [1, 2]
 companion_distance = [9.0, 20.0]
 [light]
 hdris = ["grey"]
+exposure = 0.0
+exposure_error_ev = 0.0
 [render]
 width = 128
 height = 72
