@@ -22,6 +22,7 @@ from PIL.Image import Image
 
 from geometry.errors import ConfigError
 from planning.misfit import misfit
+from planning.rejections import BY_KEY
 from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
 
 if TYPE_CHECKING:  # it reads plans itself
@@ -119,6 +120,8 @@ class Plan:
             raise self._damaged(number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
             raise self._damaged(number, f"has image_id {row.image_id}, expected {index + 1}")
+        if unknown := row.rejected.keys() - BY_KEY.keys():
+            raise self._damaged(number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
             # A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse.
             known = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
