@@ -68,7 +68,7 @@ def main() -> None:
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         air.clear()
         if job.visibility_m is not None:
-            glow, eye = np.array(airlight(job.kind, world.airlight().tolist())), np.array([0.0, 0.0, EYE])
+            glow, eye = airlight(job.kind, world.airlight()), np.array([0.0, 0.0, EYE])
             air.fill(job.kind, job.visibility_m, glow, eye, file_from_scenery=np.eye(4), units_per_metre=1.0)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)

@@ -58,6 +58,19 @@ def layer_tops(kind: str, visibility_m: float) -> list[float]:
     return [DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas)]
 
 
+def even_sky(sky: np.ndarray) -> np.ndarray:
+    """Radiance (3,) of an even sky that lights level ground as brightly as this one.
+
+    Parameters
+    ----------
+    sky
+        (m, k, 3) equirectangular map of radiance, the zenith in the first row.
+    """
+    elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
+    weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
+    return np.asarray((sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())
+
+
 def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
     """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
 

@@ -75,14 +75,7 @@ def radiance(
             sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
         through += sides.min(axis=0) / len(tops)
     clear = np.exp(-extinction(visibility_m) * through)[..., None]
-    return clear * seen + (1.0 - clear) * fog.airlight(kind, airlight(sky)) * strength
-
-
-def airlight(sky: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "3"]:
-    """Radiance of air that is lit by a sky: that of an even sky which lights the ground as brightly."""
-    elevation = np.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * np.pi
-    weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
-    return weight @ sky.mean(axis=1) / weight.sum()
+    return clear * seen + (1.0 - clear) * fog.airlight(kind, fog.even_sky(sky)) * strength
 
 
 def inner(sky: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

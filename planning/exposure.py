@@ -39,14 +39,13 @@ class Exposures:
 def exposures(rows: Sequence[Row], light: LightSection, assets: Assets, draws: Draws) -> Exposures:
     """What is planned for images with these HDRIs, turns, strengths and weathers, by their indices."""
     u = draws.uniform(Purpose.EXPOSURE, np.array([row.index for row in rows], dtype=np.int64), 0, count=2)
-    skies = {name: assets.sky(name) for name in {row.hdri for row in rows}}
     ev = _metered(rows, assets) if light.exposure == "auto" else np.full(len(rows), light.exposure)
     ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
-    hidden = light.backdrop == "sky"
+    horizons = [assets.sky(row.hdri).horizon_deg if light.backdrop == "sky" else np.nan for row in rows]
     return Exposures(
         ev=rounded("exposure_ev", ev),
         white_balance_k=rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1])),
-        horizon_deg=np.array([skies[row.hdri].horizon_deg if hidden else np.nan for row in rows], dtype=np.float64),
+        horizon_deg=np.array(horizons, dtype=np.float64),
     )
 
 

@@ -3,7 +3,6 @@
 import math
 import queue
 import shutil
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -30,9 +29,9 @@ from render.messages import Settings, to_json
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
+from tests.blender_plans import make_worlds
 
 pytestmark = pytest.mark.blender
-WORLDS = Path(__file__).with_name("render_worlds.py")
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
 CONFIG = """
 seed = 5
@@ -67,7 +66,7 @@ bounces = 2
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("worlds")
-    subprocess.run([sys.executable, "-P", str(WORLDS), str(made)], check=True, capture_output=True)
+    make_worlds(made)
     (made / "hulldown.toml").write_text(CONFIG)
     return made
 

@@ -1,9 +1,6 @@
 """Paint in pictures by Cycles: on what is to be painted of a file that was not made for it, and on nothing else."""
 
 import colorsys
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +19,7 @@ from planning.write import write_plan
 from render.jobs import render_assets, render_job
 from render.messages import Settings, to_json
 from render.pool import Pool
+from tests.blender_plans import make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
@@ -55,8 +53,7 @@ height = 81
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("painted")
     for script in ("render_worlds.py", "painted_blends.py"):
-        path = Path(__file__).with_name(script)
-        subprocess.run([sys.executable, "-P", str(path), str(made)], check=True, capture_output=True)
+        make_worlds(made, script)
     (made / "hulldown.toml").write_text(CONFIG)
     return made
 

@@ -1,9 +1,5 @@
 """Pictures of a wood of cards, cut out by a texture: do masks and visible shares agree with what Cycles shows?"""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,9 +9,9 @@ from planning.write import write_plan
 from render.jobs import render_assets
 from render.masks import cycles_masks, verify_masks
 from render.supervisor import render_plan
+from tests.blender_plans import make_worlds
 
 pytestmark = pytest.mark.blender
-WORLDS = Path(__file__).with_name("render_worlds.py")
 CONFIG = """
 seed = 3
 [assets]
@@ -41,7 +37,7 @@ bounces = 2
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wood")
-    subprocess.run([sys.executable, "-P", str(WORLDS), str(folder)], check=True, capture_output=True)
+    make_worlds(folder)
     (folder / "hulldown.toml").write_text(CONFIG)
     config = load_config(folder / "hulldown.toml")
     return write_plan(config, load_assets(config), folder / "plan.jsonl")

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
+from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, even_sky, extinction, layer_tops
 from reading.blender.frames import pose
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
@@ -89,11 +89,7 @@ class HdriWorld:
 
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
-        sky = self._map_of_path()[::-1]
-        elevation = (np.arange(128) + 0.5) / 128 * math.pi - math.pi / 2
-        weight = np.clip(np.sin(elevation), 0, None) * np.cos(elevation)
-        radiance = (sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
-        return np.asarray(radiance * self._background.inputs["Strength"].default_value)
+        return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
     def _map_of_path(self) -> np.ndarray:
         """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
