@@ -33,6 +33,11 @@ def make_worlds(folder, script="render_worlds.py"):
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):
     """The path of a plan of pictures of 96 x 54 in a folder that has these files and grey.exr."""
-    (folder / "hulldown.toml").write_text(CONFIG.format(vehicle=vehicle, scenery=scenery, images=images))
+    return make_plan(folder, CONFIG.format(vehicle=vehicle, scenery=scenery, images=images)).path
+
+
+def make_plan(folder, text):
+    """The plan of a config with this text, in a folder that has its files."""
+    (folder / "hulldown.toml").write_text(text)
     config = load_config(folder / "hulldown.toml")
-    return write_plan(config, load_assets(config), folder / "plan.jsonl").path
+    return write_plan(config, load_assets(config), folder / "plan.jsonl")

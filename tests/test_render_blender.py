@@ -17,19 +17,16 @@ from annotate.masks import iou, mask_box, vehicle_mask
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import World
 from geometry.errors import ConfigError
-from planning.config import load_config
-from planning.loading import load_assets
 from planning.plan_file import Plan
 from planning.row import Source
 from planning.weather import Weather
-from planning.write import write_plan
 from render.jobs import SceneryFile, VehicleFile, mask_job, render_assets, render_job
 from render.masks import cycles_masks, verify_masks
 from render.messages import Settings, to_json
 from render.pool import Pool
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
-from tests.blender_plans import make_worlds
+from tests.blender_plans import make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
@@ -67,14 +64,12 @@ bounces = 2
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("worlds")
     make_worlds(made)
-    (made / "hulldown.toml").write_text(CONFIG)
     return made
 
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    config = load_config(folder / "hulldown.toml")
-    return write_plan(config, load_assets(config), folder / "plan.jsonl")
+    return make_plan(folder, CONFIG)
 
 
 @pytest.fixture(scope="module")

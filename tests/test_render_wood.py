@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from planning.config import load_config
-from planning.loading import load_assets
-from planning.write import write_plan
 from render.jobs import render_assets
 from render.masks import cycles_masks, verify_masks
 from render.supervisor import render_plan
-from tests.blender_plans import make_worlds
+from tests.blender_plans import make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
 CONFIG = """
@@ -38,9 +35,7 @@ bounces = 2
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wood")
     make_worlds(folder)
-    (folder / "hulldown.toml").write_text(CONFIG)
-    config = load_config(folder / "hulldown.toml")
-    return write_plan(config, load_assets(config), folder / "plan.jsonl")
+    return make_plan(folder, CONFIG)
 
 
 def test_masks_and_visible_shares_in_a_wood_are_those_of_cycles(plan, tmp_path):

@@ -16,6 +16,7 @@ from typing import Any
 import bpy
 
 from render import laws
+from render.blender.nodes import add_node, feed
 
 SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
@@ -47,12 +48,7 @@ class Group:
 
     def add(self, kind: str, inputs: dict[Any, Any] | None = None, /, **settings: Any) -> Any:
         """A node with inputs set to values or linked to sockets."""
-        node = self.tree.nodes.new(f"ShaderNode{kind}")
-        for name, setting in settings.items():
-            setattr(node, name, setting)
-        for key, value in (inputs or {}).items():
-            self._give(value, node.inputs[key])
-        return node
+        return add_node(self.tree, kind, inputs, **settings)
 
     def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
         """One operation on numbers."""
@@ -76,14 +72,8 @@ class Group:
     def end(self, **outputs: Any) -> Any:
         """Give the outputs their values; the finished tree."""
         for name, value in outputs.items():
-            self._give(value, self._end.inputs[name.replace("_", " ")])
+            feed(self.tree, self._end.inputs[name.replace("_", " ")], value)
         return self.tree
-
-    def _give(self, value: Any, socket: Any) -> None:
-        if isinstance(value, bpy.types.NodeSocket):
-            self.tree.links.new(value, socket)
-        else:
-            socket.default_value = value
 
 
 def wetting(name: str, *, film: bool) -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 from camera.backdrop import HIGH, even_colour, fade
 from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, even_sky, extinction, layer_tops
 from reading.blender.frames import pose
+from render.blender.nodes import add_node
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
@@ -39,8 +40,8 @@ class HdriWorld:
         self._background = nodes.new("ShaderNodeBackground")
         output = nodes.new("ShaderNodeOutputWorld")
         links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
-        self._links, self._lifted = links, _Lifted(nodes, links, self._mapping.outputs["Vector"])
-        self._veil = _Veil(nodes, links, self._mapping.outputs["Vector"], self._texture.outputs["Color"])
+        self._links, self._lifted = links, _Lifted(world.node_tree, self._mapping.outputs["Vector"])
+        self._veil = _Veil(world.node_tree, self._mapping.outputs["Vector"], self._texture.outputs["Color"])
         links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
         links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
         links.new(self._background.outputs["Background"], output.inputs["Surface"])
@@ -113,26 +114,15 @@ def sky_map(width: int) -> int:
     return 2 * width if width <= FINE else SKY_MAP
 
 
-def _node(nodes: Any, links: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
-    new = nodes.new(f"ShaderNode{kind}")
-    for name, value in settings.items():
-        setattr(new, name, value)
-    for socket, value in zip(new.inputs, inputs, strict=False):
-        links.new(value, socket)
-    return new
-
-
 class _Veil:
     """Nodes that show the camera one colour up to an elevation, and a picture from a little above it."""
 
-    def __init__(self, nodes: Any, links: Any, direction: Any, colour: Any) -> None:
-        z = _node(nodes, links, "SeparateXYZ", direction).outputs[2]
-        self._share = _node(nodes, links, "MapRange", z, clamp=True)
-        self._share.inputs["To Min"].default_value, self._share.inputs["To Max"].default_value = 1.0, 0.0
-        camera = nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
-        share = _node(nodes, links, "Math", camera, self._share.outputs[0], operation="MULTIPLY").outputs[0]
-        self._mix = _node(nodes, links, "Mix", share, data_type="RGBA")
-        links.new(colour, self._mix.inputs[6])
+    def __init__(self, tree: Any, direction: Any, colour: Any) -> None:
+        z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
+        self._share = add_node(tree, "MapRange", {0: z, "To Min": 1.0, "To Max": 0.0}, clamp=True)
+        camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
+        share = add_node(tree, "Math", {0: camera, 1: self._share.outputs[0]}, operation="MULTIPLY").outputs[0]
+        self._mix = add_node(tree, "Mix", {0: share, 6: colour}, data_type="RGBA")
 
     def at(self, horizon: float, colour: np.ndarray) -> Any:
         """What is seen: the colour below an elevation in radians, the picture above."""
@@ -144,20 +134,17 @@ class _Veil:
 class _Lifted:
     """Nodes that lift directions of camera rays to an elevation; light comes from where it comes from."""
 
-    def __init__(self, nodes: Any, links: Any, direction: Any) -> None:
-        def node(kind: str, *inputs: Any, **settings: Any) -> Any:
-            return _node(nodes, links, kind, *inputs, **settings)
+    def __init__(self, tree: Any, direction: Any) -> None:
+        def maths(operation: str, *values: Any) -> Any:
+            return add_node(tree, "Math", dict(enumerate(values)), operation=operation).outputs[0]
 
-        x, y, z = node("SeparateXYZ", direction).outputs
-        squares = [node("Math", axis, axis, operation="MULTIPLY").outputs[0] for axis in (x, y)]
-        flat = node("Math", node("Math", *squares, operation="ADD").outputs[0], operation="SQRT").outputs[0]
-        self._slope = node("Math", flat, operation="MULTIPLY")
-        lifted = node("Math", z, self._slope.outputs[0], operation="MAXIMUM").outputs[0]
-        camera = nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
-        self._lifted = node("CombineXYZ", x, y, node("Mix", camera, data_type="FLOAT").outputs[0])
-        mix = self._lifted.inputs[2].links[0].from_node
-        links.new(z, mix.inputs[2])
-        links.new(lifted, mix.inputs[3])
+        x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
+        flat = maths("SQRT", maths("ADD", maths("MULTIPLY", x, x), maths("MULTIPLY", y, y)))
+        self._slope = add_node(tree, "Math", {0: flat}, operation="MULTIPLY")
+        lifted = maths("MAXIMUM", z, self._slope.outputs[0])
+        camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
+        seen = add_node(tree, "Mix", {0: camera, 2: z, 3: lifted}, data_type="FLOAT").outputs[0]
+        self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
     def at(self, horizon: float) -> Any:
         """The directions, lifted to an elevation in radians."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from render.blender.nodes import add_node
 from render.messages import PaintInput
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
@@ -118,39 +119,28 @@ def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
     colour, shift = (_attribute(tree, name) for name in _names(number))
     if socket.is_linked:
         base = socket.links[0].from_socket
-        grey = _node(tree, "RGBToBW", {0: base}).outputs[0]
-        ratio = _node(tree, "Math", {0: grey, 1: 1.0 / max(mean, 1e-4)}, operation="MULTIPLY").outputs[0]
-        bounded = _node(tree, "Math", {0: ratio, 1: BRIGHTEST}, operation="MINIMUM").outputs[0]
-        fresh = _node(tree, "VectorMath", {0: colour.outputs["Color"], "Scale": bounded}, operation="SCALE").outputs[0]
+        grey = add_node(tree, "RGBToBW", {0: base}).outputs[0]
+        ratio = add_node(tree, "Math", {0: grey, 1: 1.0 / max(mean, 1e-4)}, operation="MULTIPLY").outputs[0]
+        bounded = add_node(tree, "Math", {0: ratio, 1: BRIGHTEST}, operation="MINIMUM").outputs[0]
+        scaled = {0: colour.outputs["Color"], "Scale": bounded}
+        fresh = add_node(tree, "VectorMath", scaled, operation="SCALE").outputs[0]
     else:
         rgb = tree.nodes.new("ShaderNodeRGB")
         rgb.outputs[0].default_value = socket.default_value
         base, fresh = rgb.outputs[0], colour.outputs["Color"]
     coloured = _mix(tree, colour.outputs["Alpha"], base, fresh)
-    hue, saturation, value = _node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
-    turned = _node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": coloured})
+    hue, saturation, value = add_node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
+    turned = add_node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": coloured})
     return _mix(tree, shift.outputs["Alpha"], coloured, turned.outputs[0])
 
 
 def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:
     """From one colour to another, of which no more light comes than falls on it."""
-    bounded = _node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
-    return _node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]
+    bounded = add_node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
+    return add_node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]
 
 
 def _attribute(tree: Any, name: str) -> Any:
     node = tree.nodes.new("ShaderNodeAttribute")
     node.attribute_type, node.attribute_name = "OBJECT", name
-    return node
-
-
-def _node(tree: Any, kind: str, inputs: Mapping[Any, Any], **settings: Any) -> Any:
-    node = tree.nodes.new(f"ShaderNode{kind}")
-    for name, setting in settings.items():
-        setattr(node, name, setting)
-    for key, value in inputs.items():
-        if hasattr(value, "is_output"):
-            tree.links.new(value, node.inputs[key])
-        else:
-            node.inputs[key].default_value = value
     return node

@@ -1,0 +1,38 @@
+"""Nodes of shaders, added and fed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+
+
+def add_node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
+    """A new node of a tree, `kind` as in "ShaderNodeMath" without its beginning.
+
+    Parameters
+    ----------
+    tree
+        A node tree.
+    kind
+        Which node.
+    inputs
+        Name or number of an input -> what it is fed; see `feed`.
+    settings
+        Properties of the node.
+    """
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    for name, setting in settings.items():
+        setattr(node, name, setting)
+    for key, value in (inputs or {}).items():
+        feed(tree, node.inputs[key], value)
+    return node
+
+
+def feed(tree: Any, socket: Any, value: Any) -> None:
+    """Link an input to an output, or set it to a value."""
+    if isinstance(value, bpy.types.NodeSocket):
+        tree.links.new(value, socket)
+    else:
+        socket.default_value = value
