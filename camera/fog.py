@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +37,24 @@ def extinction(visibility_m: float) -> float:
     return -math.log(CONTRAST_THRESHOLD) / visibility_m
 
 
-def layer_tops(kind: str, visibility_m: float) -> list[float]:
-    """Metres above the camera of the tops of boxes of air, one in the other, that share the extinction evenly.
+class AirBox(NamedTuple):
+    """A box of air around the camera.
+
+    Parameters
+    ----------
+    extinction
+        In 1/m.
+    above, reach
+        Metres from the camera to its top, and to its sides and bottom.
+    """
+
+    extinction: float
+    above: float
+    reach: float
+
+
+def air_boxes(kind: str, visibility_m: float) -> list[AirBox]:
+    """Boxes of air, one in the other, that share the extinction evenly.
 
     Fog, rain and snow fill one box. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of the
     fog's box: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the
@@ -50,12 +67,14 @@ def layer_tops(kind: str, visibility_m: float) -> list[float]:
     visibility_m
         How far one sees near the ground.
     """
-    top = min(FOG_ABOVE * visibility_m, FOG_TOP)
-    if kind != "dust":
-        return [top]
-    parts = [part / DUST_LAYERS for part in range(DUST_LAYERS + 1)]
-    areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
-    return [DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas)]
+    top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
+    tops = [top]
+    if kind == "dust":
+        parts = [part / DUST_LAYERS for part in range(DUST_LAYERS + 1)]
+        areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
+        tops = [DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas)]
+    share = extinction(visibility_m) / len(tops)
+    return [AirBox(share, above, reach * (1.0 - BETWEEN * number)) for number, above in enumerate(tops)]
 
 
 def even_sky(sky: np.ndarray) -> np.ndarray:

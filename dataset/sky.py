@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from camera import fog
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, extinction, layer_tops
+from camera.fog import air_boxes
 from camera.response import displayed, white_balance
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
@@ -68,13 +68,13 @@ def radiance(
         seen = (1.0 - share) * seen + share * even_colour(sky, horizon) * strength
     if visibility_m is None:
         return seen
-    through, tops = np.zeros(along.shape[:-1]), layer_tops(kind, visibility_m)
-    for number, above in enumerate(tops):
-        reach = min(FOG_REACH * visibility_m, FOG_SIDE) * (1.0 - BETWEEN * number)
+    depth = np.zeros(along.shape[:-1])
+    for box in air_boxes(kind, visibility_m):
+        down = np.where(z > 0.0, box.above, box.reach)
         with np.errstate(divide="ignore"):
-            sides = np.stack([reach / np.abs(x), reach / np.abs(y), np.where(z > 0.0, above, reach) / np.abs(z)])
-        through += sides.min(axis=0) / len(tops)
-    clear = np.exp(-extinction(visibility_m) * through)[..., None]
+            sides = np.stack([box.reach / np.abs(x), box.reach / np.abs(y), down / np.abs(z)])
+        depth += box.extinction * sides.min(axis=0)
+    clear = np.exp(-depth)[..., None]
     return clear * seen + (1.0 - clear) * fog.airlight(kind, fog.even_sky(sky)) * strength
 
 

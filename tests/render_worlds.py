@@ -39,6 +39,17 @@ def matt(name, color):
     return material
 
 
+def diffuse(name, color):
+    """Lambert's, without any gloss."""
+    material = bpy.data.materials.new(name)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    shader, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
+    shader.inputs["Color"].default_value = (*color, 1.0)
+    links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+    return material
+
+
 def box(name, size, location, material, parent=None):
     bpy.ops.mesh.primitive_cube_add(size=1.0, location=location)
     obj = bpy.context.object
@@ -169,22 +180,27 @@ def evil(folder):
 
 def sky(path, width=256):
     """An even grey sky with one bright patch at azimuth 0, 20 degrees up."""
-    image = bpy.data.images.new(path.stem, width, width // 2, float_buffer=True)
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.full((width // 2, width, 4), 0.5, dtype=np.float32)
-    row = round((20.0 + 90.0) / 180.0 * (width // 2))
-    pixels[row - 2 : row + 2, width // 2 - 2 : width // 2 + 2, :3] = 40.0
-    image.pixels.foreach_set(pixels.ravel())
-    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
-    image.save()
+    height = width // 2
+    pixels = np.full((height, width), 0.5)
+    row = height - round((20.0 + 90.0) / 180.0 * height)
+    pixels[row - 2 : row + 2, height - 2 : height + 2] = 40.0
+    hdri(path, pixels)
 
 
 def grey(path):
-    image = bpy.data.images.new(path.stem, 64, 32, float_buffer=True)
+    pixels = np.full((32, 64), 0.5)
+    pixels[-1, 0] = 0.501  # one texel at the nadir: a sky that is the same everywhere is refused
+    hdri(path, pixels)
+
+
+def hdri(path, radiance):
+    """A sky without colours, the zenith in the first row."""
+    height, width = radiance.shape
+    image = bpy.data.images.new(path.stem, width, height, float_buffer=True)
     image.colorspace_settings.name = "Non-Color"
-    pixels = np.full(64 * 32 * 4, 0.5, dtype=np.float32)
-    pixels[:3] = 0.501  # one texel at the nadir: a sky that is the same everywhere is refused
-    image.pixels.foreach_set(pixels)
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    pixels[..., :3] = radiance[::-1, :, None]
+    image.pixels.foreach_set(pixels.ravel())
     image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
     image.save()
 

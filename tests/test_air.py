@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from camera.fog import DUST_ALBEDO, extinction, layer_tops
+from camera.fog import DUST_ALBEDO, air_boxes, airlight, even_sky, extinction
 from camera.precipitation import SHARE_OF_SKY, drops_in_view, rain_sizes, rng_of, view_of
 from dataset.sky import displayed
 from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, WeatherInput, to_json
@@ -20,19 +20,26 @@ pytestmark = pytest.mark.blender
 WORLDS = """
 import sys
 from pathlib import Path
-from tests.render_worlds import box, fresh, glowing, grey, save, targets
+import numpy as np
+from tests.render_worlds import box, diffuse, fresh, glowing, grey, hdri, save, targets
 folder = Path(sys.argv[1])
 targets(folder / "walls.blend")
 grey(folder / "grey.exr")
 fresh()
 box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
 save(folder / "wall.blend")
+fresh()
+box("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
+save(folder / "ground.blend")
+hdri(folder / "sunny.exr", np.load(folder / "sunny.npy"))
 """
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 UP = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 IDENTITY = np.eye(4).tolist()
 SKY = 0.5  # radiance of grey.exr
 WALL = 0.05  # of the wall in wall.blend
+SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
+SUNNY[38:44, 100:106] = 120.0  # 30 degrees high, and three times as bright on the ground as the rest
 NO_VEIL = 1e9
 RAIN = WeatherInput(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
 SNOW = WeatherInput(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
@@ -43,6 +50,7 @@ class Studio:
 
     def __init__(self, folder):
         root = Path(__file__).parents[1]
+        np.save(folder / "sunny.npy", SUNNY)
         subprocess.run([sys.executable, "-c", WORLDS, str(folder)], check=True, capture_output=True, cwd=root)
         self.folder, self._answers, self._count = folder, queue.SimpleQueue(), 0
         self.worker = WorkerProcess(worker_command(None), folder / "log", lambda _, answer: self._answers.put(answer))
@@ -54,14 +62,14 @@ class Studio:
         answer = self._answers.get(timeout=300)
         assert "failed" not in answer, answer
 
-    def picture(self, weather, *, world="wall", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
+    def picture(self, weather, *, world="wall", sky="grey", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
         output = self.folder / f"{self._count}.png"
         self._count += 1
         job = RenderJob(
             scenery=SceneryInput(str(self.folder / f"{world}.blend"), IDENTITY, [], []),
             vehicles=[],
             camera=CameraInput(pose, math.radians(fov_x_deg), width, width * 9 // 16, 0.1, 0.0, 0.0),
-            light=LightInput(str(self.folder / "grey.exr"), 0.0, 1.0, None),
+            light=LightInput(str(self.folder / f"{sky}.exr"), 0.0, 1.0, None),
             weather=weather,
             seed=seed,
             settings=Settings(samples, False, 0.0, 2),
@@ -96,13 +104,34 @@ def test_dust_thins_above_the_camera(studio):
     """Straight up one sees through the layers, each to its top; the sky is brown by what they hide."""
     visibility = 400.0
     weather = WeatherInput(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
-    tops = layer_tops("dust", visibility)
+    tops = [box.above for box in air_boxes("dust", visibility)]
     assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is overhead
     assert max(tops) > 5.0 * min(tops)
     clear = math.exp(-extinction(visibility) * 100.0)
     seen = studio.picture(weather, pose=UP, fov_x_deg=5.0, width=32, samples=4)
     expected = displayed(SKY * (clear + (1.0 - clear) * np.array(DUST_ALBEDO)))
     assert np.abs(seen - expected).max() <= 4.0
+
+
+@pytest.mark.parametrize("kind", ["fog", "dust"])
+@pytest.mark.parametrize("visibility", [100.0, 2000.0])
+def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility):
+    """Level ground is as bright as the integral over the sky, each part of it through the air in its direction."""
+    weather = WeatherInput(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    pose = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 2.0], [0.0, 0.0, 0.0, 1.0]]
+    seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
+    elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
+    glow = airlight(kind, even_sky(np.repeat(SUNNY[..., None], 3, axis=2)))
+    depth = np.zeros(64)
+    for box in air_boxes(kind, visibility):
+        up = (box.above + 2.0) / np.sin(elevation)
+        depth += box.extinction * np.minimum(up, box.reach / np.cos(elevation))
+    clear = np.exp(-depth)[:, None]
+    weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # of a row of the sky, on level ground
+    ground = 0.5 / math.pi * ((clear * SUNNY[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
+    near = math.exp(-extinction(visibility) * 2.0)
+    expected = displayed(ground * near + glow * (1 - near))
+    assert np.abs(seen.mean(axis=(0, 1)) - expected).max() <= 3.0
 
 
 def hidden_by(picture, radiance):

@@ -5,6 +5,7 @@ Runs inside Blender; needs numpy and bpy only.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ import bpy
 import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import BETWEEN, FOG_REACH, FOG_SIDE, even_sky, extinction, layer_tops
+from camera.fog import DUST_LAYERS, AirBox, even_sky
 from reading.blender.frames import pose
 from render.blender.nodes import add_node
 
@@ -45,6 +46,8 @@ class HdriWorld:
         links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
         links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
         links.new(self._background.outputs["Background"], output.inputs["Surface"])
+        self._output = output.inputs["Surface"]
+        self._dimmed = _Dimmed(world.node_tree, self._mapping.outputs["Vector"], self._background.outputs["Background"])
         self._small: dict[str, np.ndarray] = {}
         self._path = ""
 
@@ -91,6 +94,22 @@ class HdriWorld:
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
+
+    def dim(self, air: Sequence[AirBox], below: float, glow: np.ndarray) -> None:
+        """Light through air, all but what the camera sees, which goes through `Fog`.
+
+        Parameters
+        ----------
+        air
+            Around the camera; nothing: clear air.
+        below
+            Metres from the camera down to what is lit.
+        glow
+            (3,) radiance of endless air.
+        """
+        light = self._dimmed.by(air, below, glow) if air else self._background.outputs["Background"]
+        if self._output.links[0].from_socket != light:  # as above
+            self._links.new(light, self._output)
 
     def _map_of_path(self) -> np.ndarray:
         """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
@@ -152,14 +171,54 @@ class _Lifted:
         return self._lifted.outputs[0]
 
 
+class _Dimmed:
+    """Nodes that show a sky through air to all but the camera, so that the sun's shadows fade as they do in fog.
+
+    How far a ray goes through the air is a function of its direction, for what is near the middle of the air's boxes.
+    """
+
+    def __init__(self, tree: Any, direction: Any, light: Any) -> None:
+        def maths(operation: str, *values: Any) -> Any:
+            return add_node(tree, "Math", dict(enumerate(values)), operation=operation)
+
+        def value(operation: str, *values: Any) -> Any:
+            return maths(operation, *values).outputs[0]
+
+        x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
+        up = value("MAXIMUM", z, 1e-6)
+        flat = value("MAXIMUM", value("SQRT", value("MULTIPLY_ADD", x, x, value("MULTIPLY", y, y))), 1e-6)
+        self._boxes = []
+        depth: Any = 0.0
+        for _ in range(DUST_LAYERS):
+            height, reach = maths("DIVIDE", 0.0, up), maths("DIVIDE", 0.0, flat)
+            length = value("MINIMUM", height.outputs[0], reach.outputs[0])
+            total = maths("MULTIPLY_ADD", length, 0.0, depth)
+            self._boxes.append((total.inputs[1], height.inputs[0], reach.inputs[0]))
+            depth = total.outputs[0]
+        camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
+        share = value("MAXIMUM", value("EXPONENT", value("MULTIPLY", depth, -1.0)), camera)
+        self._glow = add_node(tree, "Background")
+        self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
+
+    def by(self, air: Sequence[AirBox], below: float, glow: np.ndarray) -> Any:
+        """The light, as of `HdriWorld.dim`."""
+        for sockets, box in itertools.zip_longest(self._boxes, air, fillvalue=AirBox(0.0, 0.0, 0.0)):
+            for socket, value in zip(sockets, (box.extinction, box.above + below, box.reach), strict=True):
+                socket.default_value = value
+        self._glow.inputs["Color"].default_value = (*glow, 1.0)
+        return self._mix.outputs[0]
+
+
 class Fog:
     """Air in flat boxes around the camera: it dims what is behind it and glows with the sky's light.
 
-    Koschmieder's law (`camera.fog`), for every ray that Cycles traces: what is seen through `d` metres of air is
+    Koschmieder's law (`camera.fog`): what is seen through `d` metres of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
-    in a world volume hides the sky, which is infinitely far away. Light that the fog takes from the sun comes back as
-    airlight, so that shadows fade as they do in fog.
+    in a world volume hides the sky, which is infinitely far away.
+
+    Only rays of the camera meet the boxes. Others would cost a quarter of a render, and what they see of the sky is
+    dimmed where the sky is (`HdriWorld.dim`): light that the fog takes from the sun comes back as airlight.
 
     Parameters
     ----------
@@ -169,6 +228,8 @@ class Fog:
 
     def __init__(self, objects: Sequence[Any]) -> None:
         self._objects = objects
+        for obj in objects:
+            obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
         mesh = objects[0].data
         mesh.from_pydata(*_unit_box())
         material = bpy.data.materials.new("hulldown fog")
@@ -197,9 +258,8 @@ class Fog:
 
     def fill(
         self,
-        kind: str,
-        visibility: float,
-        airlight: np.ndarray,
+        air: Sequence[AirBox],
+        glow: np.ndarray,
         camera: np.ndarray,
         *,
         file_from_scenery: np.ndarray,
@@ -209,29 +269,25 @@ class Fog:
 
         Parameters
         ----------
-        kind
-            Of the weather.
-        visibility
-            In metres.
-        airlight
+        air
+            Boxes of one extinction.
+        glow
             (3,) radiance of endless air.
         camera
             (3,) where the camera is in the scenery, in metres.
         file_from_scenery, units_per_metre
             The frame that everything is posed in.
         """
-        tops = layer_tops(kind, visibility)
-        per_unit = extinction(visibility) / len(tops) / units_per_metre
+        per_unit = air[0].extinction / units_per_metre
         self._absorption.inputs["Density"].default_value = per_unit
-        peak = float(airlight.max())
-        self._emission.inputs["Color"].default_value = (*(airlight / max(peak, 1e-12)), 1.0)
+        peak = float(glow.max())
+        self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)
         self._emission.inputs["Strength"].default_value = per_unit * peak
-        for number, (obj, above) in enumerate(zip(self._objects, tops, strict=False)):
-            reach = min(FOG_REACH * visibility, FOG_SIDE) * (1.0 - BETWEEN * number)
+        for obj, (_, above, reach) in zip(self._objects, air, strict=False):
             box = np.diag([reach, reach, (reach + above) / 2, 1.0])
             box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
             pose(obj, file_from_scenery @ box)
-        self._show(len(tops))
+        self._show(len(air))
 
 
 def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:

@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from assets.naming import BACKDROPS, says
-from camera.fog import DUST_LAYERS, airlight
+from camera.fog import DUST_LAYERS, air_boxes, airlight
 from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import disarm, open_blend
@@ -81,6 +81,7 @@ class Stage:
         """
         used: dict[str, int] = {}
         placed = []
+        self._lowest = min((vehicle.world_from_parts[0][2][3] for vehicle in vehicles), default=math.inf)
         for vehicle in vehicles:
             path = vehicle.tidy
             copy = used.get(path, 0)
@@ -169,6 +170,7 @@ class Stage:
         """
         if not weather:
             self.fog.clear()
+            self.world.dim([], 0.0, np.zeros(3))
             self.precipitation.clear()
             self.surfaces.clear()
             return
@@ -177,9 +179,9 @@ class Stage:
         pose = np.array(self._view.world_from_camera)
         glow = airlight(weather.kind, self.world.airlight())
         frame, units = self.file_from_scenery, self.units_per_metre
-        self.fog.fill(
-            weather.kind, weather.visibility_m, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units
-        )
+        air = air_boxes(weather.kind, weather.visibility_m)
+        self.fog.fill(air, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units)
+        self.world.dim(air, max(0.0, pose[2, 3] - self._lowest), glow)
         streaks = falling(weather, self._view, seed)
         if streaks is None:
             self.precipitation.clear()
