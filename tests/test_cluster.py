@@ -25,6 +25,7 @@ from reading.landlock import abi
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
 from tests.blender_plans import IMAGES, make_worlds, plan_in
+from tests.certificates import certificates, needs_openssl
 
 pytestmark = pytest.mark.blender
 
@@ -88,6 +89,16 @@ def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path, shared_di
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=shared_disk)
     assert course.report.complete
     assert 1 <= max(course.workers) <= 3
+    assert_same(folder / "whole", tmp_path / "d")
+
+
+@needs_openssl
+def test_a_plan_is_rendered_over_tls(folder, tmp_path):
+    files, options = certificates(tmp_path)
+    with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
+        assert nodes.address.startswith("tls://")
+        scheduler = Scheduler(nodes.address, **files)
+        assert render_plan(folder / "plan.jsonl", tmp_path / "d", device="cpu", scheduler=scheduler).complete
     assert_same(folder / "whole", tmp_path / "d")
 
 

@@ -1,7 +1,5 @@
 """Tasks on the workers of a Dask cluster: that they end with who wants them, and go over TLS."""
 
-import shutil
-import subprocess
 import time
 
 import dask
@@ -12,6 +10,7 @@ from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
 from render.tasks import Tasks
+from tests.certificates import certificates, needs_openssl
 from tests.cluster_tasks import echo, until_unwanted
 
 
@@ -53,28 +52,12 @@ def test_workers_that_are_there_are_never_missed(tmp_path, monkeypatch):
         tasks.close()
 
 
-@pytest.fixture
-def certificates(tmp_path):
-    """An authority's, and one that it has signed, with its key."""
-    new = ["-nodes", "-newkey", "rsa:2048", "-days", "2"]
-
-    def openssl(*words):
-        subprocess.run(["openssl", *words], cwd=tmp_path, check=True, capture_output=True)
-
-    openssl("req", "-x509", *new, "-subj", "/CN=authority", "-keyout", "ca-key.pem", "-out", "ca.pem")
-    openssl("req", *new, "-subj", "/CN=node", "-keyout", "key.pem", "-out", "request.pem")
-    signed_by = ["-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial"]
-    openssl("x509", "-req", "-in", "request.pem", *signed_by, "-days", "2", "-out", "cert.pem")
-    return [tmp_path / name for name in ("ca.pem", "cert.pem", "key.pem")]
-
-
-@pytest.mark.xfail(shutil.which("openssl") is None, reason="there is no openssl to make certificates", run=False)
-def test_tasks_go_over_tls_and_nobody_comes_in_without_a_certificate(tmp_path, certificates):
-    ca, cert, key = certificates
-    tls = ["--protocol", "tls", "--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key)]
-    with cluster(tmp_path / "nodes", 1, tls=tls) as nodes:
+@needs_openssl
+def test_tasks_go_over_tls_and_nobody_comes_in_without_a_certificate(tmp_path):
+    files, options = certificates(tmp_path)
+    with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
         assert nodes.address.startswith("tls://")
-        tasks = Tasks(Scheduler(nodes.address, tls_ca=ca, tls_cert=cert, tls_key=key), "render")
+        tasks = Tasks(Scheduler(nodes.address, **files), "render")
         task = tasks.submit(worker_of(tasks), echo, b"hello")
         assert tasks.events.get(timeout=300) == (task, b"hello")
         tasks.close()

@@ -1,0 +1,26 @@
+"""Certificates for clusters that talk over TLS, made by openssl."""
+
+import shutil
+import subprocess
+
+import pytest
+
+needs_openssl = pytest.mark.xfail(
+    shutil.which("openssl") is None, reason="there is no openssl to make certificates", run=False
+)
+
+
+def certificates(folder):
+    """An authority's, one that it has signed, and its key: as a scheduler's settings, and as options of Dask."""
+    new = ["-nodes", "-newkey", "rsa:2048", "-days", "2"]
+
+    def openssl(*words):
+        subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+    openssl("req", "-x509", *new, "-subj", "/CN=authority", "-keyout", "ca-key.pem", "-out", "ca.pem")
+    openssl("req", *new, "-subj", "/CN=node", "-keyout", "key.pem", "-out", "request.pem")
+    signed_by = ["-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial"]
+    openssl("x509", "-req", "-in", "request.pem", *signed_by, "-days", "2", "-out", "cert.pem")
+    ca, cert, key = (folder / name for name in ("ca.pem", "cert.pem", "key.pem"))
+    options = ["--protocol", "tls", "--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key)]
+    return {"tls_ca": ca, "tls_cert": cert, "tls_key": key}, options
