@@ -14,8 +14,7 @@ FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of
 FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
 FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
 FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
-DUST_LAYERS = 2  # boxes of equal density in each other, whose tops follow an exponential decay with height
-BETWEEN = 0.01  # of their size between the sides of such boxes: a ray must not meet two at once
+DUST_LAYERS = 2  # of equal extinction, whose tops follow an exponential decay with height
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
 DUST_ALBEDO = (0.56, 0.42, 0.34)
@@ -37,8 +36,8 @@ def extinction(visibility_m: float) -> float:
     return -math.log(CONTRAST_THRESHOLD) / visibility_m
 
 
-class AirBox(NamedTuple):
-    """A box of air around the camera.
+class AirLayer(NamedTuple):
+    """Air in a box around the camera.
 
     Parameters
     ----------
@@ -53,12 +52,12 @@ class AirBox(NamedTuple):
     reach: float
 
 
-def air_boxes(kind: str, visibility_m: float) -> list[AirBox]:
-    """Boxes of air, one in the other, that share the extinction evenly.
+def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
+    """Layers of air in one another, the lowest first, that share the extinction evenly.
 
-    Fog, rain and snow fill one box. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of the
-    fog's box: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the
-    camera down it is whole, so that targets lose contrast as `extinction` says.
+    Fog, rain and snow are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a
+    layer of fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From
+    the camera down it is whole, so that targets lose contrast as `extinction` says.
 
     Parameters
     ----------
@@ -72,9 +71,8 @@ def air_boxes(kind: str, visibility_m: float) -> list[AirBox]:
     if kind == "dust":
         parts = [part / DUST_LAYERS for part in range(DUST_LAYERS + 1)]
         areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
-        tops = [DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas)]
-    share = extinction(visibility_m) / len(tops)
-    return [AirBox(share, above, reach * (1.0 - BETWEEN * number)) for number, above in enumerate(tops)]
+        tops = sorted(DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas))
+    return [AirLayer(extinction(visibility_m) / len(tops), above, reach) for above in tops]
 
 
 def even_sky(sky: np.ndarray) -> np.ndarray:

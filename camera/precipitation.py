@@ -31,7 +31,7 @@ FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own moti
 NEAREST, FARTHEST = 0.4, 10.0  # metres from the camera; what is farther is in the veil alone
 FAINTEST = 0.01  # the least opacity that a drop is drawn for; what hides less is in the veil alone
 MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
-MOST_ON_A_RAY = 0.3  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
+MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
 # Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its

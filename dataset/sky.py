@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from camera import fog
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import air_boxes
+from camera.fog import air_layers
 from camera.response import displayed, white_balance
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
@@ -69,11 +69,11 @@ def radiance(
     if visibility_m is None:
         return seen
     depth = np.zeros(along.shape[:-1])
-    for box in air_boxes(kind, visibility_m):
-        down = np.where(z > 0.0, box.above, box.reach)
+    for layer in air_layers(kind, visibility_m):
+        down = np.where(z > 0.0, layer.above, layer.reach)
         with np.errstate(divide="ignore"):
-            sides = np.stack([box.reach / np.abs(x), box.reach / np.abs(y), down / np.abs(z)])
-        depth += box.extinction * sides.min(axis=0)
+            sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
+        depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
     return clear * seen + (1.0 - clear) * fog.airlight(kind, fog.even_sky(sky)) * strength
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from camera.fog import DUST_ALBEDO, air_boxes, airlight, even_sky, extinction
+from camera.fog import DUST_ALBEDO, air_layers, airlight, even_sky, extinction
 from camera.precipitation import SHARE_OF_SKY, drops_in_view, rain_sizes, rng_of, view_of
 from dataset.sky import displayed
 from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, WeatherInput, to_json
@@ -104,7 +104,7 @@ def test_dust_thins_above_the_camera(studio):
     """Straight up one sees through the layers, each to its top; the sky is brown by what they hide."""
     visibility = 400.0
     weather = WeatherInput(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
-    tops = [box.above for box in air_boxes("dust", visibility)]
+    tops = [layer.above for layer in air_layers("dust", visibility)]
     assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is overhead
     assert max(tops) > 5.0 * min(tops)
     clear = math.exp(-extinction(visibility) * 100.0)
@@ -123,9 +123,9 @@ def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility)
     elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
     glow = airlight(kind, even_sky(np.repeat(SUNNY[..., None], 3, axis=2)))
     depth = np.zeros(64)
-    for box in air_boxes(kind, visibility):
-        up = (box.above + 2.0) / np.sin(elevation)
-        depth += box.extinction * np.minimum(up, box.reach / np.cos(elevation))
+    for layer in air_layers(kind, visibility):
+        up = (layer.above + 2.0) / np.sin(elevation)
+        depth += layer.extinction * np.minimum(up, layer.reach / np.cos(elevation))
     clear = np.exp(-depth)[:, None]
     weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # of a row of the sky, on level ground
     ground = 0.5 / math.pi * ((clear * SUNNY[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
@@ -170,11 +170,11 @@ def moved(drops, view, width, *, times=96, fine=3):
 
 def test_streaks_are_those_of_the_drops_that_fall(studio):
     """Before a dark wall, a picture's brightness is what the moving drops hide of it."""
-    found = studio.picture(RAIN, fov_x_deg=25.0, samples=64, seed=7)
-    view = view_of(np.array(AHEAD), math.radians(25.0), 96, 54, RAIN.exposure_s)
+    found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
+    view = view_of(np.array(AHEAD), math.radians(25.0), 192, 108, RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
-    expected = moved(drops, view, 96)
-    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, samples=1), SKY * SHARE_OF_SKY["rain"])
+    expected = moved(drops, view, 192)
+    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * SHARE_OF_SKY["rain"])
     share = hidden_by(found, SKY * SHARE_OF_SKY["rain"]) - bare
     assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)

@@ -59,7 +59,7 @@ def test_flakes_dim_the_air_as_far_as_one_sees(visibility):
 
 def test_drops_are_as_dense_and_as_large_as_in_the_air():
     """Those of 3 mm and more, within 5 m of a long exposure, against the integral of their law over that volume."""
-    seen = view(exposure_s=0.02)
+    seen = view(exposure_s=0.01)
     drops = [drawn(rain_sizes(50.0), seen, seed=seed) for seed in range(12)]
     local = np.concatenate([d.centres for d in drops]) @ AHEAD[:3, :3]
     diameters = np.concatenate([d.diameters for d in drops])

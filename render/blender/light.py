@@ -5,7 +5,7 @@ Runs inside Blender; needs numpy and bpy only.
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import DUST_LAYERS, AirBox, even_sky
+from camera.fog import DUST_LAYERS, AirLayer, even_sky
 from reading.blender.frames import pose
 from render.blender.nodes import add_node
 
@@ -95,8 +95,8 @@ class HdriWorld:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
-    def dim(self, air: Sequence[AirBox], below: float, glow: np.ndarray) -> None:
-        """Light through air, all but what the camera sees, which goes through `Fog`.
+    def dim(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
+        """Light through air; the camera sees the sky through what is above the box of `Fog`.
 
         Parameters
         ----------
@@ -172,65 +172,63 @@ class _Lifted:
 
 
 class _Dimmed:
-    """Nodes that show a sky through air to all but the camera, so that the sun's shadows fade as they do in fog.
+    """Nodes that show a sky through air, so that the sun's shadows fade as they do in fog.
 
-    How far a ray goes through the air is a function of its direction, for what is near the middle of the air's boxes.
+    How far a ray goes through the air is a function of its direction: to a layer's top, or as far as its sides. Every
+    light that is looked for asks this, so it has as few nodes as it can.
     """
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
         def maths(operation: str, *values: Any) -> Any:
             return add_node(tree, "Math", dict(enumerate(values)), operation=operation)
 
-        def value(operation: str, *values: Any) -> Any:
-            return maths(operation, *values).outputs[0]
-
-        x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
-        up = value("MAXIMUM", z, 1e-6)
-        flat = value("MAXIMUM", value("SQRT", value("MULTIPLY_ADD", x, x, value("MULTIPLY", y, y))), 1e-6)
-        self._boxes = []
-        depth: Any = 0.0
-        for _ in range(DUST_LAYERS):
-            height, reach = maths("DIVIDE", 0.0, up), maths("DIVIDE", 0.0, flat)
-            length = value("MINIMUM", height.outputs[0], reach.outputs[0])
-            total = maths("MULTIPLY_ADD", length, 0.0, depth)
-            self._boxes.append((total.inputs[1], height.inputs[0], reach.inputs[0]))
-            depth = total.outputs[0]
+        z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
-        share = value("MAXIMUM", value("EXPONENT", value("MULTIPLY", depth, -1.0)), camera)
+        self._layers, depths = [], []
+        for _ in range(DUST_LAYERS):
+            overhead, steepness = maths("MULTIPLY_ADD", camera, 0.0, 0.0), maths("MAXIMUM", z, 1.0)
+            self._layers.append((*overhead.inputs[1:], steepness.inputs[1]))
+            depths.append(maths("DIVIDE", overhead.outputs[0], steepness.outputs[0]).outputs[0])
+        depth = functools.reduce(lambda total, more: maths("ADD", total, more).outputs[0], depths)
+        share = maths("EXPONENT", depth).outputs[0]
         self._glow = add_node(tree, "Background")
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
-    def by(self, air: Sequence[AirBox], below: float, glow: np.ndarray) -> Any:
+    def by(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
         """The light, as of `HdriWorld.dim`."""
-        for sockets, box in itertools.zip_longest(self._boxes, air, fillvalue=AirBox(0.0, 0.0, 0.0)):
-            for socket, value in zip(sockets, (box.extinction, box.above + below, box.reach), strict=True):
-                socket.default_value = value
+        whole = sum(layer.extinction for layer in air)
+        for number, (more, overhead, steepness) in enumerate(self._layers):
+            layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)
+            seen = layer.extinction * layer.above - (whole * layer.above if number == 0 else 0.0)  # less what Fog shows
+            overhead.default_value = -layer.extinction * (layer.above + below)
+            more.default_value = -seen - overhead.default_value
+            steepness.default_value = layer.above / layer.reach
         self._glow.inputs["Color"].default_value = (*glow, 1.0)
         return self._mix.outputs[0]
 
 
 class Fog:
-    """Air in flat boxes around the camera: it dims what is behind it and glows with the sky's light.
+    """Air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
 
     Koschmieder's law (`camera.fog`): what is seen through `d` metres of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.
 
-    Only rays of the camera meet the boxes. Others would cost a quarter of a render, and what they see of the sky is
-    dimmed where the sky is (`HdriWorld.dim`): light that the fog takes from the sun comes back as airlight.
+    Only rays of the camera meet the box, which is as high as the lowest layer of air. Others would cost a quarter of a
+    render, and what is left of the air is in the light (`HdriWorld.dim`): what the fog takes from the sun comes back as
+    airlight.
 
     Parameters
     ----------
-    objects
-        As many as there are layers of dust, of one empty mesh.
+    obj
+        Of an empty mesh.
     """
 
-    def __init__(self, objects: Sequence[Any]) -> None:
-        self._objects = objects
-        for obj in objects:
-            obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
-        mesh = objects[0].data
+    def __init__(self, obj: Any) -> None:
+        self._object = obj
+        obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
+        mesh = obj.data
         mesh.from_pydata(*_unit_box())
         material = bpy.data.materials.new("hulldown fog")
         mesh.materials.append(material)
@@ -248,17 +246,16 @@ class Fog:
 
     def clear(self) -> None:
         """No fog."""
-        self._show(0)
+        self._hide(True)
 
-    def _show(self, count: int) -> None:
-        for number, obj in enumerate(self._objects):
-            # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
-            if obj.hide_render != (number >= count):
-                obj.hide_render = number >= count
+    def _hide(self, hidden: bool) -> None:
+        # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
+        if self._object.hide_render != hidden:
+            self._object.hide_render = hidden
 
     def fill(
         self,
-        air: Sequence[AirBox],
+        air: Sequence[AirLayer],
         glow: np.ndarray,
         camera: np.ndarray,
         *,
@@ -270,7 +267,7 @@ class Fog:
         Parameters
         ----------
         air
-            Boxes of one extinction.
+            Its layers, the lowest first.
         glow
             (3,) radiance of endless air.
         camera
@@ -278,16 +275,16 @@ class Fog:
         file_from_scenery, units_per_metre
             The frame that everything is posed in.
         """
-        per_unit = air[0].extinction / units_per_metre
+        per_unit = sum(layer.extinction for layer in air) / units_per_metre
         self._absorption.inputs["Density"].default_value = per_unit
         peak = float(glow.max())
         self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)
         self._emission.inputs["Strength"].default_value = per_unit * peak
-        for obj, (_, above, reach) in zip(self._objects, air, strict=False):
-            box = np.diag([reach, reach, (reach + above) / 2, 1.0])
-            box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-            pose(obj, file_from_scenery @ box)
-        self._show(len(air))
+        _, above, reach = air[0]
+        box = np.diag([reach, reach, (reach + above) / 2, 1.0])
+        box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
+        pose(self._object, file_from_scenery @ box)
+        self._hide(False)
 
 
 def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
