@@ -63,6 +63,7 @@ class Stage:
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
+        self._lowest = math.inf  # metres; where light is asked for, at the lowest vehicle
 
     def _add(self, name: str, data: Any) -> Any:
         obj = bpy.data.objects.new(name, data)
