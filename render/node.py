@@ -37,7 +37,7 @@ from render.png import damage
 from render.pool import Limits, Pool
 
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
-IDLE_S = 60.0  # after which Blender is ended: it holds memory, and its threads do not quite sleep
+IDLE_S = 60.0  # after which Blender is ended: it holds memory
 NEVER = 2**31  # whether an error is the cluster's or the plan's is for the client to judge
 
 

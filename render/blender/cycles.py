@@ -24,6 +24,7 @@ OIDN = "OPENIMAGEDENOISE"
 NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
 NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
+FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) waits by turning round and round, on a core of its own
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
@@ -137,7 +138,7 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
     _plain_output(scene)
     render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
-        render.threads = threads
+        render.threads = max(threads, FEWEST_THREADS)
     cycles.device = "CPU" if device == "CPU" else "GPU"
     cycles.samples = settings.samples
     cycles.use_adaptive_sampling = settings.adaptive_threshold > 0
