@@ -39,6 +39,13 @@ def nan_vertices(_):
     cube().data.vertices[0].co.x = math.nan
 
 
+def nan_strands(_):
+    """Read before the mesh that they grow on."""
+    (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
+    body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", 3
+    body.location.x = math.nan
+
+
 def names(_):
     obj = cube("Nxmd")
     obj.data.name = "Dxta"
@@ -89,6 +96,7 @@ CASES = (
     far_vertices,
     far_location,
     nan_vertices,
+    nan_strands,
     names,
     instances,
     library,

@@ -56,6 +56,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
         ("nan_vertices", "object 'Body': "),
+        ("nan_strands", "object 'Body': the strands of 'Hair' stand at places that are no numbers; repair or delete"),
         ("library", "lib.blend, which is a FIFO, no file"),
         ("library_packed", "lib.blend, which is a FIFO, no file"),
         ("font", "font.woff2, which is a FIFO, no file"),

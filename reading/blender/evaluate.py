@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -146,7 +147,9 @@ class _Reader:
         materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
         key = (drawn.data.as_pointer(), materials)
         if key not in self.index:
-            mesh = _mesh(drawn, self.cutouts)
+            with _named(drawn):
+                hair = drawn.type == "CURVES"
+                mesh = curves_mesh(drawn.data, drawn.name) if hair else _faces(drawn, self.cutouts)
             if mesh is None:
                 self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
@@ -164,8 +167,9 @@ class _Reader:
         for system in strand_systems(drawn):
             key = (drawn.data.as_pointer(), (STRANDS, system.name))
             if key not in self.index:
-                curves = strand_curves(drawn, system)
-                mesh = curves_mesh(curves, system.name)
+                with _named(drawn):
+                    curves = strand_curves(drawn, system)
+                    mesh = curves_mesh(curves, system.name)
                 if mesh is None:
                     continue
                 self._add_mesh(key, mesh, drawn, curves, list(curves.materials))
@@ -303,9 +307,11 @@ def _is_own_surface(instance: Any) -> bool:
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
 
 
-def _mesh(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
+@contextmanager
+def _named(drawn: Any) -> Iterator[None]:
+    """Have what is wrong with a mesh or hair say whose it is."""
     try:
-        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn, cutouts)
+        yield
     except ValueError as error:
         raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
 
