@@ -39,11 +39,19 @@ def nan_vertices(_):
     cube().data.vertices[0].co.x = math.nan
 
 
+def haired(count):
+    (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
+    body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", count
+    return body
+
+
 def nan_strands(_):
     """Read before the mesh that they grow on."""
-    (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
-    body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", 3
-    body.location.x = math.nan
+    haired(3).location.x = math.nan
+
+
+def bald(_):
+    haired(0)
 
 
 def names(_):
@@ -97,6 +105,7 @@ CASES = (
     far_location,
     nan_vertices,
     nan_strands,
+    bald,
     names,
     instances,
     library,
