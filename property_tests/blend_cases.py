@@ -127,6 +127,7 @@ def cases(draw: st.DrawFn) -> dict:
             "objects": objects,
             "parents": draw(st.one_of(st.just([]), st.just([]), parents)),
             "unit": draw(st.sampled_from([1.0] * 8 + [0.01, 1000.0, 1e-6])),
+            "fewest": draw(st.sampled_from([1, 1000])),  # objects of which all but one are not evaluated
             "frame": draw(st.sampled_from([1] * 16 + [0, -5, 50, 1_000_000])),
         },
         "damage": draw(damages) if odd == "damaged" else no_damage,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import bpy
 
-from reading.blender import reader
+from reading.blender import reader, twins
 
 
 def attempt(action):
@@ -250,6 +250,7 @@ def main():
             answers.flush()
             job_file = Path(job["answer"]).with_name("job.json")
             job_file.write_text(json.dumps(job), encoding="utf-8")
+            twins.FEWEST = message["make"]["fewest"]
             reader.main(str(job_file))
             answer = Path(job["answer"]).read_text(encoding="utf-8")
         except Exception:

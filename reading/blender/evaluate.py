@@ -180,7 +180,8 @@ class _Reader:
     ) -> None:
         self.index[key] = len(self.result.meshes)
         self.result.meshes.append(mesh)
-        self.used.append(mesh.vertices[np.unique(mesh.faces)])
+        used = np.unique(mesh.faces)
+        self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
         self.result.dressed |= any(materials)
         if self.keep_mesh:
@@ -217,13 +218,15 @@ class _Reader:
             self._add_twin(twin, self.result.pieces[-1], drawn)
 
     def _add_twin(self, twin: Twin, piece: Piece, drawn: Any) -> None:
-        """Add what is like `piece`, that of `drawn`, but for its name and its pose."""
+        """Add what is like `piece`, that of `drawn`, but for its names and its pose."""
         if self.keep_look:
             self.keep_look(drawn)
         bounds = self._bounds(twin.name, twin.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=twin.name, pose=twin.pose)
         level = self._level(piece.mesh, twin.pose, bounds)
-        self.result.pieces.append(replace(piece, chain=(link,), pose=twin.pose, bounds=bounds, level=level))
+        self.result.pieces.append(
+            replace(piece, data=twin.data, chain=(link,), pose=twin.pose, bounds=bounds, level=level)
+        )
 
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
