@@ -34,7 +34,7 @@ def content_of(mesh: Any) -> object:
     stored = hashlib.sha256()
     start = np.empty(len(mesh.polygons), np.int32)
     mesh.polygons.foreach_get("loop_start", start)
-    stored.update(start)
+    stored.update(start.tobytes())
     kinds = []
     for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
         if attribute.data_type not in STORED:
@@ -42,7 +42,7 @@ def content_of(mesh: Any) -> object:
         name, dtype, width = STORED[attribute.data_type]
         values = np.empty(width * len(attribute.data), dtype)
         attribute.data.foreach_get(name, values)
-        stored.update(values)
+        stored.update(values.tobytes())
         kinds.append((attribute.name, attribute.domain, attribute.data_type, len(values)))
     own_space = None if mesh.use_auto_texspace else (*mesh.texspace_location, *mesh.texspace_size)
     return (
