@@ -132,5 +132,6 @@ def cases(draw: st.DrawFn) -> dict:
         },
         "damage": draw(damages) if odd == "damaged" else no_damage,
         "kind": kind,
+        "drawn": draw(st.sampled_from([True] + [False] * 9)),  # whether what was read is drawn, which takes long
         "options": draw(st.one_of(st.just({}), st.just({}), options)),
     }

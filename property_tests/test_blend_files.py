@@ -98,16 +98,18 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     event(f"{case['odd']}: {next(iter(answer))}")
     if "report" in answer:
         event("a report")
-        show(job, answer)
+        use(job, answer, drawn=case["drawn"])
     elif "error" in answer:
         assert "\n" not in answer["error"]["problem"]
     else:  # Blender itself may crash on what is damaged, and that is said in one line by who has started it
         assert damaged, answer
 
 
-def show(job: dict, answer: dict) -> None:
+def use(job: dict, answer: dict, *, drawn: bool) -> None:
     """Use what was read as `hulldown inspect` does."""
     read = exported_by(job, answer)
     assert all("\n" not in line for line in read.report.notes())
-    draw((load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle), size=8)
+    asset = (load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle)
+    if drawn:
+        draw(asset, size=8)
     assert read.tidy.is_file()
