@@ -41,6 +41,7 @@ def nan_vertices(_):
 
 def haired(count):
     (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
+    body.data.materials.append(bpy.data.materials.new("Fur"))
     body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", count
     return body
 
@@ -52,6 +53,10 @@ def nan_strands(_):
 
 def bald(_):
     haired(0)
+
+
+def furry(_):
+    haired(3)
 
 
 def names(_):
@@ -106,6 +111,7 @@ CASES = (
     nan_vertices,
     nan_strands,
     bald,
+    furry,
     names,
     instances,
     library,

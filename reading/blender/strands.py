@@ -71,7 +71,8 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
     radius.data.foreach_set("value", _radii(settings, along).astype(np.float32).ravel())
     slots = drawn.material_slots[settings.material - 1 : settings.material]
-    curves.materials.append(slots[0].material if slots else None)
+    worn = slots[0].material if slots else None
+    curves.materials.append(worn and worn.original)  # the evaluated one ends before the curves do
     return curves
 
 
