@@ -27,7 +27,7 @@ materials = st.sampled_from([
 ])  # fmt: skip
 extras = st.sampled_from([
     *("key", "driver", "constraint", "shape key", "twice", "carried", "on faces", "hidden", "eye", "camera"),
-    *("holdout", "catcher", "adaptive", "bald", "furry", "furry"),
+    *("holdout", "catcher", "adaptive", "bald", "furry", "furry", "refers"),
 ])  # fmt: skip
 
 

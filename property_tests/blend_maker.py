@@ -90,15 +90,15 @@ def modify(obj, kind):
 
 
 def scatter(obj):
-    """A group that draws an object, the same or another, on the corners of this one."""
+    """A group that dresses the object and draws another, or itself, on its corners."""
     group = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    given, result, info, on_points, join = (
+    given, result, info, on_points, join, worn = (
         group.nodes.new(f"{family}{name}")
         for family, name in [
             *[("NodeGroup", "Input"), ("NodeGroup", "Output"), ("GeometryNode", "ObjectInfo")],
-            *[("GeometryNode", "InstanceOnPoints"), ("GeometryNode", "JoinGeometry")],
+            *[("GeometryNode", "InstanceOnPoints"), ("GeometryNode", "JoinGeometry"), ("GeometryNode", "SetMaterial")],
         ]
     )
     info.inputs["Object"].default_value = bpy.data.objects[0]
@@ -106,7 +106,11 @@ def scatter(obj):
     group.links.new(given.outputs[0], on_points.inputs["Points"])
     group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
     group.links.new(on_points.outputs["Instances"], join.inputs[0])
-    group.links.new(given.outputs[0], join.inputs[0])
+    if bpy.data.materials:
+        worn.inputs["Material"].default_value = bpy.data.materials[0]
+        worn.inputs["Selection"].default_value = len(bpy.data.materials) % 2 == 0
+    group.links.new(given.outputs[0], worn.inputs[0])
+    group.links.new(worn.outputs[0], join.inputs[0])
     group.links.new(join.outputs[0], result.inputs[0])
     return group
 
@@ -199,7 +203,16 @@ def haired(obj, count, children):
     settings.rendered_child_count = settings.child_percent = 2
 
 
+def referring(obj):
+    """To what is a copy itself while it is evaluated."""
+    if obj.type == "CURVES":
+        obj.data.surface = bpy.data.objects[0]
+    else:
+        obj.data.texco_mesh = bpy.data.meshes[0]
+
+
 EXTRAS = {
+    "refers": referring,
     "bald": lambda obj: haired(obj, 0, "NONE"),
     "furry": lambda obj: haired(obj, 4, "INTERPOLATED"),
     **{"key": keyed, "driver": driven, "constraint": constrained, "shape key": shaped, "twice": in_two_collections},
