@@ -25,6 +25,7 @@ from planning.section import ranged as _range
 from planning.weather_section import WeatherSection
 
 CACHE_NAME = ".hulldown-cache"
+MOST_IMAGES = 1_000_000_000  # of a class
 
 
 def _forward(value: Any) -> str | float | Pair | None:
@@ -64,8 +65,8 @@ def _numbers(values: Sequence[Any]) -> bool:
 def _per_class(value: Any) -> Any:
     """A number of images for every class, or a table of them by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
-    if value is not None and any(isinstance(n, bool) or not isinstance(n, int) or n < 0 for n in counts):
-        raise ValueError("expected a whole number >= 0, or a table of them by class")
+    if value is not None and any(type(n) is not int or not 0 <= n <= MOST_IMAGES for n in counts):
+        raise ValueError(f"expected a whole number from 0 to {MOST_IMAGES}, or a table of them by class")
     return value
 
 
@@ -265,8 +266,8 @@ class BudgetSection(Section):
     """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
     images_per_class: PerClass = None
-    positions_per_vehicle: Annotated[int, Field(ge=0)] | None = None
-    images_per_position: Annotated[int, Field(ge=1)] = 5
+    positions_per_vehicle: Annotated[int, Field(ge=0, le=MOST_IMAGES)] | None = None
+    images_per_position: Annotated[int, Field(ge=1, le=1_000_000)] = 5
     background_share: Annotated[float, Field(ge=0, le=0.99)] = 0.0
     background_distractors: Annotated[float, Field(ge=0, le=1)] = 0.5
 

@@ -188,7 +188,8 @@ class FileReport:
             turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
             lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
         lines += [*_materials(self.materials), *self.painted]
-        return [*lines, *(f"doubt: {doubt}" for doubt in self.doubts)]
+        # Names may break lines.
+        return [line.replace("\n", "\\n") for line in (*lines, *(f"doubt: {doubt}" for doubt in self.doubts))]
 
     def to_json(self) -> dict[str, Any]:
         """The report as what JSON can hold."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -102,7 +103,7 @@ def find_strays(
     out |= {i: "a sheet that reaches below the wheels and out" for i in sheets if i in low and i not in sure}
     out = {i: why for i, why in out.items() if i not in wanted}
     out_doubts = tuple(
-        f'{pieces[i].name!r}: {why}; left out, set keep = ["{pieces[i].name}"] if it is part of it'
+        f"{pieces[i].name!r}: {why}; left out, set keep = {_listed(pieces, [i])} if it is part of it"
         for i, why in out.items()
         if i not in sure
     )
@@ -216,5 +217,6 @@ def _said(pieces: Sequence[Piece], some: Sequence[int]) -> str:
 
 
 def _listed(pieces: Sequence[Piece], some: Sequence[int]) -> str:
+    """As the config takes them."""
     names = list(dict.fromkeys(pieces[i].name for i in some))
-    return "[" + ", ".join(f'"{n}"' for n in names[:NAMES]) + "]"
+    return json.dumps(names[:NAMES], ensure_ascii=False)

@@ -39,6 +39,26 @@ def nan_vertices(_):
     cube().data.vertices[0].co.x = math.nan
 
 
+def haired(count):
+    (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
+    body.data.materials.append(bpy.data.materials.new("Fur"))
+    body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", count
+    return body
+
+
+def nan_strands(_):
+    """Read before the mesh that they grow on."""
+    haired(3).location.x = math.nan
+
+
+def bald(_):
+    haired(0)
+
+
+def furry(_):
+    haired(3)
+
+
 def names(_):
     obj = cube("Nxmd")
     obj.data.name = "Dxta"
@@ -89,6 +109,9 @@ CASES = (
     far_vertices,
     far_location,
     nan_vertices,
+    nan_strands,
+    bald,
+    furry,
     names,
     instances,
     library,

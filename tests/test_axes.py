@@ -1,5 +1,6 @@
 """Up, ahead, parts and pivots of vehicles made of plain arrays, in any frame."""
 
+import json
 from collections import Counter
 
 import numpy as np
@@ -185,6 +186,7 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
     [
         ("Thing", box((1, 1, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
         ("Keel", box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
+        ('"Keel"\n', box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
         ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
         ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
         ("Card", Mesh(np.array([[-5.0, 0, 0], [5, 0, 0], [5, 0, 5], [-5, 0, 5]]), np.array([[0, 1, 2], [0, 2, 3]])),
@@ -195,9 +197,9 @@ def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, h
     found = drawn(TANK | {name: mesh}, **{name: hidden})
     upright = stood(found, unit=1.0, said="z", up=None)
     (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
-    assert doubt.startswith(f"'{name}': ")
+    assert doubt.startswith(f"{name!r}: ")
     assert what in doubt
-    assert f'set drop = ["{name}"]' in doubt
+    assert f"set drop = {json.dumps([name])} if" in doubt
 
 
 SHEET = Mesh(np.array([[-5.0, 1, -1], [5, 1, -1], [5, 1, 5], [-5, 1, 5]]), np.array([[0, 1, 2], [0, 2, 3]]))

@@ -164,8 +164,11 @@ def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, mess
     [
         ("images_per_class = 140", "", "budget: expected exactly one of images_per_class and positions_per_vehicle"),
         ("= 140", "= 1\npositions_per_vehicle = 1", "budget: expected exactly one of"),
-        ("= 140", "= -1", "budget.images_per_class = -1: expected a whole number >= 0, or a table of them by class"),
-        ("= 140", "= { tank = 1.5 }", "expected a whole number >= 0, or a table of them by class"),
+        ("= 140", "= -1", "budget.images_per_class = -1: expected a whole number from 0 to 1000000000, or a table"),
+        ("= 140", "= { tank = 9223372036854775808 }", "expected a whole number from 0 to 1000000000, or a table"),
+        ("images_per_class = 140", "positions_per_vehicle = 9223372036854775808", "budget.positions_per_vehicle = 9"),
+        ("= 140", "= 140\nimages_per_position = 9223372036854775808", "budget.images_per_position = 9"),
+        ("= 140", "= { tank = 1.5 }", "expected a whole number from 0 to 1000000000, or a table of them by class"),
         ("[budget]\nimages_per_class = 140", "", "budget is missing"),
         ('category = "tank"', "", "assets.vehicles[0].category is missing"),
         ('category = "tank"', 'category = ""', "assets.vehicles[0].category = '': expected at least 1 character"),

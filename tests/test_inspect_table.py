@@ -2,11 +2,13 @@
 
 import io
 import tomllib
+from dataclasses import replace
 
 import pytest
 
 from cli import main
 from planning.config import load_config
+from reading.paintable import MaterialRow
 from reading.report import FileReport, Row
 from verbs import terminal
 from verbs.terminal import Terminal, show_table
@@ -23,6 +25,11 @@ def shown(monkeypatch, table, **console):
     monkeypatch.setattr(terminal, "STDOUT", Terminal(file=file, highlight=False, **console))
     show_table(table)
     return file.getvalue()
+
+
+def test_a_name_with_a_line_break_stays_in_its_line():
+    odd = replace(report(), materials=(MaterialRow("Ty\nre", 1.0, (0.0, 0.0, 0.0), "is rubber"),))
+    assert odd.notes()[-1] == "materials left alone: Ty\\nre (is rubber)"
 
 
 def test_a_piped_table_has_every_name_in_one_line(monkeypatch):

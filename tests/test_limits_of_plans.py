@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from assets.library import Assets
+from geometry.errors import ConfigError
 from geometry.meshes import Mesh
 from planning.check import check_plan
 from planning.limits import LIMITS
 from planning.not_recomputed import NOT_RECOMPUTED
 from planning.plan_file import read_plan
+from planning.preview import Artist
 from planning.schema import Config, Section
 from planning.write import write_plan
 from tests.planning_assets import (
@@ -219,6 +221,23 @@ def test_a_changed_header_is_found(made, assets, tmp_path, key, value, message):
     path.write_bytes(json.dumps(changed, separators=(",", ":")).encode() + b"\n" + rest)
     findings = check_plan(read_plan(path), assets)
     assert any(message in finding for finding in findings), findings[:20]
+
+
+@pytest.mark.parametrize("whose", ["target", "companions", "distractors"])
+def test_a_part_that_its_vehicle_lacks_is_one_line(made, assets, tmp_path, whose):
+    header, *lines = map(json.loads, made.path.read_bytes().splitlines())
+    number = next(i for i, line in enumerate(lines) if whose == "target" or line[whose])
+    vehicle = lines[number] if whose == "target" else lines[number][whose][0]
+    vehicle["articulation"]["crane"] = 0.5
+    path = tmp_path / "plan.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in (header, *lines)))
+    plan = read_plan(path)
+    found = [line for line in check_plan(plan, assets) if line.startswith("image ")]
+    assert found == [f"image {number}: vehicle {vehicle['vehicle']!r} has no part 'crane' to turn"]
+    with pytest.raises(
+        ConfigError, match=rf"plan\.jsonl: image {number}: part 'crane' is not known to the plan; [^\n]*$"
+    ):
+        Artist(plan, assets).picture(list(plan)[number], width=8)
 
 
 def table():

@@ -56,6 +56,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
         ("nan_vertices", "object 'Body': "),
+        ("nan_strands", "object 'Body': the strands of 'Hair' stand at places that are no numbers; repair or delete"),
         ("library", "lib.blend, which is a FIFO, no file"),
         ("library_packed", "lib.blend, which is a FIFO, no file"),
         ("font", "font.woff2, which is a FIFO, no file"),
@@ -71,6 +72,16 @@ def test_an_odd_file_is_one_line(odd: Path, tmp_path: Path, case: str, line: str
 def test_names_that_are_no_utf8_are_given_others(odd: Path, tmp_path: Path) -> None:
     report = export(odd / "names.blend", tmp_path, kind="vehicle").report
     assert [row.name for row in report.rows if row.use == "hull"] == ["unnamed 0"]
+
+
+@pytest.mark.blender
+def test_hair_of_no_strands_does_not_end_blender(odd: Path, tmp_path: Path) -> None:
+    assert [row.use for row in export(odd / "bald.blend", tmp_path, kind="vehicle").report.rows] == ["hull"]
+
+
+@pytest.mark.blender
+def test_hair_in_a_material_does_not_end_blender(odd: Path, tmp_path: Path) -> None:
+    assert len(export(odd / "furry.blend", tmp_path, kind="vehicle").report.rows) == 2
 
 
 @pytest.mark.blender

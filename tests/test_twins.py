@@ -15,6 +15,7 @@ ALIKE = {
     # Those that others hang on are no twins: 0 and 1 are parents, 4 to 9 targets; 10 is the first, and is kept.
     *(f"posed {number}" for number in (2, 3, *range(11, 24))),
     *("without faces 1", "unrendered 1", "unrendered 2", "excluded 1", "excluded 2", "in the scene and one 1"),
+    *("spare equal", "spare equal too", "spare unnamed 1"),
 }
 
 

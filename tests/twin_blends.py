@@ -51,6 +51,48 @@ def pairs(name, data, change, count=2):
         change(add(f"{name} {number}", data), number)
 
 
+def copies(stone, red):
+    """Objects with meshes of their own: two that are equal, and others that differ in one thing each."""
+
+    def sharpen(data):
+        data.polygons[0].use_smooth = True
+
+    def tint(data, shown="tint"):
+        for name in ("tint", "other"):
+            data.color_attributes.new(name, "BYTE_COLOR", "CORNER").data[0].color = (1, 0, 0, 1)
+        data.attributes.default_color_name = shown
+
+    def unwrap(data, rendered=0):
+        layers = [data.uv_layers.new(name=name) for name in ("one", "other")]
+        layers[rendered].active_render = True
+
+    def fold(data):
+        corners = data.attributes[".corner_vert"].data
+        corners[0].value, corners[1].value = corners[1].value, corners[0].value
+
+    changes = {
+        **{"equal": lambda data: None, "equal too": lambda data: None, "sharpened": sharpen, "folded": fold},
+        **{"tinted": tint, "tinted otherwise": lambda data: tint(data, "other")},
+        **{"unwrapped": unwrap, "unwrapped otherwise": lambda data: unwrap(data, 1)},
+        "dented": lambda data: setattr(data.vertices[0], "co", (0, 0, 1e-6)),
+        "red": lambda data: data.materials.__setitem__(0, red),
+        "noted": lambda data: data.__setitem__("note", 1),
+        "spaced": lambda data: setattr(data, "use_auto_texspace", False),
+        "named": lambda data: data.attributes.new("a name", "STRING", "FACE"),
+        "patterned": lambda data: setattr(data, "texco_mesh", stone),
+    }
+    for name, change in changes.items():
+        data = stone.copy()
+        data.name = f"mesh of {name}"
+        change(data)
+        add(f"spare {name}", data)
+    for number in range(2):
+        data = stone.copy()
+        data.attributes.new("Axtribute", "FLOAT", "POINT")
+        add(f"spare unnamed {number}", data)
+    add("spare weighed", stone.copy()).vertex_groups.new(name="weights").add([0], 1.0, "REPLACE")
+
+
 def make():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     edge = [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)]
@@ -107,6 +149,7 @@ def make():
 
     for change in (child, swell, follow, key, drive, cut, dress, hide_by_eye):
         pairs(change.__name__, stone, change)
+    copies(stone, red)
     pairs("shade", stone, shade, 5)
     pairs("hide", stone, hide, 4)
 
@@ -143,7 +186,10 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     make()
     path = folder / "twins.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
+    odd = path.read_bytes()
+    assert b"Axtribute" in odd
+    path.write_bytes(odd.replace(b"Axtribute", b"A\xfctribute"))  # no UTF-8, as old files hold them
     answer = {}
     for name, fewest in (("all", 10**9), ("few", 1)):
         (folder / name).mkdir()

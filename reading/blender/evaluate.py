@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -146,7 +147,9 @@ class _Reader:
         materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
         key = (drawn.data.as_pointer(), materials)
         if key not in self.index:
-            mesh = _mesh(drawn, self.cutouts)
+            with _named(drawn):
+                hair = drawn.type == "CURVES"
+                mesh = curves_mesh(drawn.data, drawn.name) if hair else _faces(drawn, self.cutouts)
             if mesh is None:
                 self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
                 return
@@ -164,8 +167,9 @@ class _Reader:
         for system in strand_systems(drawn):
             key = (drawn.data.as_pointer(), (STRANDS, system.name))
             if key not in self.index:
-                curves = strand_curves(drawn, system)
-                mesh = curves_mesh(curves, system.name)
+                with _named(drawn):
+                    curves = strand_curves(drawn, system)
+                    mesh = curves_mesh(curves, system.name)
                 if mesh is None:
                     continue
                 self._add_mesh(key, mesh, drawn, curves, list(curves.materials))
@@ -176,7 +180,8 @@ class _Reader:
     ) -> None:
         self.index[key] = len(self.result.meshes)
         self.result.meshes.append(mesh)
-        self.used.append(mesh.vertices[np.unique(mesh.faces)])
+        used = np.unique(mesh.faces)
+        self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
         self.result.dressed |= any(materials)
         if self.keep_mesh:
@@ -213,13 +218,15 @@ class _Reader:
             self._add_twin(twin, self.result.pieces[-1], drawn)
 
     def _add_twin(self, twin: Twin, piece: Piece, drawn: Any) -> None:
-        """Add what is like `piece`, that of `drawn`, but for its name and its pose."""
+        """Add what is like `piece`, that of `drawn`, but for its names and its pose."""
         if self.keep_look:
             self.keep_look(drawn)
         bounds = self._bounds(twin.name, twin.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=twin.name, pose=twin.pose)
         level = self._level(piece.mesh, twin.pose, bounds)
-        self.result.pieces.append(replace(piece, chain=(link,), pose=twin.pose, bounds=bounds, level=level))
+        self.result.pieces.append(
+            replace(piece, data=twin.data, chain=(link,), pose=twin.pose, bounds=bounds, level=level)
+        )
 
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
@@ -303,9 +310,11 @@ def _is_own_surface(instance: Any) -> bool:
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
 
 
-def _mesh(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
+@contextmanager
+def _named(drawn: Any) -> Iterator[None]:
+    """Have what is wrong with a mesh or hair say whose it is."""
     try:
-        return curves_mesh(drawn.data, drawn.name) if drawn.type == "CURVES" else _faces(drawn, cutouts)
+        yield
     except ValueError as error:
         raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
 

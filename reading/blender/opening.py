@@ -114,6 +114,10 @@ def _name_what_cannot_be_read() -> None:
         for of in (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints):
             for number, part in enumerate(of):
                 _rename(part, f"unnamed {number}")
+    for blocks in (bpy.data.meshes, bpy.data.hair_curves, bpy.data.pointclouds):
+        for block in blocks:
+            for number, attribute in enumerate(block.attributes):
+                _rename(attribute, f"unnamed {number}")
     for armature in bpy.data.armatures:
         for number, bone in enumerate(armature.bones):
             _rename(bone, f"unnamed {number}")

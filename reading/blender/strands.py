@@ -40,11 +40,18 @@ def curves_mesh(curves: Any, name: str) -> Mesh | None:
 def strand_systems(drawn: Any) -> list[Any]:
     """The particle systems of an evaluated object that draw strands, and not copies of objects."""
     systems = [m.particle_system for m in drawn.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render]
-    return [s for s in systems if s.settings.type == "HAIR" and s.settings.render_type == "PATH"]
+    drawing = [s for s in systems if s.settings.type == "HAIR" and s.settings.render_type == "PATH"]
+    return [s for s in drawing if len(s.particles) or len(s.child_particles)]  # Blender crashes on curves of none
 
 
 def strand_curves(drawn: Any, system: Any) -> Any:
-    """A new datablock of hair curves, in the object's frame, that is drawn as a particle system's strands."""
+    """A new datablock of hair curves, in the object's frame, that is drawn as a particle system's strands.
+
+    Raises
+    ------
+    ValueError
+        If the object or its strands stand at places that are no numbers.
+    """
     settings, curves = system.settings, bpy.data.hair_curves.new(system.name)
     parents, children = len(system.particles), len(system.child_particles)
     # As Cycles takes them: where there are children, their parents only guide them.
@@ -56,13 +63,16 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     along = length / np.maximum(length[:, -1:], np.finfo(float).tiny)
     # Blender gives the strands where the object is; one that is squashed flat has no inverse.
     world_from_drawn = np.array(drawn.matrix_world, dtype=np.float64)
+    if not (np.isfinite(points).all() and np.isfinite(world_from_drawn).all()):
+        raise ValueError(f"the strands of {system.name!r} stand at places that are no numbers")
     inside = (points.reshape(-1, 3) - world_from_drawn[:3, 3]) @ np.linalg.pinv(world_from_drawn[:3, :3]).T
     curves.add_curves([steps] * len(strands))
     curves.points.foreach_set("position", inside.astype(np.float32).ravel())
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
     radius.data.foreach_set("value", _radii(settings, along).astype(np.float32).ravel())
     slots = drawn.material_slots[settings.material - 1 : settings.material]
-    curves.materials.append(slots[0].material if slots else None)
+    worn = slots[0].material if slots else None
+    curves.materials.append(worn and worn.original)  # the evaluated one ends before the curves do
     return curves
 
 

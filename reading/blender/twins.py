@@ -1,7 +1,7 @@
-"""Objects that differ from another one in name and pose alone, taken out of the scene before it is evaluated.
+"""Objects that differ from another one in names and pose alone, taken out of the scene before it is evaluated.
 
-Blender needs some 50 KB and a millisecond for an object that it evaluates, and large sceneries have a hundred thousand
-stones that share ten meshes. What another object draws already need not be evaluated: its name and its pose are enough.
+Blender needs some 100 KB and a millisecond for an object that it evaluates, and large sceneries have a hundred thousand
+stones of ten shapes. What another object draws already need not be evaluated: its names and its pose are enough.
 Only objects that nothing else can move, change, use or depend on are taken.
 """
 
@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from reading.blender.mesh_content import content_of
 from reading.blender.poses import own_poses
 from reading.blender.tidy import VISIBILITY
 
@@ -31,11 +32,14 @@ class Twin:
     ----------
     name
         Its name.
+    data
+        That of its mesh.
     pose
         (4, 4) world_from_object.
     """
 
     name: str
+    data: str
     pose: Float[np.ndarray, "4 4"]
 
 
@@ -48,10 +52,14 @@ def set_aside() -> dict[str, list[Twin]]:
     if sum(len(same) - 1 for same in groups) < FEWEST:
         return {}
     twins = {
-        same[0].name: [Twin(obj.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)]
+        same[0].name: [
+            Twin(obj.name, obj.data.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)
+        ]
         for same in groups
     }
+    meshes = {obj.data for same in groups for obj in same[1:]}
     bpy.data.batch_remove([obj for same in groups for obj in same[1:]])
+    bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
     return twins
 
 
@@ -67,11 +75,20 @@ def _alike() -> dict[tuple[object, ...], list[Any]]:
     ordinary.update(scene.collection for scene in bpy.data.scenes)
     cameras = {scene.camera for scene in bpy.data.scenes}
     cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
+    content = _contents({obj.data for obj in plain if not obj.vertex_groups})
     alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
     for obj in plain:
         if obj not in cameras and ordinary.issuperset(within[obj]):
-            alike[obj.data, tuple(within[obj]), _look(obj)].append(obj)
+            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj)].append(obj)
     return alike
+
+
+def _contents(meshes: set[Any]) -> dict[Any, object]:
+    """What each is drawn from, of those that may have an equal among them."""
+    sizes: dict[tuple[int, int, int], list[Any]] = defaultdict(list)
+    for mesh in meshes:
+        sizes[len(mesh.vertices), len(mesh.loops), len(mesh.polygons)].append(mesh)
+    return {mesh: content_of(mesh) for same in sizes.values() if len(same) > 1 for mesh in same}
 
 
 def _is_plain(obj: Any) -> bool:

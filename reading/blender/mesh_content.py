@@ -1,0 +1,51 @@
+"""What a mesh is drawn from, as a key: people copy objects with their meshes, so that large files repeat a few."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+# By type of attribute: the property of its elements, how they are stored, how many numbers each.
+STORED = {
+    "FLOAT": ("value", np.float32, 1),
+    "INT": ("value", np.int32, 1),
+    "BOOLEAN": ("value", np.bool_, 1),
+    "INT8": ("value", np.int32, 1),
+    "FLOAT_VECTOR": ("vector", np.float32, 3),
+    "FLOAT2": ("vector", np.float32, 2),
+    "FLOAT_COLOR": ("color", np.float32, 4),
+    "BYTE_COLOR": ("color", np.float32, 4),
+    "QUATERNION": ("value", np.float32, 4),
+    "FLOAT4X4": ("value", np.float32, 16),
+    "INT16_2D": ("value", np.int32, 2),
+    "INT32_2D": ("value", np.int32, 2),
+}
+
+
+def content_of(mesh: Any) -> object:
+    """A key that is equal for two meshes only if they are drawn alike in the same materials.
+
+    It is the mesh itself if that has what is not compared: an attribute of text, a custom property, a library.
+    """
+    if mesh.library or mesh.override_library or mesh.keys():
+        return mesh
+    stored = hashlib.sha256()
+    start = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_start", start)
+    stored.update(start.tobytes())
+    kinds = []
+    for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
+        if attribute.data_type not in STORED:
+            return mesh
+        name, dtype, width = STORED[attribute.data_type]
+        values = np.empty(width * len(attribute.data), dtype)
+        attribute.data.foreach_get(name, values)
+        stored.update(values.tobytes())
+        kinds.append((attribute.name, attribute.domain, attribute.data_type, len(values)))
+    own_space = None if mesh.use_auto_texspace else (*mesh.texspace_location, *mesh.texspace_size)
+    return (
+        *(tuple(kinds), stored.digest(), own_space, mesh.texco_mesh, mesh.attributes.default_color_name),
+        tuple((layer.name, layer.active_render) for layer in mesh.uv_layers),
+    )
