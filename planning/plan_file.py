@@ -174,7 +174,7 @@ def read_plan(path: str | Path) -> Plan:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            line = file.readline()
+            line, size = file.readline(), os.fstat(file.fileno()).st_size
     except FileNotFoundError:
         raise ConfigError("no such plan", path=path, remedy="make one with `hulldown plan`") from None
     except OSError as error:
@@ -192,10 +192,14 @@ def read_plan(path: str | Path) -> Plan:
             remedy="plan again with this version",
         )
     try:
-        return Plan(path, decode_header(line))
+        plan = Plan(path, decode_header(line))
     except (msgspec.DecodeError, ValueError) as error:
         what = misfit(line, Header, error)
         raise ConfigError(f"line 1 {what}", path=path, remedy="plan again with `hulldown plan`") from None
+    if len(plan) > size:  # who makes a list of a plan takes memory for as many rows as it says
+        what = f"has {len(plan)} images, more than the {size} bytes of the file can hold"
+        raise ConfigError(f"line 1 {what}", path=path, remedy="plan again with `hulldown plan`")
+    return plan
 
 
 class PlanWriter:
