@@ -253,7 +253,7 @@ def test_a_foreign_file_is_no_plan(tmp_path, content, message):
 
 def test_a_plan_that_claims_billions_of_images_takes_no_memory_for_them(tmp_path):
     (tmp_path / "plan.jsonl").write_text(json.dumps({**HEADER, "images": 3_159_564_035}) + "\n")
-    with pytest.raises(ConfigError, match="line 1 has 3159564035 images, more than the [0-9]+ bytes of the file"):
+    with pytest.raises(ConfigError, match=r"line 1 has 3159564035 images, more than the [0-9]+ bytes of the file"):
         list(read_plan(tmp_path / "plan.jsonl"))
 
 
