@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from camera.fog import air_layers, airlight
+from camera.fog import airlight
 from camera.response import ALBEDO
 from render.blender import cycles
 from render.blender.light import Fog, HdriWorld
@@ -56,7 +56,7 @@ def main() -> None:
     world = HdriWorld(scene)
     box = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
     scene.collection.objects.link(box)
-    fog = Fog(box)
+    fog = Fog(box, world)
     answers = []
     for job in jobs:
         settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
@@ -64,12 +64,11 @@ def main() -> None:
         scene.render.resolution_x = scene.render.resolution_y = SIDE
         world.set(job.hdri, job.yaw, job.strength, np.eye(4), horizon=job.horizon)
         cycles.expose(scene, settings, job.exposure, job.white_balance)
-        glow, air = airlight(job.kind, world.airlight()), []
         fog.clear()
         if job.visibility_m is not None:
-            air, eye = air_layers(job.kind, job.visibility_m), np.array([0.0, 0.0, EYE])
-            fog.fill(air, glow, eye, file_from_scenery=np.eye(4), units_per_metre=1.0)
-        world.dim(air, EYE, glow)
+            glow, eye = airlight(job.kind, world.airlight()), np.array([0.0, 0.0, EYE])
+            where = {"below": EYE, "file_from_scenery": np.eye(4), "units_per_metre": 1.0}
+            fog.fill(job.kind, job.visibility_m, glow, eye, **where)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)
         answers.append(_mean(scene.render.filepath))

@@ -39,11 +39,11 @@ STEPPE, HILLS = "dry_steppe", "temperate_hills"
 class Talk:
     """A worker that is asked one thing after the other."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, threads: int = 0) -> None:
         self.answers: queue.SimpleQueue[dict | None] = queue.SimpleQueue()
         self.worker = WorkerProcess(worker_command(None), folder / "log", lambda _, a: self.answers.put(a))
         self.answers.get()
-        self.ask({"do": "start", "device": "cpu", "index": 0, "threads": 0})
+        self.ask({"do": "start", "device": "cpu", "index": 0, "threads": threads})
 
     def ask(self, message: dict) -> dict:
         self.worker.send(message)

@@ -23,12 +23,21 @@ def save(path):
 
 def glowing(name, color):
     """Looks the same from everywhere in any light, so that a picture can be taken apart by colour."""
+    return _of_one_shader(name, "Emission", color)
+
+
+def diffuse(name, color):
+    """Lambert's, without any gloss."""
+    return _of_one_shader(name, "BsdfDiffuse", color)
+
+
+def _of_one_shader(name, kind, color):
     material = bpy.data.materials.new(name)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
-    glow, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
-    glow.inputs["Color"].default_value = (*color, 1.0)
-    links.new(glow.outputs["Emission"], output.inputs["Surface"])
+    shader, output = nodes.new(f"ShaderNode{kind}"), nodes.new("ShaderNodeOutputMaterial")
+    shader.inputs["Color"].default_value = (*color, 1.0)
+    links.new(shader.outputs[0], output.inputs["Surface"])
     return material
 
 
@@ -36,17 +45,6 @@ def matt(name, color):
     material = bpy.data.materials.new(name)
     material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*color, 1.0)
     material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 1.0
-    return material
-
-
-def diffuse(name, color):
-    """Lambert's, without any gloss."""
-    material = bpy.data.materials.new(name)
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    shader, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
-    shader.inputs["Color"].default_value = (*color, 1.0)
-    links.new(shader.outputs["BSDF"], output.inputs["Surface"])
     return material
 
 

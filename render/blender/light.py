@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import DUST_LAYERS, AirLayer, even_sky
+from camera.fog import DUST_LAYERS, AirLayer, air_layers, even_sky
 from reading.blender.frames import pose
 from render.blender.nodes import add_node
 
@@ -223,10 +223,12 @@ class Fog:
     ----------
     obj
         Of an empty mesh.
+    world
+        The light.
     """
 
-    def __init__(self, obj: Any) -> None:
-        self._object = obj
+    def __init__(self, obj: Any, world: HdriWorld) -> None:
+        self._object, self._world = obj, world
         obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
         mesh = obj.data
         mesh.from_pydata(*_unit_box())
@@ -247,6 +249,7 @@ class Fog:
     def clear(self) -> None:
         """No fog."""
         self._hide(True)
+        self._world.dim([], 0.0, np.zeros(3))
 
     def _hide(self, hidden: bool) -> None:
         # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
@@ -255,10 +258,12 @@ class Fog:
 
     def fill(
         self,
-        air: Sequence[AirLayer],
+        kind: str,
+        visibility: float,
         glow: np.ndarray,
         camera: np.ndarray,
         *,
+        below: float,
         file_from_scenery: np.ndarray,
         units_per_metre: float,
     ) -> None:
@@ -266,15 +271,20 @@ class Fog:
 
         Parameters
         ----------
-        air
-            Its layers, the lowest first.
+        kind
+            Of the weather.
+        visibility
+            In metres.
         glow
             (3,) radiance of endless air.
         camera
             (3,) where the camera is in the scenery, in metres.
+        below
+            Metres from the camera down to what is lit.
         file_from_scenery, units_per_metre
             The frame that everything is posed in.
         """
+        air = air_layers(kind, visibility)
         per_unit = sum(layer.extinction for layer in air) / units_per_metre
         self._absorption.inputs["Density"].default_value = per_unit
         peak = float(glow.max())
@@ -285,6 +295,7 @@ class Fog:
         box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
         pose(self._object, file_from_scenery @ box)
         self._hide(False)
+        self._world.dim(air, below, glow)
 
 
 def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:

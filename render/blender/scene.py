@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from assets.naming import BACKDROPS, says
-from camera.fog import air_layers, airlight
+from camera.fog import airlight
 from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import disarm, open_blend
@@ -57,7 +57,7 @@ class Stage:
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
-        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")))
+        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")), self.world)
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
         self.surfaces = Surfaces(self.file_from_scenery, self.units_per_metre)
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
@@ -170,7 +170,6 @@ class Stage:
         """
         if not weather:
             self.fog.clear()
-            self.world.dim([], 0.0, np.zeros(3))
             self.precipitation.clear()
             self.surfaces.clear()
             return
@@ -178,10 +177,16 @@ class Stage:
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
         glow = airlight(weather.kind, self.world.airlight())
-        frame, units = self.file_from_scenery, self.units_per_metre
-        air = air_layers(weather.kind, weather.visibility_m)
-        self.fog.fill(air, glow, pose[:3, 3], file_from_scenery=frame, units_per_metre=units)
-        self.world.dim(air, max(0.0, pose[2, 3] - self._lowest), glow)
+        frame = self.file_from_scenery
+        self.fog.fill(
+            weather.kind,
+            weather.visibility_m,
+            glow,
+            pose[:3, 3],
+            below=max(0.0, pose[2, 3] - self._lowest),
+            file_from_scenery=frame,
+            units_per_metre=self.units_per_metre,
+        )
         streaks = falling(weather, self._view, seed)
         if streaks is None:
             self.precipitation.clear()
