@@ -4,9 +4,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
 from planning.config import load_config
 from planning.loading import load_assets
 from planning.write import write_plan
+from render.jobs import render_job
+from render.messages import Settings, to_json
+from render.pool import Limits, Pool
 
 IMAGES = 12
 CONFIG = """
@@ -41,3 +47,23 @@ def make_plan(folder, text):
     (folder / "hulldown.toml").write_text(text)
     config = load_config(folder / "hulldown.toml")
     return write_plan(config, load_assets(config), folder / "plan.jsonl")
+
+
+def job(row, assets, settings, output):
+    """The message to a worker that shall render a row."""
+    return to_json(render_job(row, assets, Settings(**settings), output))
+
+
+def draw(folder, messages):
+    """Pictures of a worker of our own, in the order of the messages; no failure is hidden by another attempt."""
+    with Pool(folder / "logs", workers=1, limits=Limits(attempts=1)) as pool:
+        failures = {}
+        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
+    assert failures == {}
+    return [pixels(message["output"]) for message in messages]
+
+
+def pixels(path):
+    """A picture (H, W, 3)."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB")).astype(np.float64)

@@ -2,7 +2,6 @@
 
 import math
 import queue
-import shutil
 import sys
 import time
 from dataclasses import replace
@@ -11,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace as altered
-from PIL import Image
 
 from annotate.masks import iou, mask_box, vehicle_mask
 from camera.target import PosedVehicle, VehicleTarget
@@ -20,13 +18,12 @@ from geometry.errors import ConfigError
 from planning.plan_file import Plan
 from planning.row import Source
 from planning.weather import Weather
-from render.jobs import SceneryFile, VehicleFile, mask_job, render_assets, render_job
+from render.jobs import SceneryFile, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
-from render.messages import Settings, to_json
-from render.pool import Pool
+from render.messages import to_json
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
-from tests.blender_plans import make_plan, make_worlds
+from tests.blender_plans import draw, job, make_plan, make_worlds, pixels
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
@@ -84,31 +81,13 @@ def dataset(plan, assets, folder):
     return folder / "dataset"
 
 
-def job(row, assets, settings, output):
-    return to_json(render_job(row, assets, Settings(**settings), output))
-
-
 def standing(assets, target):
     shape = assets.vehicles[target.vehicle].shape
     return PosedVehicle(VehicleTarget(shape), target.world_from_vehicle[None], target.articulation)
 
 
-def pixels(path):
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB")).astype(np.float64)
-
-
 def pink(picture):
     return (picture[..., 0] > picture[..., 1] + 60) & (picture[..., 2] > picture[..., 1] + 60)
-
-
-def draw(folder, messages):
-    """Pictures of a worker of our own, in the order of the messages."""
-    with Pool(folder / "logs", workers=1) as pool:
-        failures = {}
-        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
-    assert failures == {}
-    return [pixels(message["output"]) for message in messages]
 
 
 def test_cycles_and_embree_see_the_same_pixels(plan, assets):
@@ -377,22 +356,3 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99
-
-
-@pytest.mark.parametrize("company", [False, True])
-def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company):
-    """More than are kept in memory; the first one looks the same when it returns."""
-    row = next(row for row in plan if row.companions)
-    row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
-    order = [0, 1, 2, 3, 4, 5, 0]
-    for i in set(order):
-        shutil.copy(assets.vehicles["tank"].tidy, tmp_path / f"{i}.blend")
-    messages = []
-    for n, i in enumerate(order):
-        vehicles = {
-            name: VehicleFile(assets.vehicles["tank"].shape, tmp_path / f"{k}.blend")
-            for name, k in (("tank", i), ("other", (i + 1) % 6))
-        }
-        messages.append(job(row, replace(assets, vehicles=vehicles), SETTINGS, tmp_path / f"{n}.png"))
-    first, *others = draw(tmp_path, messages)
-    assert all(np.array_equal(first, other) for other in others)

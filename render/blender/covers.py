@@ -37,6 +37,7 @@ class Group:
 
     def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> None:
         self.tree = bpy.data.node_groups.new(name, "ShaderNodeTree")
+        self.tree.use_fake_user = True  # in other weather nothing else keeps it from being purged with a vehicle
         for way, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
             for socket, kind in sockets.items():
                 self.tree.interface.new_socket(socket, in_out=way, socket_type=f"NodeSocket{kind}")

@@ -32,7 +32,7 @@ class HdriWorld:
         scene.world = world
         # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew.
         world.cycles.sampling_method = "MANUAL"
-        self._map = world.cycles
+        self._world = world
         nodes, links = world.node_tree.nodes, world.node_tree.links
         nodes.clear()
         coordinates = nodes.new("ShaderNodeTexCoord")
@@ -74,7 +74,7 @@ class HdriWorld:
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:
                 raise RuntimeError(f"{path}: Blender cannot read this picture")
-            self._map.sample_map_resolution = sky_map(self._texture.image.size[0])
+            self._search_by(sky_map(self._texture.image.size[0]))
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         cos, sin = math.cos(-yaw), math.sin(-yaw)
@@ -90,6 +90,12 @@ class HdriWorld:
             colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
         if self._background.inputs["Color"].links[0].from_socket != colour:
             self._links.new(colour, self._background.inputs["Color"])
+
+    def _search_by(self, columns: int) -> None:
+        """Have Cycles find the bright parts of the sky by a map of so many columns."""
+        if self._world.cycles.sample_map_resolution != columns:
+            self._world.cycles.sample_map_resolution = columns
+            self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
 
     def airlight(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""

@@ -1,0 +1,94 @@
+"""A picture does not depend on those that its Blender has rendered before it."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as altered
+
+from planning.weather import Weather
+from render.jobs import VehicleFile, render_assets
+from tests.blender_plans import draw, job, make_plan, make_worlds
+
+pytestmark = pytest.mark.blender
+SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
+CONFIG = """
+seed = 5
+[assets]
+hdris = ["grey.exr", "sky.exr"]
+vehicles = [{path = "tank.blend", category = "tank"}]
+sceneries = [{path = "field.blend"}]
+[budget]
+images_per_class = 4
+images_per_position = 1
+[camera]
+target_fraction = [0.3, 0.6]
+[placement]
+vehicles_per_image = 2
+companion_distance = [9.0, 20.0]
+[render]
+width = 96
+height = 54
+"""
+WEATHER = (
+    Weather(800.0, "rain", rain_mm_h=10.0, ground_cover=1.0, vehicle_cover=1.0),
+    Weather(800.0, "snow", ground_cover=0.8, vehicle_cover=0.5),
+    Weather(800.0, "dust", ground_cover=0.5, vehicle_cover=0.5),
+    None,
+)
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("worlds")
+    make_worlds(folder)
+    return make_plan(folder, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def assets(plan):
+    return render_assets(plan)
+
+
+def with_copies(assets, folder, *, tank, other="0"):
+    """The assets with files of their own for the vehicles called tank and other, of which Blender has to load each."""
+    file = assets.vehicles["tank"]
+    for name in (tank, other):
+        shutil.copy(file.tidy, folder / f"{name}.blend")
+    files = {"tank": VehicleFile(file.shape, folder / f"{tank}.blend")}
+    return replace(assets, vehicles=files | {"other": VehicleFile(file.shape, folder / f"{other}.blend")})
+
+
+@pytest.mark.parametrize("company", [False, True])
+def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company):
+    """More than are kept in memory; the first one looks the same when it returns."""
+    row = next(row for row in plan if row.companions)
+    row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
+    messages = [
+        job(row, with_copies(assets, tmp_path, tank=str(i), other=str((i + 1) % 6)), SETTINGS, tmp_path / f"{n}.png")
+        for n, i in enumerate([0, 1, 2, 3, 4, 5, 0])
+    ]
+    first, *others = draw(tmp_path, messages)
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_a_sky_is_the_same_after_one_of_another_width(plan, assets, tmp_path):
+    """The map by which Cycles finds the bright parts of a sky is as wide as that sky asks."""
+    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("grey", "sky", "grey")]
+    there = [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)]
+    grey, sky, grey_again = draw(tmp_path, there)
+    (sky_first,) = draw(tmp_path, [job(rows[1], assets, SETTINGS, tmp_path / "first.png")])
+    assert np.array_equal(sky, sky_first)
+    assert np.array_equal(grey, grey_again)
+
+
+def test_weather_is_the_same_after_other_weather_and_another_vehicle(plan, assets, tmp_path):
+    """Nothing that weather needs goes with a vehicle that is forgotten, and nothing of it stays."""
+    row = altered(plan[0], companions=[])
+    files = [with_copies(assets, tmp_path, tank=str(i)) for i in range(2)]
+    turns = [(altered(row, weather=weather), of) for weather in WEATHER for of in files]
+    there = [job(*turn, SETTINGS, tmp_path / f"{n}.png") for n, turn in enumerate(turns)]
+    back = [job(*turn, SETTINGS, tmp_path / f"{n} again.png") for n, turn in reversed([*enumerate(turns)])]
+    pictures = draw(tmp_path, there + back)
+    assert all(np.array_equal(*pair) for pair in zip(pictures, reversed(pictures), strict=True))
