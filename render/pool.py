@@ -219,6 +219,7 @@ class Pool:
             raise HulldownError(f"Blender cannot be used: {answer.get('failed')}", remedy=self._remedy)
         elif "failed" in answer:
             job, worker.current = worker.current, None
+            self._say(f"worker {worker.number}: {answer['failed']}")
             self._attempt_failed(worker, job, answer["failed"])
         else:
             self._finished(worker, process, worker.current, answer)
@@ -241,6 +242,7 @@ class Pool:
             worker.process, worker.ready = None, False
         self._feed(worker)  # it renders on while this process writes
         if wrong := self._done(job, {**answer, "device": worker.device}):
+            self._say(f"worker {worker.number}: {wrong}")
             self._attempt_failed(worker, job, wrong)
         else:
             self._left -= 1

@@ -69,6 +69,7 @@ def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, ho
     assert list(work.failed) == [1]
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
+    assert sum(reason in line for line in work.said) == 3  # none is repeated in silence
     assert pool.restarts == (0 if how == "fail" else 3)
 
 
