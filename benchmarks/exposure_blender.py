@@ -19,7 +19,8 @@ import numpy as np
 from camera.fog import airlight
 from camera.response import ALBEDO
 from render.blender import cycles
-from render.blender.light import Fog, HdriWorld
+from render.blender.air import Fog
+from render.blender.light import HdriWorld
 from render.messages import Settings
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it

@@ -1,4 +1,4 @@
-"""Light and air: an HDRI as lamp and backdrop, and fog by meteorological visibility.
+"""Light: an HDRI as lamp and backdrop, dimmed by the air that `render.blender.air` shows.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -15,8 +15,7 @@ import bpy
 import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import DUST_LAYERS, AirLayer, air_layers, even_sky
-from reading.blender.frames import pose
+from camera.fog import DUST_LAYERS, AirLayer, even_sky
 from render.blender.nodes import add_node
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
@@ -211,103 +210,6 @@ class _Dimmed:
             steepness.default_value = layer.above / layer.reach
         self._glow.inputs["Color"].default_value = (*glow, 1.0)
         return self._mix.outputs[0]
-
-
-class Fog:
-    """Air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
-
-    Koschmieder's law (`camera.fog`): what is seen through `d` metres of air is
-    ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
-    form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
-    in a world volume hides the sky, which is infinitely far away.
-
-    Only rays of the camera meet the box, which is as high as the lowest layer of air. Others would cost a quarter of a
-    render, and what is left of the air is in the light (`HdriWorld.dim`): what the fog takes from the sun comes back as
-    airlight.
-
-    Parameters
-    ----------
-    obj
-        Of an empty mesh.
-    world
-        The light.
-    """
-
-    def __init__(self, obj: Any, world: HdriWorld) -> None:
-        self._object, self._world = obj, world
-        obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
-        mesh = obj.data
-        mesh.from_pydata(*_unit_box())
-        material = bpy.data.materials.new("hulldown fog")
-        mesh.materials.append(material)
-        nodes, links = material.node_tree.nodes, material.node_tree.links
-        nodes.clear()
-        self._absorption = nodes.new("ShaderNodeVolumeAbsorption")
-        self._absorption.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
-        self._emission = nodes.new("ShaderNodeEmission")
-        both = nodes.new("ShaderNodeAddShader")
-        output = nodes.new("ShaderNodeOutputMaterial")
-        links.new(self._absorption.outputs["Volume"], both.inputs[0])
-        links.new(self._emission.outputs["Emission"], both.inputs[1])
-        links.new(both.outputs["Shader"], output.inputs["Volume"])
-        self.clear()
-
-    def clear(self) -> None:
-        """No fog."""
-        self._hide(True)
-        self._world.dim([], 0.0, np.zeros(3))
-
-    def _hide(self, hidden: bool) -> None:
-        # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
-        if self._object.hide_render != hidden:
-            self._object.hide_render = hidden
-
-    def fill(
-        self,
-        kind: str,
-        visibility: float,
-        glow: np.ndarray,
-        camera: np.ndarray,
-        *,
-        below: float,
-        file_from_scenery: np.ndarray,
-        units_per_metre: float,
-    ) -> None:
-        """Fill the air.
-
-        Parameters
-        ----------
-        kind
-            Of the weather.
-        visibility
-            In metres.
-        glow
-            (3,) radiance of endless air.
-        camera
-            (3,) where the camera is in the scenery, in metres.
-        below
-            Metres from the camera down to what is lit.
-        file_from_scenery, units_per_metre
-            The frame that everything is posed in.
-        """
-        air = air_layers(kind, visibility)
-        per_unit = sum(layer.extinction for layer in air) / units_per_metre
-        self._absorption.inputs["Density"].default_value = per_unit
-        peak = float(glow.max())
-        self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)
-        self._emission.inputs["Strength"].default_value = per_unit * peak
-        _, above, reach = air[0]
-        box = np.diag([reach, reach, (reach + above) / 2, 1.0])
-        box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        pose(self._object, file_from_scenery @ box)
-        self._hide(False)
-        self._world.dim(air, below, glow)
-
-
-def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
-    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, [], faces
 
 
 def euler_xyz(rotation: np.ndarray) -> tuple[float, float, float]:

@@ -51,7 +51,7 @@ class Precipitation:
         self._hide(True)
 
     def _hide(self, hidden: bool) -> None:
-        if self._object.hide_render != hidden:  # as of `render.blender.light.Fog`
+        if self._object.hide_render != hidden:  # as of `render.blender.air.Fog`
             self._object.hide_render = hidden
 
     def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray, file_from_scenery: np.ndarray) -> None:

@@ -23,8 +23,9 @@ from camera.precipitation import SHARE_OF_SKY
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import disarm, open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
+from render.blender.air import Fog
 from render.blender.covers import PLANE
-from render.blender.light import Fog, HdriWorld
+from render.blender.light import HdriWorld
 from render.blender.paint import Paintable
 from render.blender.precipitation import Precipitation, falling
 from render.blender.surfaces import Surfaces
