@@ -23,7 +23,7 @@ from reading.formats import refuse_no_file
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
-CHECKED = 3  # raised whenever the same file would be judged or mended otherwise
+CHECKED = 4  # raised whenever the same file would be judged or mended otherwise
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture

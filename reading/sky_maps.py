@@ -13,6 +13,7 @@ from geometry.errors import AssetError
 from geometry.files import replacing
 from reading.cache import sha256
 from reading.export import ask_reader
+from reading.hdri import CHECKED
 
 ROWS = 256  # of a map, at most: 0.7 degrees each
 
@@ -32,7 +33,7 @@ def sky_maps(hdris: Mapping[str, Path], cache: Path) -> dict[str, Float[np.ndarr
     AssetError
         If one cannot be read.
     """
-    kept = {name: cache / f"sky-{sha256(path)[:24]}.npy" for name, path in hdris.items()}
+    kept = {name: cache / f"sky-{CHECKED}-{sha256(path)[:24]}.npy" for name, path in hdris.items()}
     for name, path in hdris.items():
         if _kept_map(kept[name]) is None:
             _make(path, kept[name])

@@ -1,4 +1,7 @@
-"""Writes a small sky in every compression that Blender has; run in Blender, with a folder to write into."""
+"""Writes a small sky in every compression that Blender has, and one in two colour spaces.
+
+Run in Blender, with a folder to write into.
+"""
 
 import contextlib
 import sys
@@ -18,7 +21,20 @@ def sky():
     return pixels
 
 
+def tinted(folder):
+    """One sky in linear Rec. 709 and in ACEScg, of which either file says so."""
+    pixels = sky() * np.array([1.0, 0.6, 0.2], dtype=np.float32)
+    _write(pixels, str(folder / "plain.exr"))
+    image = bpy.data.images.load(str(folder / "plain.exr"))
+    settings = bpy.context.scene.render.image_settings
+    settings.file_format, settings.color_depth, settings.color_management = "OPEN_EXR", "32", "OVERRIDE"
+    for name, space in (("rec709", "Linear Rec.709"), ("acescg", "ACEScg")):
+        settings.linear_colorspace_settings.name = space
+        image.save_render(str(folder / f"{name}.exr"), scene=bpy.context.scene)
+
+
 def main(folder):
+    tinted(folder)
     _write(sky(), str(folder / "sky.exr"))
     for name, value in (("sun", np.inf), ("nan", np.nan), ("negative", -1e4), ("huge", 3e38)):
         pixels = sky()
@@ -29,6 +45,7 @@ def main(folder):
     scene = bpy.context.scene
     scene.view_settings.view_transform = "Raw"
     settings = scene.render.image_settings
+    settings.color_management = "FOLLOW_SCENE"
     settings.file_format = "HDR"
     image.save_render(str(folder / "sky.hdr"), scene=scene)
     settings.file_format = "OPEN_EXR"

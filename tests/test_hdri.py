@@ -121,6 +121,15 @@ def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path
 
 
 @pytest.mark.blender
+def test_a_sky_is_read_in_the_colours_that_its_file_says(files: Path, tmp_path: Path) -> None:
+    one, two = read_hdris([files / "rec709.exr", files / "acescg.exr"], tmp_path)
+    assert one.sha256 != two.sha256
+    assert two.light.irradiance == pytest.approx(one.light.irradiance, rel=1e-4)
+    maps = sky_maps({"one": one.path, "two": two.path}, tmp_path)
+    np.testing.assert_allclose(maps["two"], maps["one"], rtol=1e-4)
+
+
+@pytest.mark.blender
 def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Path, tmp_path: Path) -> None:
     sun, again = (read_hdris([files / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
     assert sun == again

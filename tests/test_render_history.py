@@ -16,7 +16,7 @@ SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces"
 CONFIG = """
 seed = 5
 [assets]
-hdris = ["grey.exr", "sky.exr"]
+hdris = ["grey.exr", "sky.exr", "rec709.exr", "acescg.exr"]
 vehicles = [{path = "tank.blend", category = "tank"}]
 sceneries = [{path = "field.blend"}]
 [budget]
@@ -43,6 +43,7 @@ WEATHER = (
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("worlds")
     make_worlds(folder)
+    make_worlds(folder, "hdri_files.py")
     return make_plan(folder, CONFIG)
 
 
@@ -81,6 +82,15 @@ def test_a_sky_is_the_same_after_one_of_another_width(plan, assets, tmp_path):
     (sky_first,) = draw(tmp_path, [job(rows[1], assets, SETTINGS, tmp_path / "first.png")])
     assert np.array_equal(sky, sky_first)
     assert np.array_equal(grey, grey_again)
+
+
+def test_a_sky_is_seen_in_the_colours_that_its_file_says(plan, assets, tmp_path):
+    """Whatever the file before it said of its own; the two hold the same light."""
+    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("grey", "acescg", "rec709", "acescg")]
+    grey, *tinted = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)])
+    for picture in tinted:
+        assert np.abs(picture - tinted[0]).max() <= 1.0
+        assert np.abs(picture - grey).mean() > 10.0
 
 
 def test_weather_is_the_same_after_other_weather_and_another_vehicle(plan, assets, tmp_path):

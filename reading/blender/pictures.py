@@ -53,12 +53,11 @@ def write_sky_map(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:
-    """Linear radiance as it is in the file; the first row is the lowest."""
+    """Radiance in linear Rec. 709, whatever the file says that its colours are; the first row is the lowest."""
     width, height = image.size
     if not width * height or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"
         raise AssetError(f"Blender cannot read this picture ({what})", remedy="save it again, or leave it out")
-    image.colorspace_settings.name = "Non-Color"
     flat = np.empty(width * height * image.channels, dtype=np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, image.channels)

@@ -48,6 +48,7 @@ class HdriWorld:
         self._output = output.inputs["Surface"]
         self._dimmed = _Dimmed(world.node_tree, self._mapping.outputs["Vector"], self._background.outputs["Background"])
         self._small: dict[str, np.ndarray] = {}
+        self._colours: dict[str, str] = {}  # colour space of each file
         self._path = ""
 
     def set(
@@ -66,6 +67,7 @@ class HdriWorld:
             else:
                 # A new image in place of the old one would make Blender build its graph of all objects anew.
                 self._texture.image.filepath = path
+                self._texture.image.colorspace_settings.name = self._colour_space(path)  # reloading keeps the old one
                 self._texture.image.reload()
                 if self._texture.image.packed_file:
                     raise RuntimeError(f"{path}: Blender has packed this picture and would show no other")
@@ -89,6 +91,13 @@ class HdriWorld:
             colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
         if self._background.inputs["Color"].links[0].from_socket != colour:
             self._links.new(colour, self._background.inputs["Color"])
+
+    def _colour_space(self, path: str) -> str:
+        """What the file says that its colours are, or what Blender takes such a file for."""
+        if path not in self._colours:
+            # It holds no pixels, and to remove it would cost what a new image in the graph does.
+            self._colours[path] = bpy.data.images.load(path).colorspace_settings.name
+        return self._colours[path]
 
     def _search_by(self, columns: int) -> None:
         """Have Cycles find the bright parts of the sky by a map of so many columns."""
@@ -123,7 +132,7 @@ class HdriWorld:
             small.scale(256, 128)
             pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
             small.pixels.foreach_get(pixels)
-            bpy.data.images.remove(small)
+            small.buffers_free()  # and stays, as of `_colour_space`
             self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
         return self._small[self._path]
 
