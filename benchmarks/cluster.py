@@ -62,7 +62,7 @@ def run(quick: bool) -> dict[str, Any]:
             "scheduler": large_plan(
                 *planned(folder, config, 2, SIZES[0], one_of_a_class=True),
                 folder / "pixels",
-                10_000 if quick else 100_000,
+                10_000 if quick else 1_000_000,
             ),
         }
 

@@ -208,7 +208,7 @@ def referring(obj):
     if obj.type == "CURVES":
         obj.data.surface = bpy.data.objects[0]
     else:
-        obj.data.texco_mesh = bpy.data.meshes[0]
+        obj.data.texco_mesh = bpy.data.meshes[0] if bpy.data.meshes else bpy.data.meshes.new("other")
 
 
 EXTRAS = {
