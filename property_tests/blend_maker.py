@@ -7,6 +7,7 @@ bytes to damage, the job. The answer: what the reader has answered. What can be 
 import contextlib
 import json
 import os
+import resource
 import sys
 import traceback
 from functools import partial
@@ -15,6 +16,8 @@ from pathlib import Path
 import bpy
 
 from reading.blender import reader, twins
+
+MOST_MEMORY = 8 * 2**30  # a damaged file may claim all there is; the limits of reading are tested elsewhere
 
 
 def attempt(action):
@@ -249,6 +252,7 @@ def damage(path, said):
 
 
 def main():
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     for line in sys.stdin:
