@@ -83,7 +83,7 @@ def modify(obj, kind):
     """A modifier, with what is slow in its defaults made quick: they are about amounts, not about what is read."""
     added = obj.modifiers.new("m", kind)
     if kind == "REMESH":
-        added.voxel_size = 4.0
+        added.mode, added.octree_depth = "SHARP", 2  # voxels of a mesh of 1e20 m have no end
     elif kind == "OCEAN":
         added.resolution = added.viewport_resolution = 2
     elif kind == "PARTICLE_SYSTEM":
