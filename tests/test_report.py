@@ -10,6 +10,7 @@ from PIL import Image
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
+from selenium.webdriver.support.wait import WebDriverWait
 
 from annotate.masks import encode
 from dataset.report import write_report
@@ -127,7 +128,8 @@ def test_the_arrows_go_through_what_is_shown_and_the_focus_comes_back(shown):
     assert len(dialog.find_elements(By.CSS_SELECTOR, "svg rect")) == 1
     keys.send_keys(Keys.ESCAPE)
     assert not dialog.is_displayed()
-    assert shown.switch_to.active_element.text.startswith("images/0.png")
+    # Browsers tell a page later that a dialog has closed.
+    WebDriverWait(shown, 60).until(lambda page: page.switch_to.active_element.text.startswith("images/0.png"))
 
 
 def test_boxes_and_masks_lie_where_they_should_and_can_be_hidden(shown):
