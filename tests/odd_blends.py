@@ -59,6 +59,11 @@ def furry(_):
     haired(3)
 
 
+def no_known_tree(_):
+    """Of nodes of a kind that Blender does not know."""
+    cube().data.materials.append(bpy.data.materials.new("Plain"))
+
+
 def names(_):
     obj = cube("Nxmd")
     obj.data.name = "Dxta"
@@ -112,6 +117,7 @@ CASES = (
     nan_strands,
     bald,
     furry,
+    no_known_tree,
     names,
     instances,
     library,
@@ -134,6 +140,8 @@ def main(folder):
         assert name in odd
         odd = odd.replace(name, name.replace(b"x", b"\xfc"))
     (folder / "names.blend").write_bytes(odd)
+    path = folder / "no_known_tree.blend"
+    path.write_bytes(path.read_bytes().replace(b"ShaderNodeTree", b"ShaderNodeTrex"))
 
 
 main(Path(sys.argv[1]))

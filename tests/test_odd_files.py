@@ -85,6 +85,11 @@ def test_hair_in_a_material_does_not_end_blender(odd: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.blender
+def test_a_material_whose_nodes_are_of_no_known_kind_is_opaque(odd: Path, tmp_path: Path) -> None:
+    assert [row.use for row in export(odd / "no_known_tree.blend", tmp_path, kind="vehicle").report.rows] == ["hull"]
+
+
+@pytest.mark.blender
 def test_a_hundred_million_instances_end_at_the_limit_of_memory(odd: Path, tmp_path: Path) -> None:
     line = refused(odd / "instances.blend", tmp_path, kind="scenery")
     assert "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise" in line

@@ -12,7 +12,7 @@ import numpy as np
 
 from geometry.alpha import AlphaMap, Extension
 from reading.blender.coordinates import coordinates
-from reading.blender.nodes import upstream
+from reading.blender.nodes import material_output, upstream
 from reading.blender.opacity import NotUnderstoodError
 from reading.blender.opacity_nodes import show_opacity
 
@@ -69,7 +69,7 @@ def _own_groups(tree: Any) -> Iterator[Any]:
 
 def _layer(material: Any) -> str:
     """The one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
-    output = material.node_tree.get_output_node("CYCLES")
+    output = material_output(material)
     found = {_layer_read_by(node, socket) for node, socket in upstream(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
     if len(layers) > 1:

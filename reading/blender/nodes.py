@@ -8,6 +8,12 @@ from typing import Any
 Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outermost first
 
 
+def material_output(material: Any) -> Any:
+    """The node that Cycles takes a material from; None without one, as in a damaged tree of no known kind."""
+    tree = material.node_tree
+    return tree.get_output_node("CYCLES") if tree is not None and tree.bl_idname == "ShaderNodeTree" else None
+
+
 def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
     """The output that a socket gets its value from; None if it has a value of its own.
 

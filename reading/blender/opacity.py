@@ -14,7 +14,7 @@ import numpy as np
 from mathutils import Euler, Matrix
 
 from geometry.alpha import Step, stepped
-from reading.blender.nodes import Stack, source
+from reading.blender.nodes import Stack, material_output, source
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709, Blender's working space
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -68,7 +68,7 @@ def opacity_of(material: Any) -> Value:
     NotUnderstoodError
         If it is more than steps on one lookup.
     """
-    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    output = material_output(material)
     if not output or not output.inputs["Surface"].is_linked:
         return constant(1.0)
     return _shader(output.inputs["Surface"], ())

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from reading.blender.nodes import material_output
+
 SOCKET = "hulldown opacity"
 
 
@@ -15,7 +17,7 @@ def opacity_socket(material: Any) -> Any:
 
     Nodes are added to the tree and to the groups in it, which stay as opaque as they were.
     """
-    output = material.node_tree and material.node_tree.get_output_node("CYCLES")
+    output = material_output(material)
     return _opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from reading.blender.nodes import material_output
+
 SEEN_THROUGH = 0.5  # least transmission of a surface that one sees through
 TRANSPARENT = "BSDF_TRANSPARENT"
 REFRACTING = ("BSDF_GLASS", "BSDF_REFRACTION")
@@ -14,13 +16,13 @@ PASSED_ON = ("MIX_SHADER", "ADD_SHADER", "REROUTE", "GROUP", "GROUP_INPUT")
 
 def is_volume(material: Any) -> bool:
     """Whether a material has a volume and no surface."""
-    output = _output(material)
+    output = material_output(material)
     return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
 
 
 def is_displaced(material: Any) -> bool:
     """Whether a material displaces what wears it."""
-    output = _output(material)
+    output = material_output(material)
     return bool(output and output.inputs["Displacement"].is_linked)
 
 
@@ -29,7 +31,7 @@ def is_clear(material: Any) -> bool:
 
     Leaves that are cut out by transparency are not clear: beside it their materials have an opaque shader.
     """
-    output = _output(material)
+    output = material_output(material)
     if not output:
         return False
     shaders = [shader for shader, _ in surface_shaders(material)]
@@ -42,13 +44,9 @@ def is_clear(material: Any) -> bool:
 
 def surface_shaders(material: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
     """The shader nodes of a material's surface, each with the group nodes that it is in, innermost first."""
-    output = _output(material)
+    output = material_output(material)
     if output:
         yield from _shaders(output.inputs["Surface"], ())
-
-
-def _output(material: Any) -> Any:
-    return material.node_tree and material.node_tree.get_output_node("CYCLES")
 
 
 def _transmits(shader: Any) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from reading.blender.nodes import material_output
 from reading.blender.opacity_nodes import show_opacity
 from render.blender import cycles
 from render.blender.scene import Stage
@@ -130,7 +131,7 @@ def _is_only_volume(obj: Any) -> bool:
     if obj.type == "VOLUME":
         return True
     outputs = [
-        slot.material.node_tree.get_output_node("CYCLES")
+        material_output(slot.material)
         for slot in obj.material_slots
         if slot.material is not None and slot.material.node_tree is not None
     ]

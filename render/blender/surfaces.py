@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from assets.naming import NOT_WATER, WATER, WATERS, says
+from reading.blender.nodes import material_output
 from reading.blender.opacity_nodes import SOCKET, opacity_socket
 from reading.blender.shaders import is_clear
 from render.blender import covers
@@ -166,8 +167,7 @@ def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
 
 
 def _cover(material: Any, group: Any) -> None:
-    tree = material.node_tree
-    output = tree.get_output_node("CYCLES")
+    tree, output = material.node_tree, material_output(material)
     if output is None or not output.inputs["Surface"].is_linked:
         return
     before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in _trees(tree)]
