@@ -42,8 +42,8 @@ WEATHER = (
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("worlds")
-    make_worlds(folder)
     make_worlds(folder, "hdri_files.py")
+    make_worlds(folder)  # whose sky.exr is the one that is four times as wide as grey.exr
     return make_plan(folder, CONFIG)
 
 
