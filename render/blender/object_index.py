@@ -14,8 +14,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from reading.blender.nodes import material_output
 from reading.blender.opacity_nodes import show_opacity
+from reading.blender.shaders import is_volume
 from render.blender import cycles
 from render.blender.scene import Stage
 from render.messages import Settings
@@ -130,12 +130,6 @@ def _is_only_volume(obj: Any) -> bool:
     """Whether a mesh has nothing but volume shaders; as a surface it would hide what it only veils."""
     if obj.type == "VOLUME":
         return True
-    outputs = [
-        material_output(slot.material)
-        for slot in obj.material_slots
-        if slot.material is not None and slot.material.node_tree is not None
-    ]
-    return bool(outputs) and all(
-        output is not None and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked
-        for output in outputs
-    )
+    materials = [slot.material for slot in obj.material_slots if slot.material is not None]
+    shown = [material for material in materials if material.node_tree is not None]
+    return bool(shown) and all(is_volume(material) for material in shown)
