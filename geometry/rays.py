@@ -4,12 +4,15 @@ Undocumented behaviour of Embree and embreex, and how it is handled: coordinates
 about its own centre, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten,
 so it is always a fresh array; distances count in lengths of the direction, so directions are made unit; a miss has
 primID -1 and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() releases the
-GIL, building does not, and a mesh added after the first run() is ignored.
+GIL, building does not, and a mesh added after the first run() is ignored; about 1,000 devices crash the process, so
+all scenes share one.
 """
 
 from __future__ import annotations
 
+import functools
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,6 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int, UInt16
 from numpy.typing import ArrayLike
@@ -78,7 +82,7 @@ class RayCaster:
         self._radius = 0.5 * math.sqrt(sum(side * side for side in (high - low).tolist()))
         self._top = np.float32((high - self._centre)[2])
         self.mesh = mesh
-        self._scene = EmbreeScene(robust=True)
+        self._scene = EmbreeScene(_device(os.getpid()), robust=True)
         with np.errstate(over="ignore"):  # of vertices that no face uses
             vertices = (mesh.vertices - self._centre).astype(np.float32)
         TriangleMesh(self._scene, vertices, mesh.faces)
@@ -178,6 +182,12 @@ class RayCaster:
         reach = np.minimum(limit - skipped, _FAR).astype(np.float32)
         passing = relative + np.maximum(nearest, 0.0)[:, None] * unit
         return _Rays(entry, unit.astype(np.float32), reach, skipped, passing)
+
+
+@functools.cache
+def _device(process: int) -> EmbreeDevice:
+    """Return the only Embree device of a process; a forked child opens its own, as threads don't survive a fork."""
+    return EmbreeDevice()
 
 
 def checked_rays(

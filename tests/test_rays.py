@@ -78,6 +78,13 @@ def test_threads_and_batches_change_nothing(monkeypatch):
     assert (few.distance == one.distance[:50]).all()
 
 
+def test_five_thousand_casters_live_side_by_side():
+    floors = [Mesh(HOUSE.vertices + np.array([0, 0, height]), HOUSE.faces) for height in range(5000)]
+    casters = [RayCaster(floor) for floor in floors]  # each with a device of its own crashed the process near 1,000
+    met = np.array([caster.down(np.array([-0.25]), np.array([-0.5]))[0] for caster in casters])
+    assert (met == 0).all()
+
+
 def test_no_rays_are_no_hits():
     caster = RayCaster(HOUSE)
     assert len(caster.cast(np.empty((0, 3)), np.empty((0, 3))).face) == 0
