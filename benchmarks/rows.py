@@ -18,7 +18,7 @@ import orjson
 import pydantic
 
 from geometry.transforms import rigid, rotation_z
-from planning.row import Box, PlannedVehicle, Row, decode_row, encode, picture_name, rounded
+from planning.row import Bounds, Box, PlannedVehicle, Row, decode_row, encode, picture_name, rounded
 from planning.weather import Weather
 
 CHUNK = 20_000  # rows made before the clock runs
@@ -51,7 +51,8 @@ def _rows() -> Iterator[Row]:
                 "vehicle": "t72", "category": "tank", "world_from_vehicle": poses[k], "articulation": turned,
                 "bbox": boxes[k], "bbox_amodal": boxes[k], "visible_fraction": shares[k][0],
                 "truncated_fraction": shares[k][1], "slope_deg": numbers[2], "gap": numbers[3],
-                "penetration": numbers[4], "tries": 3,
+                "penetration": numbers[4], "tries": 3, "label": "full", "paint": [], "air_contrast": 0.9,
+                "bounds": Bounds((-3.0, -1.5, 0.0), (3.0, 1.5, 2.5)),
             }
             for k in range(2)
         ]  # fmt: skip
@@ -59,8 +60,10 @@ def _rows() -> Iterator[Row]:
             Row(
                 **vehicles[0], index=i, image_id=i + 1, file_name=picture_name(i), scenery="hills", position=i, shot=0,
                 world_from_camera=poses[2], fov_x_deg=50 + numbers[5], width=1920, height=1080, hdri="noon",
-                hdri_yaw_deg=numbers[6], strength=numbers[7], weather=Weather(visibility_m=300 + numbers[8]),
-                sample_seed=i, companions=[PlannedVehicle(**vehicles[1])], rejected={"too_steep": 2, "hidden": 1},
+                hdri_yaw_deg=numbers[6], strength=numbers[7], weather=Weather(300 + numbers[8], "fog"),
+                horizon_deg=None, exposure_ev=0.5, white_balance_k=0.0, background=False, sample_seed=i,
+                companions=[PlannedVehicle(**vehicles[1])], distractors=[],
+                rejected={"too_steep": 2, "hidden": 1}, left_out=0,
             )
         )  # fmt: skip
     while True:

@@ -29,7 +29,7 @@ def _rain(rate: float, wet: float) -> Weather:
 
 WEATHERS = {
     "clear": None,
-    "veil alone: fog of 500 m": Weather(500.0),
+    "veil alone: fog of 500 m": Weather(500.0, "fog"),
     "rain of 10 mm/h, streaks and veil": _rain(10.0, 0.0),
     "rain of 10 mm/h": _rain(10.0, float(wetness(10.0))),
     "rain of 50 mm/h": _rain(50.0, float(wetness(50.0))),

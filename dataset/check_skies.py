@@ -59,10 +59,9 @@ class SkyCheck:
             yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
             weather = image["weather"]
             visibility_m = weather["visibility_m"] if weather else None
-            kind = str(weather.get("kind", "fog")) if weather else "fog"
-            # Records of earlier versions say nothing of these.
-            horizon_deg, exposure_ev = image.get("horizon_deg"), float(image.get("exposure_ev") or 0.0)
-            white_balance_k = float(image.get("white_balance_k", 0.0))
+            kind = str(weather["kind"]) if weather else "fog"
+            horizon_deg, exposure_ev = image["horizon_deg"], float(image["exposure_ev"])
+            white_balance_k = float(image["white_balance_k"])
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
         sky = inner(sky & ~_labelled(image, labels, sky.shape))

@@ -7,22 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from msgspec import NODEFAULT, structs
 
 from dataset.records import Finding
 from dataset.runs import find_run, plan_key
 from dataset.space import space_of
 from planning.plan_file import read_plan
-from planning.row import PlannedVehicle, Row, encode, fields, labelling
+from planning.row import PlannedVehicle, Row, encode, fields
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
-# What plans and records of earlier versions mean where they do not say it.
-DEFAULTS = {
-    field.name: field.default if field.default is not NODEFAULT else field.default_factory()
-    for field in structs.fields(Row)
-    if not field.required
-}
 LONGEST = 120  # characters of a value in a finding
 
 
@@ -82,7 +75,7 @@ def label_records(row: Row) -> list[dict[str, Any]]:
     records = []
     for vehicle in row.labelled:
         said = orjson.loads(encode(vehicle))
-        ignored = int(labelling(vehicle) == "ignored")
+        ignored = int(vehicle.label == "ignored")
         records.append(
             {**{key: said[key] for key in ("category", *LABEL_KEYS)}, **space_of(vehicle, row), "iscrowd": ignored}
         )
@@ -109,8 +102,6 @@ def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
 
 def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
     for key, value in wanted.items():
-        if key not in found and key in DEFAULTS and DEFAULTS[key] == value:
-            continue  # a record that is older than the field says it by saying nothing
         if found.get(key) != value:
             values = (repr(each)[:LONGEST] for each in (found.get(key), value))
             yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))

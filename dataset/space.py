@@ -31,10 +31,8 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     ``distance``: metres from the camera to the centre of the box. ``azimuth_seen``: radians from straight ahead of the
     vehicle to the camera, counter-clockwise from above. ``bbox_3d``: ``center`` (x right, y down, z ahead of the
     camera, metres), ``size`` (length, width, height) and ``rotation`` (3, 3), whose columns are the vehicle's forward,
-    left and up in the camera's frame. Empty in plans of earlier versions, which do not say how large vehicles are.
+    left and up in the camera's frame.
     """
-    if vehicle.bounds is None:
-        return {}
     low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)
     world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, row.world_from_camera
     camera_from_world = world_from_camera[:3, :3].T

@@ -62,7 +62,7 @@ class Air:
         return [
             None
             if kind == CLEAR
-            else Weather(visibility)
+            else Weather(visibility, "fog")
             if kind == FOG
             else Weather(visibility, KINDS[kind], rate, (x, y), self.exposure_s, ground, vehicle)
             for kind, visibility, rate, (x, y), ground, vehicle in columns
@@ -72,7 +72,7 @@ class Air:
 def draw_air(weather: WeatherSection, *, draws: Draws, image: Int[np.ndarray, " n"]) -> Air:
     """Weather of the images with these indices.
 
-    Kind and fog are drawn beside the light, as in earlier versions, so that a share of rain changes no fog.
+    Kind and visibility have draws of their own, so that a share of rain changes no fog.
     """
     u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from msgspec.structs import replace
+from jaxtyping import Float, Int
 
 from assets.library import Assets
 from camera.response import ALBEDO, FARTHEST_EV, metered
@@ -36,27 +35,29 @@ class Exposures:
     horizon_deg: Float[np.ndarray, " n"]
 
 
-def exposures(rows: Sequence[Row], light: LightSection, assets: Assets, draws: Draws) -> Exposures:
-    """What is planned for images with these HDRIs, turns, strengths and weathers, by their indices."""
-    u = draws.uniform(Purpose.EXPOSURE, np.array([row.index for row in rows], dtype=np.int64), 0, count=2)
-    ev = _metered(rows, assets) if light.exposure == "auto" else np.full(len(rows), light.exposure)
+def exposures(
+    image: Int[np.ndarray, " n"],
+    hdris: Sequence[str],
+    strength: Float[np.ndarray, " n"],
+    *,
+    light: LightSection,
+    assets: Assets,
+    draws: Draws,
+) -> Exposures:
+    """Exposures of the images with these indices, HDRIs and strengths; turn and weather change nothing."""
+    u = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
+    if light.exposure == "auto":
+        sky = {name: np.array(assets.sky(name).irradiance) for name in set(hdris)}
+        ev = metered(_card(np.array([sky[name] for name in hdris]).reshape(-1, 3), strength[:, None]))
+    else:
+        ev = np.full(len(image), light.exposure)
     ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
-    horizons = [assets.sky(row.hdri).horizon_deg if light.backdrop == "sky" else np.nan for row in rows]
+    horizon = {name: assets.sky(name).horizon_deg if light.backdrop == "sky" else np.nan for name in set(hdris)}
     return Exposures(
         ev=rounded("exposure_ev", ev),
         white_balance_k=rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1])),
-        horizon_deg=np.array(horizons, dtype=np.float64),
+        horizon_deg=np.array([horizon[name] for name in hdris], dtype=np.float64),
     )
-
-
-def expose(rows: Sequence[Row], light: LightSection, assets: Assets, draws: Draws) -> list[Row]:
-    """The rows, with the exposure that is planned for each."""
-    found = exposures(rows, light, assets, draws)
-    columns = zip(found.ev.tolist(), found.white_balance_k.tolist(), found.horizon_deg.tolist(), strict=True)
-    return [
-        replace(row, exposure_ev=ev, white_balance_k=kelvin, horizon_deg=None if math.isnan(horizon) else horizon)
-        for row, (ev, kelvin, horizon) in zip(rows, columns, strict=True)
-    ]
 
 
 def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
@@ -65,8 +66,10 @@ def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
     How the sky is turned changes nothing, nor does weather: fog hides what is far away and does not dim the light on
     the ground near the camera, as rendered and measured (docs/benchmarks.md).
     """
-    return np.array(assets.sky(row.hdri).irradiance) * (ALBEDO / math.pi * row.strength)
+    return _card(np.array(assets.sky(row.hdri).irradiance), row.strength)
 
 
-def _metered(rows: Sequence[Row], assets: Assets) -> Float[np.ndarray, " n"]:
-    return metered(np.array([card(row, assets) for row in rows]).reshape(-1, 3))
+def _card(
+    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
+) -> Float[np.ndarray, "*n 3"]:
+    return np.asarray(irradiance * (ALBEDO / math.pi * strength))

@@ -15,7 +15,6 @@ from assets.library import Assets
 from geometry.errors import ConfigError
 from planning.budget import Positions, make_budget
 from planning.draws import Draws, Purpose, choose
-from planning.exposure import expose
 from planning.group import Group, HopelessPosition, plan_group
 from planning.guests import framed_on, guests_at
 from planning.light import draw_lights, hdri_weights
@@ -88,14 +87,14 @@ class Planner:
                     # Another group may hold an earlier one: what is said does not depend on how the work is cut.
                     hopeless = error
                     continue
-                rows += rows_of(group, planned, lights, config=self.config, draws=self._draws, hdris=self.assets.hdris)
+                rows += rows_of(group, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
                 homeless.append(mine[: len(group.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             problem = f"position {hopeless.position}: {hopeless.problem}"
             raise ConfigError(problem, path=hopeless.path, remedy=hopeless.remedy)
         rows.sort(key=lambda row: row.index)
-        return expose(rows, self.config.light, self.assets, self._draws)
+        return rows
 
     def _groups(
         self,

@@ -21,7 +21,7 @@ from planning.config import parse_config
 from planning.exposure import card
 from planning.paint import previewed
 from planning.plan_file import Plan
-from planning.row import PlannedVehicle, Row, labelling
+from planning.row import PlannedVehicle, Row
 from planning.shading import look, paint_of, sun_of
 from planning.stage import PlanStage, make_stage
 from planning.weather import Weather
@@ -121,7 +121,7 @@ class Artist:
             {
                 "bbox": [x * scale for x in vehicle.bbox],
                 "category_id": self._class_ids[vehicle.category],
-                "iscrowd": int(labelling(vehicle) == "ignored"),
+                "iscrowd": int(vehicle.label == "ignored"),
             }
             for vehicle in row.labelled
             if vehicle.bbox is not None and vehicle.category is not None
@@ -162,14 +162,14 @@ class Artist:
                 previewed(paint_of(v.vehicle, distractor=v.vehicle in self._distractors), v.paint) for v in row.vehicles
             ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
-            strength=row.strength if row.exposure_ev is None else self._brightness(row, row.exposure_ev),
+            strength=self._brightness(row),
             weather=row.weather,
         )
         return colours.reshape(height, width, 3)
 
-    def _brightness(self, row: Row, exposure_ev: float) -> float:
+    def _brightness(self, row: Row) -> float:
         """How much brighter than mid-grey a grey card on open land is in the picture."""
-        return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**exposure_ev
+        return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         target = self._models[vehicle.vehicle].target

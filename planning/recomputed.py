@@ -72,7 +72,7 @@ class Recomputed(RecomputedPoses):
 
     @property
     def label_follows(self) -> Bool[np.ndarray, " n"]:
-        """Whether the label is the one of the boxes, shares and pixels; plans of earlier versions say none."""
+        """Whether the label is the one of the boxes, shares and pixels."""
         said = [row.planned[self.k].label for row in self.rows]
         wanted: list[Label]
         if not self.k:
@@ -88,7 +88,7 @@ class Recomputed(RecomputedPoses):
                 contrast=self.air_contrast,
                 pixels=self.pixels_shown,
             )
-        return np.array([label in (None, follows) for label, follows in zip(said, wanted, strict=True)])
+        return np.array([label == follows for label, follows in zip(said, wanted, strict=True)])
 
     @property
     def pixels_shown(self) -> Bool[np.ndarray, " n"]:
@@ -159,13 +159,21 @@ class Recomputed(RecomputedPoses):
     @cached_property
     def exposures(self) -> Exposures:
         """What is planned for the light of these rows."""
-        return exposures(self.rows, self.config.light, self.source.assets, self.source.draws)
+        rows, source = self.rows, self.source
+        return exposures(
+            np.array([row.index for row in rows]),
+            [row.hdri for row in rows],
+            self.said("strength", of_image=True),
+            light=self.config.light,
+            assets=source.assets,
+            draws=source.draws,
+        )
 
     @property
     def exposed_as_metered(self) -> Bool[np.ndarray, " n"]:
-        """Whether the exposure is that of the row's light and the drawn error; plans of earlier versions say none."""
+        """Whether the exposure is that of the row's light and the drawn error."""
         said = self.said("exposure_ev", of_image=True)
-        return np.isnan(said) | (np.abs(said - self.exposures.ev) <= EV)
+        return np.abs(said - self.exposures.ev) <= EV
 
     @property
     def balanced_as_drawn(self) -> Bool[np.ndarray, " n"]:

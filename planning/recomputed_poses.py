@@ -82,11 +82,10 @@ class RecomputedPoses:
 
     @property
     def says_its_bounds(self) -> Bool[np.ndarray, " n"]:
-        """Whether the rows have the box that holds the vehicle, or none as in plans of earlier versions."""
+        """Whether the rows have the box that holds the vehicle."""
         found = self.placed.bounds()
         said = [row.planned[self.k].bounds for row in self.rows]
-        told = np.array([own if box is None else box for box, own in zip(said, found, strict=True)], dtype=np.float64)
-        return (np.abs(told - found) <= METRES).all(axis=(1, 2))
+        return (np.abs(np.array(said, dtype=np.float64) - found) <= METRES).all(axis=(1, 2))
 
     # Vehicles.
 
@@ -279,9 +278,9 @@ class RecomputedPoses:
 
     @property
     def says_its_air_contrast(self) -> Bool[np.ndarray, " n"]:
-        """Whether the rows say it, or nothing as in plans of earlier versions."""
+        """Whether the rows say it."""
         said, found = (row.planned[self.k].air_contrast for row in self.rows), self.air_contrast.tolist()
-        return np.array([x is None or abs(x - own) <= SHARE for x, own in zip(said, found, strict=True)])
+        return np.array([abs(x - own) <= SHARE for x, own in zip(said, found, strict=True)])
 
     @cached_property
     def visible_fraction(self) -> Float[np.ndarray, " n"]:

@@ -24,7 +24,7 @@ from planning.paint import Coat
 from planning.pose import decoded_pose
 from planning.weather import Weather
 
-FORMAT = 1
+FORMAT = 2
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -83,7 +83,7 @@ Name = Annotated[str, _is("a name", max_length=4096)]
 NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
 YesOrNo = Annotated[bool, _is("true or false")]
 Label = Literal["full", "ignored", "none"]
-LabelOrNone = Annotated[Label | None, _is('"full", "ignored", "none" or null')]
+OneLabel = Annotated[Label, _is('"full", "ignored" or "none"')]
 PictureName = Annotated[str, _is("a path like images/1.png in plain characters", pattern=PICTURE_NAME)]
 Count = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**53)]
 Number = Annotated[int, _is("a whole number of at least 1", ge=1, le=2**53 + 1)]
@@ -99,13 +99,12 @@ Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, r
 Frame = Annotated[Box, _is("[x, y, width, height]", "1e-6 pixels", _boxes)]
 FrameOrNone = Annotated[Box | None, _is("[x, y, width, height] or null", "1e-6 pixels", _boxes)]
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
-EV = Annotated[Annotated[float, Meta(ge=-32, le=32)] | None, _is("a number from -32 to 32, or null", "1e-4", _to(4))]
+EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
-ShareOrNone = Annotated[Annotated[float, Meta(ge=0, le=1)] | None, _is("a number from 0 to 1, or null", "1e-9", _to(9))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0, "kind": ...}', "1e-9", _to(9))]
-Room = Annotated[Bounds | None, _is("[[x, y, z], [x, y, z]] or null", "1e-9 m", _to(9))]
+Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
@@ -128,25 +127,12 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     penetration: Annotated[AtLeastZero, _means("ground in its underside, in metres", recorded=False)]
     tries: Annotated[Count, _means("places tried for it, the taken one included", recorded=False)]
     label: Annotated[
-        LabelOrNone,
-        _means(
-            "what the image says of it: a full label, one to be ignored since it shows too little, or none; null in "
-            "plans of earlier versions: full where anything of it is seen",
-            recorded=False,
-        ),
-    ] = None
-    bounds: Annotated[
-        Room,
-        _means(
-            "lowest and highest corner in its own frame, with its parts turned; null in plans of earlier versions",
-            recorded=False,
-        ),
-    ] = None
-    paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")] = []
-    air_contrast: Annotated[
-        ShareOrNone,
-        _means("what the air leaves of its contrast, docs/weather.md; null in plans of earlier versions"),
-    ] = None
+        OneLabel,
+        _means("its label in the image: full, ignored because it shows too little, or none", recorded=False),
+    ]
+    bounds: Annotated[Room, _means("lowest and highest corner in its own frame, with its parts turned", recorded=False)]
+    paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")]
+    air_contrast: Annotated[Share, _means("share of its contrast that is left after haze, docs/weather.md")]
 
 
 class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
@@ -169,9 +155,9 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     hdri: Annotated[Name, _means("the HDRI's name")]
     hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[Horizon, _means("elevation whose colour goes on below it; null: all is seen")] = None
-    exposure_ev: Annotated[EV, _means("exposure of the picture; null in plans of earlier versions: 0 EV")] = None
-    white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")] = 0.0
+    horizon_deg: Annotated[Horizon, _means("elevation whose colour goes on below it; null: all is seen")]
+    exposure_ev: Annotated[EV, _means("exposure of the picture")]
+    white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")]
     weather: Annotated[Air, _means("what is in the air and lies on things; null: it is clear and dry")]
     sample_seed: Annotated[Seed, _means("of Cycles' noise")]
     background: Annotated[
@@ -180,7 +166,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
             "whether the image is to show no target: its vehicle is then only what the camera is framed on, and not in "
             "the picture, or a distractor, whose `category` is null"
         ),
-    ] = False
+    ]
     companions: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
@@ -190,11 +176,11 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
         list[PlannedVehicle],
         _is("a list of vehicles"),
         _means("vehicles that are no targets, with the same keys", recorded=False),
-    ] = []
+    ]
     rejected: Annotated[
         Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
     ]
-    left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)] = 0
+    left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)]
 
     @property
     def planned(self) -> list[PlannedVehicle]:
@@ -214,7 +200,7 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     @property
     def labelled(self) -> list[PlannedVehicle]:
         """What the image has an annotation of, the ignored ones included."""
-        return [vehicle for vehicle in self.vehicles if labelling(vehicle) != "none"]
+        return [vehicle for vehicle in self.vehicles if vehicle.label != "none"]
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -225,14 +211,6 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     def camera(self) -> Camera:
         """The camera in the world."""
         return Camera(self.intrinsics, self.world_from_camera)
-
-
-def labelling(vehicle: PlannedVehicle) -> Label:
-    """What an image says of a vehicle in it, by plans of earlier versions too."""
-    if vehicle.label is None:  # a plan of an earlier version, which knows targets and companions only
-        seen = isinstance(vehicle, Row) or (vehicle.bbox is not None and vehicle.visible_fraction > 0)
-        return "full" if seen else "none"
-    return vehicle.label
 
 
 class Source(Struct, frozen=True, kw_only=True):
@@ -277,7 +255,7 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 class Header(Struct, frozen=True, kw_only=True):
     """The first line of a plan; `config` is for `planning.config.parse_config` to understand."""
 
-    hulldown_plan: Annotated[int, _is("1"), _means("format version, 1")]
+    hulldown_plan: Annotated[int, _is("2"), _means("format version, 2")]
     images: Annotated[Count, _means("how many lines follow")]
     seed: Annotated[PlanSeed, _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan: what the paths below are relative to")]
@@ -291,11 +269,9 @@ class Header(Struct, frozen=True, kw_only=True):
     ]
     distractors: Annotated[
         dict[str, DistractorSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`, or null")
-    ] = {}
-    versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")] = {}
-    left_out: Annotated[
-        list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")
-    ] = []
+    ]
+    versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
+    left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
 
     @property
     def categories(self) -> list[str]:

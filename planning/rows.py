@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from assets.library import Assets
 from placement.rejection import Rejection
 from placement.settle import Settled
 from planning.company import Slot
 from planning.draws import Draws
+from planning.exposure import exposures
 from planning.group import Group, Planned
 from planning.labels import labels_of
 from planning.light import Lights
@@ -21,7 +23,7 @@ from planning.stage import Model, Placed
 
 
 def rows_of(
-    group: Group, planned: Planned, lights: Lights, *, config: Config, draws: Draws, hdris: tuple[str, ...]
+    group: Group, planned: Planned, lights: Lights, *, config: Config, draws: Draws, assets: Assets
 ) -> list[Row]:
     """One row for each image of a group's positions that found a place, in the group's order."""
     settled, views, shape = planned.settled, planned.views, group.model.shape
@@ -31,6 +33,9 @@ def rows_of(
     kinds = [rejection.key for rejection in Rejection]
     bounds = _bounds(group.model, settled.world_from_vehicle, planned.articulation)
     coats = draw_coats(config.paint_of(shape.name), draws, position=group.position, place=0)
+    strength = rounded("strength", lights.strength)
+    hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
+    exposed = exposures(group.image, hdris, strength, light=config.light, assets=assets, draws=draws)
     columns = zip(
         group.owner.tolist(),
         group.shot.tolist(),
@@ -42,9 +47,12 @@ def rows_of(
         rounded("visible_fraction", views.visible_fraction).tolist(),
         rounded("truncated_fraction", views.truncated_fraction).tolist(),
         rounded("air_contrast", views.air_contrast).tolist(),
-        lights.hdri.tolist(),
+        hdris,
         rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
-        rounded("strength", lights.strength).tolist(),
+        strength.tolist(),
+        [None if horizon != horizon else horizon for horizon in exposed.horizon_deg.tolist()],
+        exposed.ev.tolist(),
+        exposed.white_balance_k.tolist(),
         lights.air.weathers(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
@@ -77,9 +85,12 @@ def rows_of(
             fov_x_deg=fov,
             width=width,
             height=height,
-            hdri=hdris[hdri],
+            hdri=hdri,
             hdri_yaw_deg=yaw,
             strength=strength,
+            horizon_deg=horizon,
+            exposure_ev=exposure,
+            white_balance_k=kelvin,
             weather=weather,
             sample_seed=seed,
             background=group.background,
@@ -94,7 +105,7 @@ def rows_of(
         )
         for (
             i, shot, image, camera, fov, bbox, amodal, visible, truncated, contrast,
-            hdri, yaw, strength, weather, seed, rejected, companions, distractors,
+            hdri, yaw, strength, horizon, exposure, kelvin, weather, seed, rejected, companions, distractors,
         ) in columns
         if found[i]
     ]  # fmt: skip

@@ -20,7 +20,7 @@ from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.paint import OWN
 from planning.rejections import AIMING, BY_KEY, PLACING
-from planning.row import LeftOut, Row, labelling
+from planning.row import LeftOut, Row
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -180,7 +180,7 @@ class Summary:
             self.companions.update(companion.vehicle for companion in row.companions)
             self.distractors.update(distractor.vehicle for distractor in row.distractors)
             self.paints.update(coat.colour or OWN for vehicle in row.vehicles for coat in vehicle.paint)
-            self.labels.update(labelling(vehicle) for vehicle in row.labelled)
+            self.labels.update(vehicle.label for vehicle in row.labelled)
             for key, n in row.rejected.items():
                 self.rejected[BY_KEY[key]] += n
         self.images += len(rows)
@@ -195,10 +195,9 @@ class Summary:
         values = {
             "distance_m": np.linalg.norm(away, axis=1),
             "elevation_deg": np.degrees(np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))),
-            "exposure_ev": np.array([row.exposure_ev or 0.0 for row in rows]),
+            "exposure_ev": np.array([row.exposure_ev for row in rows]),
             "box_px": np.sqrt(boxes[:, 2] * boxes[:, 3]),
-            # Of clear air and of plans of earlier versions there is nothing to count.
-            "air_contrast": np.array([r.air_contrast for r in rows if r.weather and r.air_contrast is not None]),
+            "air_contrast": np.array([row.air_contrast for row in rows if row.weather]),
         }
         for key, histogram in self.histograms.items():
             histogram.add(values[key] if key in values else np.array([getattr(row, key) for row in rows]))

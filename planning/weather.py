@@ -12,9 +12,7 @@ Wind = Annotated[float, Meta(ge=-100, le=100)]
 
 
 class Weather(Struct, frozen=True, gc=False, omit_defaults=True):
-    """What is in the air and lies on things, of one kind; plans of earlier versions know fog alone.
-
-    Files leave out what has its default, so that fog is said as it was.
+    """What is in the air and lies on things, of one kind; files leave out what has its default.
 
     Parameters
     ----------
@@ -33,7 +31,7 @@ class Weather(Struct, frozen=True, gc=False, omit_defaults=True):
     """
 
     visibility_m: Annotated[float, Meta(gt=0, le=1e9)]
-    kind: Kind = "fog"
+    kind: Kind
     rain_mm_h: Annotated[float, Meta(ge=0, le=1000)] = 0.0
     wind_m_s: tuple[Wind, Wind] = (0.0, 0.0)
     exposure_s: Annotated[float, Meta(gt=0, le=10)] = 0.004

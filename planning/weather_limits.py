@@ -60,7 +60,7 @@ def _follows(weather: Weather | None) -> bool:
     if weather is None:
         return True
     if weather.kind != "rain":
-        still = weather.kind != "fog" or weather == Weather(weather.visibility_m)
+        still = weather.kind != "fog" or weather == Weather(weather.visibility_m, "fog")
         return still and weather.rain_mm_h == 0.0
     seen, wet = float(rain_visibility_m(weather.rain_mm_h)), float(wetness(weather.rain_mm_h))
     covers = (weather.ground_cover, weather.vehicle_cover)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -35,20 +35,6 @@ class WeatherSection(Section):
     wind_m_s: Winds = (0.0, 8.0)
     exposure_s: Annotated[float, Field(gt=0, le=10)] = 0.004
     min_contrast: Share = GHOST
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fog_of_earlier_versions(cls, data: Any) -> Any:
-        """Earlier versions said `probability`, knew fog alone, and set no least contrast."""
-        if not isinstance(data, dict) or "probability" not in data:
-            return data
-        if "fog" in data:
-            raise ValueError("fog and probability are two names of one share; expected fog alone")
-        return {
-            "min_contrast": 0.0,
-            "fog": data["probability"],
-            **{k: v for k, v in data.items() if k != "probability"},
-        }
 
     @model_validator(mode="after")
     def _shares_of_one_whole(self) -> WeatherSection:

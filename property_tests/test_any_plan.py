@@ -61,7 +61,7 @@ def config(*, images: int = 1, vehicles: int = 1, distractors: int = 0, backgrou
         },
         placement={"vehicles_per_image": vehicles, "companion_distance": [9, 30], "distractors_per_image": distractors},
         camera={"visibility_rays": 4},
-        weather={"probability": 0.5},
+        weather={"fog": 0.5},
     )
 
 

@@ -16,7 +16,7 @@ from geometry.rays import RayCaster
 from geometry.transforms import apply
 from placement.terrain import Terrain
 from planning.planner import Planner
-from planning.row import encode_rows, labelling
+from planning.row import encode_rows
 from render.annotations import Segmenter
 from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
@@ -136,7 +136,7 @@ def labels_are_what_is_seen(row, config):
     everything = [vehicle for vehicle in row.vehicles if vehicle.bbox is not None]
     shown = Segmenter(SHAPES, ASSETS.sceneries).pixels(row, everything)
     for vehicle, pixels in zip(everything, shown, strict=True):
-        label = labelling(vehicle)
+        label = vehicle.label
         assert pixels > 0 or label == "none"
         assert vehicle.category is not None or label == "none"
         if pixels and vehicle.category is not None:

@@ -180,7 +180,7 @@ def _camera(row: Row) -> CameraInput:
         width=row.width,
         height=row.height,
         near=NEAR,
-        exposure=row.exposure_ev or 0.0,
+        exposure=row.exposure_ev,
         white_balance=row.white_balance_k,
     )
 

@@ -79,13 +79,15 @@ def make_row(i, **changes):
         "gap": 0.0,
         "penetration": 0.0,
         "tries": 1,
+        **{"label": "full", "bounds": [[-1.0] * 3, [1.0] * 3], "paint": [], "air_contrast": 1.0},
     }
     camera = [[0.0, 0.0, 1.0, -11.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]]
     row = {
         **{"index": i, "image_id": i + 1, "file_name": f"images/{i + 1:08d}.png", "scenery": "void"},
         **{"position": i, "shot": 0, "world_from_camera": camera, "fov_x_deg": 53.13010235415598},
         **{"width": 16, "height": 16, "hdri": "sky", "hdri_yaw_deg": 0.0, "strength": 1.0, "weather": None},
-        **{"sample_seed": i, "companions": [], "rejected": {}},
+        **{"background": False, "horizon_deg": None, "exposure_ev": 0.0, "white_balance_k": 0.0},
+        **{"sample_seed": i, "companions": [], "distractors": [], "rejected": {}, "left_out": 0},
         **target,
     }
     return {**row, **changes}
@@ -94,7 +96,7 @@ def make_row(i, **changes):
 def write_plan(folder, rows):
     folder.mkdir(parents=True, exist_ok=True)
     header = {
-        **{"hulldown_plan": 1, "seed": 0, "root": ".", "images": len(rows), "versions": {}},
+        **{"hulldown_plan": 2, "seed": 0, "root": ".", "images": len(rows)},
         "config": {
             "assets": {
                 "vehicles": [{"path": "cube.blend", "category": "box"}],
@@ -106,6 +108,7 @@ def write_plan(folder, rows):
         "vehicles": {"cube": {"path": "cube.blend", "sha256": "", "category": "box"}},
         "sceneries": {"void": {"path": "void.blend", "sha256": "", "origin": [0, 0, 0]}},
         "hdris": {"sky": {"path": "sky.exr", "sha256": ""}},
+        **{"distractors": {}, "versions": {}, "left_out": []},
     }
     path = folder / "plan.jsonl"
     path.write_bytes(b"".join(orjson.dumps(r, option=orjson.OPT_APPEND_NEWLINE) for r in [header, *rows]))

@@ -12,7 +12,7 @@ from planning.check import check_plan
 from planning.guests import Guests
 from planning.plan_file import read_plan
 from planning.planner import Planner
-from planning.row import encode_rows, labelling
+from planning.row import encode_rows
 from planning.schema import BudgetSection
 from planning.write import write_plan
 from tests.planning_assets import CLASSES, DISTRACTOR_ENTRIES, small_assets, small_config
@@ -92,7 +92,7 @@ def test_distractors_are_labelled_only_if_they_have_a_class(rows):
             seen[distractor.vehicle] += 1
             assert distractor.category == {"bus": "bus"}.get(distractor.vehicle)
             if distractor.category is None:
-                assert labelling(distractor) == "none"
+                assert distractor.label == "none"
             if distractor.vehicle == "bales":
                 assert row.scenery == "hills"
     assert set(seen) == {"car", "bales", "bus"}

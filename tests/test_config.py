@@ -127,10 +127,6 @@ RANGE = "expected a number or [low, high] with"
             "[weather]\nfog = 0.6\nrain = 0.5",
             "weather: fog, rain, snow and dust are 1.1 together; expected shares of at most 1 in all",
         ),
-        (
-            "[weather]\nfog = 0.6\nprobability = 0.5",
-            "weather: fog and probability are two names of one share; expected fog alone",
-        ),
         ("[camera]\nfov_x_deg = [50, 40]", f"camera.fov_x_deg = [50, 40]: {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = 'wide'", f"camera.fov_x_deg = 'wide': {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = nan", f"camera.fov_x_deg = nan: {RANGE} 0.1 <= low <= high <= 179"),

@@ -40,7 +40,7 @@ def test_seed_0_is_a_seed():
 
 
 def test_the_numbers_of_a_seed_never_change():
-    # Plans made by an earlier version must come out again.
+    # The same plan comes out of a later version, too.
     assert Draws(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
 
 

@@ -8,7 +8,10 @@ from planning.plan_file import PlanWriter
 from planning.row import Header
 
 ROOT = Path(__file__).resolve().parents[1]
-HEADER = Header(hulldown_plan=1, images=0, seed=0, root=".", config={}, vehicles={}, sceneries={}, hdris={})
+HEADER = Header(
+    **{"hulldown_plan": 2, "images": 0, "seed": 0, "root": ".", "config": {}, "vehicles": {}, "sceneries": {}},
+    **{"hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
+)
 FILL = """
 import resource, sys
 from pathlib import Path

@@ -193,7 +193,7 @@ def test_a_floor_that_was_lowered_is_found(assets, tmp_path, key, seed, least):
         budget={"images_per_class": 10, "images_per_position": 2},
         placement={"min_valid_share": 0.4, "vehicles_per_image": 2, "companion_distance": [9, 30], "fording_depth": 9},
         camera={"visible_fraction": [0.2, 1.0], "distance_m": [2, 60], "min_box_px": least},
-        weather={"probability": 0.5},
+        weather={"fog": 0.5},
     )
     plan = write_plan(config, assets, tmp_path / "plan.jsonl")
     assert check_plan(plan, assets) == []

@@ -156,25 +156,6 @@ def test_a_colour_that_was_not_drawn_is_found(made, assets, tmp_path):
     assert any(f"image {first + 1}: breaks what the shots" in line for line in found)
 
 
-def test_a_plan_without_paint_is_read_checked_and_drawn_as_it_was(assets, tmp_path):
-    older = write_plan(
-        small_config(assets={"distractors": DISTRACTOR_ENTRIES}, budget={"images_per_class": 2}),
-        assets,
-        tmp_path / "plan.jsonl",
-    )
-
-    def change(header, rows):
-        entries = [*header["config"]["assets"]["vehicles"], *header["config"]["assets"]["distractors"]]
-        for table in [*entries, *rows, *(v for row in rows for v in (*row["companions"], *row["distractors"]))]:
-            del table["paint"]
-
-    plan = edited(older, tmp_path / "older.jsonl", change)
-    assert b'"paint"' not in plan.path.read_bytes()
-    assert check_plan(plan, assets) == []
-    assert all(vehicle.paint == [] for row in plan for vehicle in row.planned)
-    assert summarise(plan).paints.total() == 0
-
-
 def test_the_summary_counts_coats(made):
     counts = summarise(made).paints
     rows = list(made)

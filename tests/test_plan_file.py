@@ -10,17 +10,19 @@ import pytest
 from geometry.errors import ConfigError
 from geometry.files import PICTURE_NAME, stays_inside
 from planning.plan_file import PlanWriter, read_plan
-from planning.row import PlannedVehicle, Row, decode_header, decode_row, encode, fields
+from planning.row import PlannedVehicle, Row, decode_header, encode, fields
 
 HEADER = {
-    "hulldown_plan": 1,
+    "hulldown_plan": 2,
     "config": {},
     "seed": 0,
     "root": ".",
     "vehicles": {},
     "sceneries": {},
     "hdris": {},
+    "distractors": {},
     "versions": {},
+    "left_out": [],
     "images": 5,
 }
 
@@ -158,7 +160,8 @@ OUT_OF_RANGE = [
     *((key, box) for key in ("bbox", "bbox_amodal") for box in (
         [-1e300, 0, 1, 1], [0, 0, -1, 1], [0, 0, 1, 1e300], [], [1, 2, 3], [1, 2, 3, 4, 5], [1, 2, 3, None],
     )),
-    ("strength", -5.0), ("weather", {"visibility_m": 0}), ("weather", {"visibility_m": -5.0}), ("weather", {}),
+    ("strength", -5.0), ("weather", {"visibility_m": 0, "kind": "fog"}),
+    ("weather", {"visibility_m": 9.0, "kind": "hail"}), ("weather", {}),
     ("hdri_yaw_deg", 361), ("slope_deg", -1.0), ("slope_deg", 91.0), ("gap", -0.1), ("penetration", -0.1),
     ("position", -1), ("shot", 2**63), ("tries", -1), ("tries", 1.5), ("width", 65537), ("height", 10**400),
     ("paint", [{}]), ("paint", [{"materials": ["*"], "colour": "red"}]), ("paint", [{"materials": ["*"], "value": -1}]),
@@ -184,6 +187,10 @@ OUT_OF_RANGE = [
         ({"companions": [3]}, r"line 4 has companions \[3\], expected a list of vehicles"),
         ({"distractors": [{**VEHICLE, "label": "no"}]}, r"has distractors\[0\].label 'no', expected \"full\", \"ign"),
         ({"background": 1}, "line 4 has background 1, expected true or false"),
+        (
+            {"companions": [{key: VEHICLE[key] for key in VEHICLE if key != "label"}]},
+            r"line 4 lacks companions\[0\].label",
+        ),
         ({"companions": [{"vehicle": "t72"}]}, r"line 4 lacks companions\[0\].category"),
         ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
         *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
@@ -219,10 +226,11 @@ def test_no_file_but_a_plan_is_written_over(path):
         (b"", "line 1 is no header of a plan"),
         (b"\x89PNG\r\n", "line 1 is no header of a plan"),
         (b'{"images": [], "annotations": []}\n', "line 1 is no header of a plan"),
-        (line({**HEADER, "hulldown_plan": 2}), "line 1 has plan format 2, this is format 1"),
+        (line({**HEADER, "hulldown_plan": 1}), "line 1 has plan format 1, this is format 2; plan again"),
+        (line({**HEADER, "hulldown_plan": 3}), "line 1 has plan format 3, this is format 2; plan again"),
         (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
         (b"[" * 100_000, "line 1 is no header of a plan"),
-        (b'{"hulldown_plan": 1, "a": "\xff"}', "line 1 is no header of a plan"),
+        (b'{"hulldown_plan": 2, "a": "\xff"}', "line 1 is no header of a plan"),
         *(
             (line({**HEADER, key: value}), f"line 1 has {key} ")
             for key, value in (
@@ -371,13 +379,3 @@ def test_names_inside(name):
 @pytest.mark.parametrize("name", ["", "/a", "../a", "a/../../b", "C:\\a", "\\a", "a\\..\\b", "C:a", None, 3, "a\0b"])
 def test_names_that_leave_the_folder(name):
     assert not stays_inside(name)
-
-
-def test_rows_of_earlier_versions_are_read_as_they_were(tmp_path):
-    new = ("background", "distractors", "label", "bounds", "paint")
-    older = {key: value for key, value in ROW.items() if key not in new}
-    beside = {**{key: value for key, value in VEHICLE.items() if key not in new}, "visible_fraction": 0.0}
-    row = decode_row(line({**older, "index": 0, "image_id": 1, "file_name": "images/1.png", "companions": [beside]}))
-    assert (row.background, row.empty, row.distractors) == (False, False, [])
-    assert len(row.vehicles) == 2
-    assert row.labelled == [row]  # nothing is seen of the companion

@@ -242,7 +242,7 @@ def test_weights_choose_hdris_and_sceneries(assets):
 
 
 def test_fog_comes_as_often_as_asked(assets):
-    always = plan(small_config(weather={"probability": 1.0, "visibility_m": [100, 200]}), assets)
+    always = plan(small_config(weather={"fog": 1.0, "visibility_m": [100, 200]}), assets)
     assert all(100 <= row.weather.visibility_m <= 200 for row in always)
 
 
@@ -269,7 +269,7 @@ BROKEN = [
     ("slope", lambda row: row.__setitem__("slope_deg", 12.0), "breaks slope_deg"),
     ("gun", lambda row: row["articulation"].__setitem__("gun", 1.5), "breaks articulation"),
     ("name", lambda row: row.__setitem__("hdri", "moon"), "hdri 'moon' is not in the config"),
-    ("fog", lambda row: row.__setitem__("weather", {"visibility_m": 5.0}), "weather.visibility_m is 5"),
+    ("fog", lambda row: row.__setitem__("weather", {"visibility_m": 5.0, "kind": "fog"}), "weather.visibility_m is 5"),
     ("shot", lambda row: row.__setitem__("shot", 3), "breaks index, position, shot and vehicle"),
     ("class", lambda row: row.__setitem__("vehicle", "leo"), "vehicle 't72': 5 images, its budget is 6"),
 ]

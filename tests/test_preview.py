@@ -22,7 +22,7 @@ def assets():
 def plan(assets, tmp_path_factory):
     config = small_config(
         budget={"images_per_class": 3},
-        weather={"probability": 0.5},
+        weather={"fog": 0.5},
         placement={"vehicles_per_image": 2},
         light={"strength": 1.0},
     )
@@ -67,7 +67,7 @@ def test_colours_are_colours(plan, artist):
 
 def test_fog_hides(plan, artist):
     row = plan[0]
-    thick = artist.shade(altered(row, weather=Weather(visibility_m=1.0)), 64, 36)
+    thick = artist.shade(altered(row, weather=Weather(visibility_m=1.0, kind="fog")), 64, 36)
     thin = artist.shade(clear(row), 64, 36)
     assert np.ptp(thick, axis=(0, 1)).max() < 0.05 < np.ptp(thin, axis=(0, 1)).max()
 
@@ -98,7 +98,7 @@ def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
 
 
 def test_a_caption_says_what_the_picture_does_not(plan):
-    row = altered(plan[0], weather=Weather(visibility_m=250.0), visible_fraction=0.5)
+    row = altered(plan[0], weather=Weather(visibility_m=250.0, kind="fog"), visible_fraction=0.5)
     words = caption(row)
     assert words.startswith(f"1: {row.vehicle} in {row.scenery}, ")
     assert words.endswith(f"50 % visible, {row.hdri}, fog 250 m")

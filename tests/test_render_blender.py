@@ -214,7 +214,7 @@ def test_fog_follows_koschmieders_law(plan, assets, folder, tmp_path, visibility
         **looking(0.0, 0.0, fov_x_deg=90.0, at=(0.0, 0.0, 0.0)),
         **{"scenery": "walls", "world_from_vehicle": sunk, "companions": [], "strength": 1.0, "weather": None},
     )
-    fog = altered(row, weather=Weather(visibility_m=visibility))
+    fog = altered(row, weather=Weather(visibility_m=visibility, kind="fog"))
     messages = [job(fog, assets, SETTINGS, tmp_path / "fog.png")]
     centres = [(19.75, -8.0), (59.75, 0.0), (149.75, 70.0)]
     for i, centre in enumerate(centres):

@@ -18,6 +18,7 @@ POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0
 IMAGE = {
     **{"id": 1, "file_name": "images/1.png", "width": 160, "height": 90, "scenery": "plain", "fov_x_deg": 60.0},
     **{"hdri": "east", "hdri_yaw_deg": 40.0, "strength": 1.2, "weather": None, "world_from_camera": POSE},
+    **{"horizon_deg": None, "exposure_ev": 0.0, "white_balance_k": 0.0},
 }
 
 
@@ -50,14 +51,15 @@ def picture(image):
     return np.where(along[..., 2:] < 0.0, 70.0, seen).round().astype(np.uint8)
 
 
-@pytest.mark.parametrize("weather", [None, {"visibility_m": 900.0}])
+@pytest.mark.parametrize("weather", [None, {"visibility_m": 900.0, "kind": "fog"}])
 def test_the_named_sky_is_no_finding(weather):
     image = {**IMAGE, "weather": weather}
     assert list(CHECK(image, [], picture(image))) == []
 
 
 @pytest.mark.parametrize(
-    "change", [{"hdri": "west"}, {"hdri_yaw_deg": 130.0}, {"strength": 0.6}, {"weather": {"visibility_m": 200.0}}]
+    "change",
+    [{"hdri": "west"}, {"hdri_yaw_deg": 130.0}, {"strength": 0.6}, {"weather": {"visibility_m": 200.0, "kind": "fog"}}],
 )
 def test_another_sky_turn_strength_or_fog_is_found(change):
     (found,) = CHECK(IMAGE, [], picture({**IMAGE, **change}))

@@ -80,12 +80,6 @@ def test_kittis_turn_and_place_are_the_boxs(rows):
         np.testing.assert_allclose(ahead, level, atol=1e-5)
 
 
-def test_plans_of_earlier_versions_say_nothing_of_it(rows):
-    old = msgspec.structs.replace(rows[0], bounds=None)
-    assert space_of(old, old) == {}
-    assert "bbox_3d" not in label_records(old)[0]
-
-
 def test_bounds_that_are_not_the_vehicles_are_found(assets, rows, tmp_path):
     from planning.plan_file import read_plan
     from planning.row import encode

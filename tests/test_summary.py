@@ -10,14 +10,15 @@ from rich.console import Console
 
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING, sentence
-from planning.row import Box, PlannedVehicle, Row, picture_name
+from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
 from planning.summary import Histogram, summarise
 from planning.weather import Weather
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},
     "bbox": Box(0.0, 0.0, 10.0, 20.0), "bbox_amodal": None, "visible_fraction": 1.0, "truncated_fraction": 0.0,
-    "slope_deg": 5.0, "gap": 0.0, "penetration": 0.0, "tries": 1,
+    "slope_deg": 5.0, "gap": 0.0, "penetration": 0.0, "tries": 1, "label": "full",
+    "bounds": Bounds((-3.0, -1.5, 0.0), (3.0, 1.5, 2.5)), "paint": [], "air_contrast": 1.0,
 }  # fmt: skip
 
 
@@ -28,13 +29,15 @@ def row(i, **changes):
         "index": i, "image_id": i + 1, "file_name": picture_name(i), "scenery": "hills", "position": i // 2,
         "shot": i % 2, "world_from_camera": camera, "fov_x_deg": 50.0, "width": 1920, "height": 1080, "hdri": "noon",
         "hdri_yaw_deg": 0.0, "strength": 1.0, "weather": None, "sample_seed": 0, "companions": [], "rejected": {},
+        "distractors": [], "left_out": 0, "background": False, "horizon_deg": None, "exposure_ev": 0.0,
+        "white_balance_k": 0.0,
     }  # fmt: skip
     return Row(**TARGET | image | changes)
 
 
 ROWS = [
     row(0, rejected={"too_steep": 3, "camera_low": 1}),
-    row(1, bbox=Box(0.0, 0.0, 33.0, 33.0), weather=Weather(100.0)),
+    row(1, bbox=Box(0.0, 0.0, 33.0, 33.0), weather=Weather(100.0, "fog")),
     row(2, category="truck", vehicle="ural", bbox=Box(0.0, 0.0, 500.0, 200.0), companions=[PlannedVehicle(**TARGET)]),
     row(3, category="truck", vehicle="man", slope_deg=29.5, visible_fraction=0.4, rejected={"hidden": 2}),
 ]

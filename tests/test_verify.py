@@ -9,9 +9,10 @@ from PIL import Image
 from annotate.masks import encode
 from dataset import picture_files
 from dataset.coco import CocoDataset
-from dataset.planned import IMAGE_KEYS, LABEL_KEYS, check_planned
+from dataset.planned import IMAGE_KEYS, label_records
 from dataset.verify import Finding, compare, verify
 from geometry.errors import ConfigError, DatasetError
+from planning.row import decode_row
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
@@ -128,20 +129,34 @@ def make_row(i, **changes):
         "visible_fraction": 0.75,
         "truncated_fraction": 1 / 7,
         **{"slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1, "paint": [], "air_contrast": 0.9},
+        **{"label": "full", "bounds": [[-1.0] * 3, [1.0] * 3]},
     }
-    unseen = [{**target, "visible_fraction": 0.0}, {**target, "bbox": None}]
+    unseen = [{**target, "visible_fraction": 0.0, "label": "none"}, {**target, "bbox": None, "label": "none"}]
     seen = [{**target, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
-    light = {"hdri": "sky", "hdri_yaw_deg": 3.5, "strength": 1.0, "weather": {"visibility_m": 500.0}, "sample_seed": i}
+    light = {
+        "hdri": "sky",
+        "hdri_yaw_deg": 3.5,
+        "strength": 1.0,
+        "weather": {"visibility_m": 500.0, "kind": "fog"},
+        "sample_seed": i,
+    }
     light |= {"horizon_deg": None, "exposure_ev": 0.5, "white_balance_k": 0.0}
     where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
     size = {"width": 32, "height": 24}
-    name = {"index": i, "image_id": i + 1, "file_name": f"images/{i}.png", "rejected": {}}
+    name = {
+        "index": i,
+        "image_id": i + 1,
+        "file_name": f"images/{i}.png",
+        "rejected": {},
+        "distractors": [],
+        "left_out": 0,
+    }
     return {**name, **size, **where, **light, **target, "background": False, "companions": unseen + seen, **changes}
 
 
 HEADER = {
-    **{"hulldown_plan": 1, "images": 4, "seed": 0, "root": ".", "config": {}},
-    **{"vehicles": {}, "sceneries": {}, "hdris": {}, "versions": {}},
+    **{"hulldown_plan": 2, "images": 4, "seed": 0, "root": ".", "config": {}},
+    **{"vehicles": {}, "sceneries": {}, "hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
 }
 
 
@@ -163,9 +178,9 @@ def planned(tmp_path):
             name = run.file_name(row["file_name"])
             Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
             boxes = []
-            for target in [row, row["companions"][2]] if i == 1 else [row]:
+            for label in label_records(decode_row(json.dumps(row))):
                 n += 1
-                boxes.append({"id": n, **{key: target[key] for key in ("category", *LABEL_KEYS)}})
+                boxes.append({"id": n, **label})
             image = {"id": run.image_offset + i + 1, "file_name": name, **{key: row[key] for key in IMAGE_KEYS}}
             dataset.append(image, boxes)
     return folder, plan
@@ -187,7 +202,7 @@ def moved(pose):
         (lambda i, a: i.update(file_name="images/2.png"), "error", "is 'images/2.png', planned is 'images/2-"),
         (lambda i, a: i.update(world_from_camera=moved(POSE)), "error", "world_from_camera is [[1.0, 0.0, 0.0, 0.25],"),
         (lambda i, a: i.pop("fov_x_deg"), "error", "fov_x_deg is None, planned is 0.3333333333333333"),
-        (lambda i, a: i.update(weather=None), "error", "weather is None, planned is {'visibility_m': 500.0}"),
+        (lambda i, a: i.update(weather=None), "error", "weather is None, planned is {'visibility_m': 500.0,"),
         (lambda i, a: a.update(bbox=[5.0, 4.0, 10.0, 6.0 + 1e-12]), "error", "'a': bbox is [5.0, 4.0, 10.0, 6.00"),
         (lambda i, a: a.update(category_id=1), "error", "tank 'a': category is 'truck', planned is 'tank'"),
         (lambda i, a: a.update(category_id=[1]), "error", "tank 'a': category is None, planned is 'tank'"),
@@ -215,21 +230,6 @@ def test_every_difference_from_the_plan_is_found(planned, change, severity, text
     path.write_text(json.dumps(coco))
     findings = list(verify(folder, plan=plan))
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
-
-
-@pytest.mark.parametrize(("background", "found"), [(False, 0), (True, 1)])
-def test_a_record_that_is_older_than_a_field_means_its_default(planned, background, found):
-    # Datasets rendered before there were backgrounds: "background is None, planned is False" for each image.
-    folder, plan = planned
-    was = hashlib.sha256(plan.read_bytes()).hexdigest()
-    if background:
-        plan.write_text(plan.read_text().replace('"background": false', '"background": true', 1))
-    text = (folder / "annotations.json").read_text()
-    coco = json.loads(text.replace(was, hashlib.sha256(plan.read_bytes()).hexdigest()))
-    for image in coco["images"]:
-        image.pop("background", None)
-    said = [finding.problem for finding in check_planned(coco, plan) if "background is" in finding.problem]
-    assert said == ["background is None, planned is True"] * found
 
 
 def test_an_annotation_with_an_id_that_belongs_to_another_is_found(planned):

@@ -1,24 +1,19 @@
-"""Weather: the laws, what is drawn, what earlier versions said, and what is too faint."""
+"""Weather: the laws, what is drawn, and what is too faint."""
 
-import json
 import math
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from camera.weather import GHOST, air_contrast, rain_extinction, rain_visibility_m, wetness
+from camera.weather import air_contrast, rain_extinction, rain_visibility_m, wetness
 from geometry.errors import ConfigError
 from planning.air import CLEAR, KINDS, draw_air
-from planning.check import check_plan
-from planning.draws import Draws, Purpose
+from planning.draws import Draws
 from planning.light import draw_lights, hdri_weights
-from planning.plan_file import read_plan
 from planning.planner import plan
-from planning.row import encode
 from planning.weather import Weather
 from planning.weather_section import WeatherSection
-from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
 
 IMAGES = np.arange(4000)
@@ -66,24 +61,12 @@ def test_other_weather_changes_no_fog():
     assert (alone.visibility_m[foggy] == beside.visibility_m[foggy]).all()
 
 
-def test_the_old_key_is_fog_as_it_was():
-    """Kind and visibility are numbers 3 and 4 of the light's, and nothing is too faint."""
-    old = WeatherSection(**{"probability": 0.4, "visibility_m": (300.0, 3000.0)})
-    assert (old.fog, old.rain, old.min_contrast) == (0.4, 0.0, 0.0)
-    u = np.stack([Draws(5).uniform(Purpose.LIGHT, IMAGES, 0, count=5)[:, i] for i in (3, 4)])
-    air = draw_air(old, draws=Draws(5), image=IMAGES)
-    assert (np.isfinite(air.visibility_m) == (u[0] < 0.4)).all()
-    assert np.nan_to_num(air.visibility_m - (300.0 + 2700.0 * u[1])) == pytest.approx(0.0, abs=1e-9)
-    foggy = next(one for one in air.weathers() if one is not None)
-    assert encode(foggy) == f'{{"visibility_m":{foggy.visibility_m!r}}}\n'.encode()
-
-
 def test_what_is_drawn_is_within_the_config():
     weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01).weathers() if one is not None]
     of = {kind: [one for one in weathers if one.kind == kind] for kind in KINDS}
     assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in KINDS[1:] for one in of[kind])
     assert {one.exposure_s for kind in KINDS[1:] for one in of[kind]} == {0.01}
-    assert all(one == Weather(one.visibility_m) and 300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
+    assert all(one == Weather(one.visibility_m, "fog") and 300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
     for one in of["rain"]:
         assert 2.0 <= one.rain_mm_h <= 50.0
         assert one.visibility_m == pytest.approx(float(rain_visibility_m(one.rain_mm_h)), abs=1e-8)
@@ -150,15 +133,3 @@ def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
         list(plan(config, ASSETS))
-
-
-def test_a_plan_of_an_earlier_version_keeps_its_limits(tmp_path):
-    """Its header says `probability`, its rows no contrast; ghosts break nothing in it."""
-    thick = {"probability": 0.7, "visibility_m": [20.0, 60.0]}
-    made = write_plan(small_config(budget=BUDGET, weather=thick), ASSETS, tmp_path / "plan.jsonl")
-    header, *rows = map(json.loads, made.path.read_bytes().splitlines())
-    header["config"]["weather"] = thick
-    assert min(row.pop("air_contrast") for row in rows) < GHOST
-    old = tmp_path / "old.jsonl"
-    old.write_text("".join(json.dumps(record) + "\n" for record in (header, *rows)))
-    assert check_plan(read_plan(old), ASSETS) == []
