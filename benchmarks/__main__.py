@@ -1,9 +1,9 @@
-"""`python -m benchmarks`: run every benchmark, write docs/benchmarks.md, its plots and the raw figures.
+"""`python -m benchmarks`: run every benchmark; write docs/benchmarks.md, its plots, and the raw figures.
 
-Each benchmark module offers three functions: `run(quick)` measures and returns what JSON can hold, `report(results)`
-makes a Markdown section of it, `plots(results, folder)` draws it and returns the files. Peers run beside hulldown in
-the same process, in turn, so that the ratios hold on a noisy machine; tools such as pytest-benchmark finish one way
-before they begin the next.
+Each benchmark module has three functions: `run(quick)` measures and returns JSON data, `report(results)` turns that
+into a Markdown section, and `plots(results, folder)` draws it and returns the files. Peers take turns with hulldown in
+the same process, so that the ratios hold on a noisy machine; tools such as pytest-benchmark finish one way before they
+begin the next.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import importlib.metadata
 import json
 import multiprocessing
 import platform
+import subprocess
 import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -24,9 +25,7 @@ from rich.console import Console
 
 ROOT = Path(__file__).parents[1]
 SUITES = (
-    "top_hits", "settling", "instances", "camera", "visibility", "boxes", "coco", "rows", "planning", "export",
-    "rendering", "resuming", "cluster", "omissions", "evaluation", "reading",
-    "exposure", "weather",
+    "top_hits", "settling", "visibility", "boxes", "coco", "planning", "rendering", "cluster", "evaluation", "reading",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools", "faster-coco-eval")
@@ -50,7 +49,13 @@ def main() -> int:
         with console.status(f"{name} ..."):
             figures = _in_own_process(name, arguments.quick)
         seconds = time.perf_counter() - started
-        results[name] = {"quick": arguments.quick, "seconds": round(seconds), "machine": machine(), "figures": figures}
+        results[name] = {
+            "quick": arguments.quick,
+            "seconds": round(seconds),
+            **commit(),
+            "machine": machine(),
+            "figures": figures,
+        }
         raw.write_text(json.dumps(results, indent=1) + "\n")
         console.print(f"{name}: {seconds:.0f} s")
     (arguments.output / "benchmarks.md").write_text(document(results, arguments.output / "plots"))
@@ -62,14 +67,22 @@ def main() -> int:
 
 
 def _in_own_process(suite: str, quick: bool) -> dict[str, Any]:
-    """A suite's figures. Blender, once imported, stays in a process, and in whatever that starts."""
+    """Run a suite in its own process, since Blender, once imported, stays in a process and its children."""
     run = importlib.import_module(f"benchmarks.{suite}").run
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(run, quick).result()
 
 
+def commit() -> dict[str, str]:
+    """Return the commit that was measured, marked if the work tree has changes, and today's date."""
+    git = ["git", "-C", str(ROOT)]
+    known = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True).stdout.strip()
+    return {"commit": known + (" with changes" if changed else ""), "date": time.strftime("%Y-%m-%d")}
+
+
 def machine() -> dict[str, str | int]:
-    """What the figures were measured on."""
+    """Describe the machine and the libraries that were measured."""
     versions = {}
     for name in LIBRARIES:
         try:
@@ -101,7 +114,9 @@ def document(results: dict, plots: Path) -> str:
     parts = [
         "# Benchmarks: speed against error",
         "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
-        "ratios, since machines differ. The raw figures are in [benchmarks.json](benchmarks.json).",
+        "ratios, since machines differ. Each section ends with the commit that was measured. The raw figures are in "
+        "[benchmarks.json](benchmarks.json); studies that `make bench` no longer runs are in "
+        "[measured once](measured-once.md).",
     ]
     for name in SUITES:
         if name not in results:
@@ -114,7 +129,8 @@ def document(results: dict, plots: Path) -> str:
         parts += [
             module.report(result["figures"]).strip(),
             *(f"![{Path(p).stem.replace('_', ' ')}](plots/{Path(p).name})" for p in drawn),
-            f"<sub>`make bench BENCH={name}`: {note}{result['seconds']} s; {on}</sub>",
+            f"<sub>`make bench BENCH={name}` at commit {result['commit']} ({result['date']}): {note}"
+            f"{result['seconds']} s; {on}</sub>",
         ]
     return "\n\n".join(parts) + "\n"
 

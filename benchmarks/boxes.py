@@ -13,13 +13,13 @@ from annotate.boxes import VehicleBoxes, surface_box
 from annotate.clipping import Frustum, extremes_of_mesh
 from annotate.posing import PosedParts, move
 from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
+from benchmarks.scenes import HD
+from benchmarks.tables import table
 from camera.projection import Camera
 from camera.shell import camera_pose
 from geometry.meshes import Mesh
 from geometry.transforms import apply, rigid, rotation_z
 
-HD = Intrinsics(1920, 1080, math.radians(50))
 KINDS = ("framed", "cut by the frame", "across the near plane")
 PEERS = {
     "8 corners": "the world-aligned box around the vehicle, its corners",
@@ -37,41 +37,30 @@ def run(quick: bool) -> dict:
 
 
 def report(results: dict) -> str:
-    """A Markdown section."""
-    lines = [
-        "## Boxes",
-        "",
-        "Error: the largest distance of a side, in pixels of 1920 x 1080, from the box that clipping every triangle",
-        "gives; median / 95 % / worst of random poses of a 10,000-vertex tank. *missed*: a box where there is surface,",
-        "or the other way round.",
-        "",
-        "| rule | " + " | ".join(KINDS) + " |",
-        "|---|" + "---|" * len(KINDS),
-    ]
-    for name in (*PEERS, *OURS[1:]):
-        cells = []
-        for kind in KINDS:
-            e = results["errors"][kind][name]
-            missed = f", {e['missed']:.0%} missed" if e["missed"] else ""
-            cells.append(f"{e['median']:.3g} / {e['p95']:.3g} / {e['worst']:.3g}{missed}")
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    lines += ["", *(f"- {name}: {what}." for name, what in PEERS.items()), ""]
-    lines += ["Time for one box in microseconds, one thread, by vertices of the mesh:", ""]
+    """Return a Markdown section."""
     times = results["times"]
-    for kind in KINDS:
-        lines += [f"| {kind} | " + " | ".join(f"{int(n):,}" for n in times) + " |", "|---|" + "---:|" * len(times)]
-        for name in (*PEERS, *OURS):
-            lines.append(f"| {name} | " + " | ".join(f"{times[n][kind][name]:,.0f}" for n in times) + " |")
-        lines.append("")
-    built = " | ".join(f"{times[n]['build_s']:.2f}" for n in times)
-    hull = " | ".join(f"{times[n]['hull']:,}" for n in times)
-    lines += [
-        "| once for a vehicle | " + " | ".join(f"{int(n):,}" for n in times) + " |",
-        "|---|" + "---:|" * len(times),
-        f"| build, s | {built} |",
-        f"| hull vertices | {hull} |",
+    sizes = [f"{int(n):,}" for n in times]
+
+    def error(name: str, kind: str) -> str:
+        e = results["errors"][kind][name]
+        missed = f", {e['missed']:.0%} missed" if e["missed"] else ""
+        return f"{e['median']:.3g} / {e['p95']:.3g} / {e['worst']:.3g}{missed}"
+
+    parts = [
+        "## Boxes",
+        "Error: the largest distance of a side, in pixels of 1920 x 1080, from the box that clipping every triangle "
+        "gives; median / 95 % / worst of random poses of a 10,000-vertex tank. *missed*: a box where there is surface, "
+        "or the other way round.",
+        table(["rule", *KINDS], [(name, *(error(name, kind) for kind in KINDS)) for name in (*PEERS, *OURS[1:])]),
+        "\n".join(f"- {name}: {what}." for name, what in PEERS.items()),
+        "Time for one box in microseconds, one thread, by vertices of the mesh:",
     ]
-    return "\n".join(lines)
+    for kind in KINDS:
+        rows = [(name, *(f"{some[kind][name]:,.0f}" for some in times.values())) for name in (*PEERS, *OURS)]
+        parts.append(table([kind, *sizes], rows))
+    built = ("build, s", *(f"{some['build_s']:.2f}" for some in times.values()))
+    hull = ("hull vertices", *(f"{some['hull']:,}" for some in times.values()))
+    return "\n\n".join([*parts, table(["once for a vehicle", *sizes], [built, hull])])
 
 
 def plots(results: dict, folder: Path) -> list[Path]:

@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from benchmarks.clusters import Cluster, blenders, cluster
 from benchmarks.rendering import planned
 from benchmarks.rendering_error import FAST
-from benchmarks.resuming import differences
 from demo.project import create_project
 from planning.config import parse_config
 from planning.plan_file import Plan
@@ -34,6 +33,7 @@ from render.scheduler import Scheduler
 from render.session import Session
 from render.supervisor import render_plan
 from render.todo import sort_key
+from tests.oracles.resuming import differences
 
 SIZES = ((96, 54), (480, 270))
 WORKERS = 2

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import orjson
 
+from benchmarks.tables import table
 from dataset.coco import MERGE_SHARE, CocoDataset
 from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME
 from dataset.layout import write_coco
@@ -51,20 +52,17 @@ def report(results: dict) -> str:
         "merge into annotations.json, s": "merge_s",
         "annotations.json, MB": "megabytes",
     }
-    lines = [
+    return "\n\n".join([
         "## COCO files",
-        "",
         "Recording one finished image, one annotation with pose and run lengths; mean of "
         f"{results['appends']} appends. An append is one line in a journal and an fsync "
         f"({results['fsync_us']:.0f} us on this disk when idle); merging takes at most {MERGE_SHARE:.0%} of a run's "
         "time, however large the file.",
-        "",
-        "| images there already | " + " | ".join(f"{int(n):,}" for n in sizes) + " |",
-        "|---|" + "---:|" * len(sizes),
-    ]
-    for label, key in rows.items():
-        lines.append(f"| {label} | " + " | ".join(_cell(size.get(key)) for size in sizes.values()) + " |")
-    return "\n".join(lines)
+        table(
+            ["images there already", *(f"{int(n):,}" for n in sizes)],
+            [(label, *(_cell(size.get(key)) for size in sizes.values())) for label, key in rows.items()],
+        ),
+    ])  # fmt: skip
 
 
 def _cell(figure: float | None) -> str:

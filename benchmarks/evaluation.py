@@ -15,6 +15,7 @@ from faster_coco_eval import COCOeval_faster
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+from benchmarks.tables import table
 from training.bootstrap import RESAMPLES, figure_intervals, resampled_sums
 from training.labels import Labels
 from training.matching import match, overlapping
@@ -44,23 +45,18 @@ def report(results: dict) -> str:
     """A Markdown section."""
     sizes = results["sizes"]
     steps = [step for step in next(iter(sizes.values())) if step != "same"]
-    lines = [
+    rows = [(step, *(f"{size[step]:.3g}" for size in sizes.values())) for step in steps]
+    for peer in (PYCOCOTOOLS, FASTER):
+        rows.append((f"{OURS} over {peer}", *(f"{size[OURS] / size[peer]:.2f}" for size in sizes.values())))
+    return "\n\n".join([
         "## Evaluation",
-        "",
         f"Seconds for {results['labels']} labels and {results['detections']} detections an image in {CLASSES} classes. "
         "pycocotools and faster-coco-eval match at ten IoUs and in four ranges of area, as their `evaluate` does, and "
         "are given the same arrays, loaded. What hulldown does beyond their matching, causes and intervals of "
         f"{results['resamples']:,} resamples over images, is in its sum; AP is pycocotools' own and is the last row. "
         f"Counts at an IoU of 0.5 agree: {'yes' if all(size['same'] for size in sizes.values()) else 'NO'}.",
-        "",
-        "| images | " + " | ".join(f"{int(n):,}" for n in sizes) + " |",
-        "|---|" + "---:|" * len(sizes),
-    ]
-    lines += [f"| {step} | " + " | ".join(f"{size[step]:.3g}" for size in sizes.values()) + " |" for step in steps]
-    for peer in (PYCOCOTOOLS, FASTER):
-        shares = " | ".join(f"{size[OURS] / size[peer]:.2f}" for size in sizes.values())
-        lines.append(f"| {OURS} over {peer} | {shares} |")
-    return "\n".join(lines)
+        table(["images", *(f"{int(n):,}" for n in sizes)], rows),
+    ])  # fmt: skip
 
 
 def plots(results: dict, folder: Path) -> list[Path]:

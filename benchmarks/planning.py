@@ -16,7 +16,7 @@ import numpy as np
 import psutil
 
 from assets.library import Assets
-from benchmarks.camera import vehicles
+from benchmarks.scenes import vehicles
 from geometry.meshes import Mesh
 from geometry.transforms import apply
 from planning.config import parse_config

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
 from benchmarks.reading_things import LITTER
+from benchmarks.tables import table
 from geometry.errors import AssetError
 from geometry.transforms import apply
 from reading.build import Options, build_vehicle
@@ -88,8 +89,7 @@ def verdict(case: Case, truth: Truth, opened: Any, drawn: Any) -> Verdict:
         found.wrong["up"] = f"{_angle(axes[:, 2], [0, 0, 1]):.0f} degrees"
     elif (off := _angle(axes[:, 0] * [1, 1, 0], [1, 0, 0])) > ANGLE:
         found.wrong["forward"] = f"{off:.0f} degrees"
-    wrong, off = _compared(truth, drawn, uses)
-    found.wrong |= wrong
+    found.wrong |= _compared(truth, drawn, uses)
     if not found.wrong.keys() & {"up", "forward", "drop", "keep"} and np.any(np.abs(size / truth.size - 1) > SIZE):
         found.wrong["drop"] = f"size {size.round(2)} is not {truth.size.round(2)}"
     for name, at in zip(("turret", "gun"), truth.pivots, strict=True):
@@ -122,7 +122,7 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     return built.shape, uses, [*built.doubts, *sizes, *opened.doubts]
 
 
-def _compared(truth: Truth, drawn: Any, uses: list[str]) -> tuple[dict[str, str], int]:
+def _compared(truth: Truth, drawn: Any, uses: list[str]) -> dict[str, str]:
     """Which parts have lost or gained triangles, by the key that would mend it."""
     wrong: dict[str, str] = {}
     faces = np.array([p.faces for p in drawn.pieces])
@@ -143,7 +143,7 @@ def _compared(truth: Truth, drawn: Any, uses: list[str]) -> tuple[dict[str, str]
             wrong[name] = f"not in it: {some(lost)}"
         if faces[more := (is_ < LITTER) & (is_ != part) & (used == part)].sum() > FACES * total:
             wrong[name] = wrong.get(name, "") + f" wrongly in it: {some(more)}"
-    return wrong, 0
+    return wrong
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -190,10 +190,16 @@ def shares(verdicts: list[Verdict]) -> dict[str, Any]:
 
 
 def report(results: dict[str, Any]) -> str:
-    """A Markdown section."""
-    lines = [
+    """Return a Markdown section."""
+    keys = ("right", "doubted though right", "doubted", "silent")
+    rows = []
+    for name, one in results.items():
+        for what, some in {"": one, **one["split"]}.items():
+            label = f"{name}: {what}" if what else name
+            rows.append((label, str(some["files"]), *(f"{100 * some[k]:.1f} %" for k in keys)))
+    head = ["", "files", "right", "of these with a doubt", "wrong, and a doubt names the key", "wrong in silence"]
+    parts = [
         "## Reading other people's vehicles",
-        "",
         "Files made from the demo's vehicles: renamed, translated, flattened, origins at zero or in the middles, "
         "turned by any angle, lying, mirrored, in other units, split, joined, littered; read without options. "
         "Right: sizes, axes, parts and pivots (turret 0.15 m, gun 0.3 m). Tuned: what rules were tuned on. Second and "
@@ -202,21 +208,14 @@ def report(results: dict[str, Any]) -> str:
         "each set is split: all is in the file; the origins of turret and gun are lost, and pivots are estimated; no "
         "name says what a part is, or all is one mesh; or the scale is not the file's, which can be no more than a "
         "doubt.",
-        "",
-        "| | files | right | of these with a doubt | wrong, and a doubt names the key | wrong in silence |",
-        "|---|---:|---:|---:|---:|---:|",
+        table(head, rows),
     ]
-    keys = ("right", "doubted though right", "doubted", "silent")
-    for name, one in results.items():
-        for what, some in {"": one, **one["split"]}.items():
-            cells = " | ".join(f"{100 * some[k]:.1f} %" for k in keys)
-            lines.append(f"| {name}{': ' if what else ''}{what} | {some['files']} | {cells} |")
     for part in ("turret", "gun"):
-        said = "; ".join("{}: {:.2f} and {:.2f} m".format(n, *one[f"{part} pivot"]) for n, one in results.items())
-        lines += ["", f"The {part}'s pivot, median and worst error: {said}."]
-    return "\n".join(lines) + "\n"
+        each = "; ".join("{}: {:.2f} and {:.2f} m".format(n, *one[f"{part} pivot"]) for n, one in results.items())
+        parts.append(f"The {part}'s pivot, median and worst error: {each}.")
+    return "\n\n".join(parts)
 
 
 def plots(results: dict[str, Any], folder: Path) -> list[Path]:
-    """None: the table says it."""
+    """Return nothing: the table is enough."""
     return []

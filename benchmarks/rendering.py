@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from benchmarks import rendering_error
 from benchmarks.rendering_error import FAST, PAPER
+from benchmarks.tables import table
 from demo.project import create_project
 from planning.config import load_config, parse_config
 from planning.loading import load_assets
@@ -61,7 +61,6 @@ def run(quick: bool) -> dict:
         return {
             "loading": _loading(folder, config_path, quick),
             "large": _large(folder, config_path, quick),
-            "memory": _memory(folder, config_path, quick),
             "error": _error(folder, config_path, quick),
         }
 
@@ -168,20 +167,6 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     }
 
 
-def _memory(folder: Path, config_path: Path, quick: bool) -> dict:
-    """Resident memory of one worker after each of many small images: all vehicles and HDRIs in turn."""
-    plan, assets = planned(folder, config_path, 10 if quick else 102, (64, 36), scenery=STEPPE)
-    talk = Talk(folder)
-    held, vehicles = [], []
-    for row in _in_order(plan):
-        talk.ask(_job(row, assets, {**PAPER, "samples": 1}, folder / "m.png"))
-        held.append(talk.worker.memory / 2**20)
-        vehicles.append(row.vehicle)
-    talk.worker.stop()
-    early = held[19]
-    return {"megabytes": held, "vehicles": vehicles, "growth": held[-1] / early - 1, "most": max(held[19:]) / early - 1}
-
-
 def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     size = (64, 36) if quick else (128, 72)
     near = {"target_fraction": [0.3, 0.5]}
@@ -198,64 +183,38 @@ def _error(folder: Path, config_path: Path, quick: bool) -> dict:
 
 
 def report(results: dict) -> str:
-    """A Markdown section."""
-    loading, large, memory = results["loading"], results["large"], results["memory"]
+    """Return a Markdown section."""
+    loading, large = results["loading"], results["large"]
     parts = loading["parts"][1:]
     steady = {key: float(np.median([p[key] for p in parts])) for key in ("load", "sync", "sample", "save")}
     width, height = loading["size"]
-    held = memory["megabytes"]
-    lines = [
+    plain, ours = loading["plain_s"], loading["ours_s"]
+    run = f"whole run, {loading['images']} images"
+    rows = [
+        ("loading and posing, steady state", f"{steady['load']:.3f}"),
+        ("syncing, BVH, sky map", f"{steady['sync']:.3f}"),
+        ("saving", f"{steady['save']:.3f}"),
+        ("sum outside sampling, steady state", f"{loading['steady_overhead_s']:.3f}"),
+        ("the same, first image", f"{loading['first_overhead_s']:.3f}"),
+        ("the same, everything loaded again for each image", f"{loading['plain_overhead_s']:.3f}"),
+        ("sampling and denoising", f"{steady['sample']:.3f}"),
+        (run, f"{ours:.1f} in all"),
+        (f"{run}, everything loaded again for each image", f"{plain:.1f} in all, {plain / ours:.2f} times as long"),
+    ]
+    return "\n\n".join([
         "## Rendering",
-        "",
         f"{loading['images']} images of the demo at {width} x {height}, {loading['settings']['samples']} samples, "
         "denoised, adaptive, on the CPU: three vehicles in two sceneries. Starting Blender takes "
         f"{loading['start_s']:.1f} s once.",
-        "",
-        "| | s an image |",
-        "|---|---:|",
-        f"| loading and posing, steady state | {steady['load']:.3f} |",
-        f"| syncing, BVH, sky map | {steady['sync']:.3f} |",
-        f"| saving | {steady['save']:.3f} |",
-        f"| sum outside sampling, steady state | {loading['steady_overhead_s']:.3f} |",
-        f"| the same, first image | {loading['first_overhead_s']:.3f} |",
-        f"| the same, everything loaded again for each image | {loading['plain_overhead_s']:.3f} |",
-        f"| sampling and denoising | {steady['sample']:.3f} |",
-        f"| whole run, {loading['images']} images | {loading['ours_s']:.1f} in all |",
-        f"| whole run, everything loaded again for each image | {loading['plain_s']:.1f} in all, "
-        f"{loading['plain_s'] / loading['ours_s']:.2f} times as long |",
-        "",
+        table(["", "s an image"], rows),
         f"At {large['size'][0]} x {large['size'][1]} the sum outside sampling is {large['overhead_s']:.2f} s (median "
         f"of {len(large['parts']) - 1} images in steady state), and {large['samples']} samples, denoised, take "
-        f"{large['sample_s']:.0f} s (reckoned from {FEW} and {MORE} samples of one picture): **{large['share']:.1%}** "
-        "of the image are not spent on its light. A GPU makes the second shorter and not the first.",
-        "",
-        f"Memory of one worker over {len(held)} small images of one scenery, {len(set(memory['vehicles']))} vehicles "
-        f"and all HDRIs in turn: {held[19]:,.0f} MB at image 20, {held[-1]:,.0f} MB at the last "
-        f"(**{memory['growth']:+.1%}**), at most {memory['most']:+.1%} in between.",
-        "",
-        *rendering_error.report(results["error"]),
-    ]
-    return "\n".join(lines)
+        f"{large['sample_s']:.0f} s (extrapolated from {FEW} and {MORE} samples of one picture): "
+        f"**{large['share']:.1%}** of the image's time is not sampling. A GPU shortens sampling only.",
+        rendering_error.report(results["error"]),
+    ])  # fmt: skip
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
-    """Draw error against time, and memory."""
-    memory = results["memory"]
-    held, vehicles = memory["megabytes"], memory["vehicles"]
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
-    axes = figure.subplots()
-    axes.plot(range(1, len(held) + 1), held)
-    for i in range(1, len(held)):
-        if vehicles[i] != vehicles[i - 1]:
-            axes.axvline(i + 1, color="0.85", zorder=0)
-    axes.axhspan(held[19], 1.05 * held[19], xmin=0, color="tab:green", alpha=0.12, label="5 % above image 20")
-    axes.legend(loc="lower right")
-    axes.set(
-        xlabel="image (grey: another vehicle)",
-        ylabel="MB held by the worker",
-        ylim=(0, 1.15 * max(held)),
-        xlim=(1, None),
-    )
-    memory_path = folder / "rendering_memory.png"
-    figure.savefig(memory_path, dpi=120)
-    return [rendering_error.plot(results["error"], folder / "rendering_error.png"), memory_path]
+    """Draw error against time."""
+    return [rendering_error.plot(results["error"], folder / "rendering_error.png")]

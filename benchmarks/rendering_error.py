@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from msgspec.structs import replace as altered
 from PIL import Image
 
+from benchmarks.tables import table
 from planning.row import Row
 from render.jobs import RenderAssets, render_job
 from render.messages import Settings, to_json
@@ -72,24 +73,27 @@ def means(results: dict) -> dict[str, dict[str, float]]:
     }
 
 
-def report(results: dict) -> list[str]:
-    """Lines of Markdown."""
+def report(results: dict) -> str:
+    """Return a part of a Markdown section."""
     pictures = results["pictures"]
-    lines = [
+    rows = [
+        (
+            name,
+            f"{mean['seconds']:.2f}",
+            f"{mean['box']:.2f}",
+            f"{mean['frame']:.2f}",
+            *(f"{points[name]['box']:.2f}" for points in pictures.values()),
+        )
+        for name, mean in means(results).items()
+    ]
+    return "\n\n".join([
         "### Samples against error",
-        "",
         f"{len(pictures)} pictures at {results['size'][0]} x {results['size'][1]}: {', '.join(pictures)}. Root mean "
         f"square difference from a reference of {results['reference_samples']} samples and 12 bounces, in 8-bit steps, "
         "over the target's box and over the frame. Seconds are those that Cycles samples and denoises, mean of the "
         "pictures; the variants take turns in an order drawn for each picture.",
-        "",
-        "| settings | s | box | frame |" + "".join(f" box, {where} |" for where in pictures),
-        "|---|---:|---:|---:|" + "---:|" * len(pictures),
-    ]
-    for name, mean in means(results).items():
-        each = "".join(f" {points[name]['box']:.2f} |" for points in pictures.values())
-        lines.append(f"| {name} | {mean['seconds']:.2f} | {mean['box']:.2f} | {mean['frame']:.2f} |{each}")
-    return lines
+        table(["settings", "s", "box", "frame", *(f"box, {name}" for name in pictures)], rows),
+    ])  # fmt: skip
 
 
 def plot(results: dict, path: Path) -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.cbook import get_sample_data
 from matplotlib.figure import Figure
 
+from benchmarks.tables import table
 from geometry.meshes import Mesh
 from geometry.transforms import rotation_z
 from placement.candidates import candidates
@@ -31,9 +32,6 @@ def run(quick: bool) -> dict[str, Any]:
     return {
         "speed": _speed(quick),
         "error": {name: _errors(*terrain, quick) for name, terrain in terrains(quick).items()},
-        "roughness": _roughness(quick),
-        "contact": _contact(quick),
-        "barrel": _barrel(quick),
     }
 
 
@@ -124,56 +122,6 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
     return rows
 
 
-def _roughness(quick: bool) -> list[dict[str, Any]]:
-    """Angle to the reference against the height of 6 m waves, 5 x 5 rays."""
-    rows = []
-    for relief in (0.02, 0.05, 0.1, 0.2, 0.4):
-        mesh, height = waves(60.0, 0.25, 6.0, relief)
-        terrain = Terrain(mesh)
-        xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(2))
-        up, z, _ = _truth(height, xy, yaw)
-        row: dict[str, Any] = {"relief_m": relief}
-        for rule in RULES:
-            pose = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.5, contact_n=0).world_from_vehicle
-            row[rule] = float(np.nanmedian(angle_deg(pose[:, :3, 2], up)))
-            row[f"{rule}_height_m"] = float(np.nanmedian(np.abs(pose[:, 2, 3] - z)))
-        rows.append(row)
-    return rows
-
-
-def _contact(quick: bool) -> list[dict[str, Any]]:
-    """How much of gap and penetration a sparse measurement sees, on rough ground."""
-    mesh, _ = waves(60.0, 0.25, 6.0, 0.25)
-    terrain = Terrain(mesh)
-    xy, yaw = candidates(mesh.bounds, 200 if quick else 1000, rng=np.random.default_rng(3))
-    full = settle(terrain, SIZE, xy, yaw, max_slope=1.5, contact_n=71)
-    rows = []
-    for contact_n in (3, 5, 7, 9, 13, 21):
-        seen = settle(terrain, SIZE, xy, yaw, max_slope=1.5, contact_n=contact_n)
-        rows.append({
-            "points": contact_n,
-            "gap_missed_p95_m": float(np.nanpercentile(full.gap - seen.gap, 95)),
-            "penetration_missed_p95_m": float(np.nanpercentile(full.penetration - seen.penetration, 95)),
-        })  # fmt: skip
-    return rows
-
-
-def _barrel(quick: bool) -> dict[str, float]:
-    """A tank of 7 m with a barrel of 3 m ahead: bounding box against contact footprint, on rough ground."""
-    mesh, height = waves(60.0, 0.25, 6.0, 0.25)
-    terrain = Terrain(mesh)
-    xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(4))
-    offset = np.column_stack([np.cos(yaw), np.sin(yaw)]) * -1.5
-    up, _, _ = _truth(height, xy + offset, yaw)
-    box, tracks = SIZE + np.array([3.0, 0.0, 0.0]), np.array([[-5.0, -1.75], [2.0, 1.75]])
-    whole = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0).world_from_vehicle
-    contact = settle(terrain, box, xy, yaw, max_slope=1.5, contact_n=0, footprint=tracks).world_from_vehicle
-    return {
-        "bounding_box_median_deg": float(np.nanmedian(angle_deg(whole[:, :3, 2], up))),
-        "contact_footprint_median_deg": float(np.nanmedian(angle_deg(contact[:, :3, 2], up))),
-    }
-
-
 def _speed(quick: bool) -> dict[str, Any]:
     """Candidates a second on one terrain, all ways in turn; medians."""
     cells = 100 if quick else 500
@@ -250,63 +198,41 @@ def _blender(mesh: Mesh, xy: np.ndarray, yaw: np.ndarray) -> Callable[[], int] |
 
 
 def report(results: dict[str, Any]) -> str:
-    """The figures as a section of docs/benchmarks.md."""
+    """Return the section of docs/benchmarks.md."""
     speed = results["speed"]
-    lines = [
+    parts = [
         "## Settling",
-        "",
         f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles; the Blender peer on some of them.",
-        "",
-        "| way | candidates a second |",
-        "|---|---|",
-        *(f"| {name} | {rate:,.0f} |" for name, rate in speed["rates"].items()),
-        "",
+        table(["way", "candidates a second"], [(name, f"{rate:,.0f}") for name, rate in speed["rates"].items()]),
         "Error against the rest pose of a rigid footprint of 7 x 3.5 m: the plane above a 0.1 m sample that is lowest "
-        "under the centre of gravity. `Sure` are the candidates whose centre of gravity lies more than 20 cm inside "
-        "its contact triangle: elsewhere the vehicle may tip either way. The gate stands at the reference's median.",
+        "under the center of gravity. `Sure` are the candidates whose center of gravity is more than 20 cm inside "
+        "its contact triangle: elsewhere the vehicle may tip either way. The gate is the reference's median slope.",
+    ]
+    head = [
+        "rule",
+        "n x n",
+        "angle median / p95 (deg)",
+        "median where sure",
+        "height median (m)",
+        "penetration p95 (m)",
     ]
     for name, rows in results["error"].items():
-        lines += [
-            "",
-            f"### {name} ({100 * rows[0]['sure']:.0f} % sure)",
-            "",
-            "| rule | n x n | angle median / p95 (deg) | median where sure | height median (m) | penetration p95 (m) "
-            "| gap median (m) | gate flips |",
-            "|---|---|---|---|---|---|---|---|",
-        ]
-        lines += [
-            f"| {r['rule']} | {r['n']} | {r['angle_median_deg']:.2f} / {r['angle_p95_deg']:.1f} "
-            f"| {r['angle_median_sure_deg']:.2f} | {r['height_median_m']:.3f} | {r['penetration_p95_m']:.3f} "
-            f"| {r['gap_median_m']:.3f} | {100 * r['gate_flips']:.1f} % |"
+        lines = [
+            (
+                r["rule"],
+                str(r["n"]),
+                f"{r['angle_median_deg']:.2f} / {r['angle_p95_deg']:.1f}",
+                f"{r['angle_median_sure_deg']:.2f}",
+                f"{r['height_median_m']:.3f}",
+                f"{r['penetration_p95_m']:.3f}",
+                f"{r['gap_median_m']:.3f}",
+                f"{100 * r['gate_flips']:.1f} %",
+            )
             for r in rows
         ]
-    lines += [
-        "",
-        "### Roughness: 6 m waves, 5 x 5 rays, median angle (deg) / height error (m)",
-        "",
-        "| relief (m) | " + " | ".join(RULES) + " |",
-        "|---|---|---|---|",
-        *(
-            f"| {r['relief_m']} | "
-            + " | ".join(f"{r[rule]:.2f} / {r[f'{rule}_height_m']:.3f}" for rule in RULES)
-            + " |"
-            for r in results["roughness"]
-        ),
-        "",
-        "### What a sparse measurement misses of gap and penetration (p95, m; support rule, rough ground)",
-        "",
-        "| points | gap | penetration |",
-        "|---|---|---|",
-        *(
-            f"| {r['points']} x {r['points']} | {r['gap_missed_p95_m']:.3f} | {r['penetration_missed_p95_m']:.3f} |"
-            for r in results["contact"]
-        ),
-        "",
-        "A tank with 3 m of barrel ahead of its tracks, rough ground: median angle to its rest pose "
-        f"{results['barrel']['bounding_box_median_deg']:.2f} degrees when settled by its bounding box, "
-        f"{results['barrel']['contact_footprint_median_deg']:.2f} by its contact footprint.",
-    ]
-    return "\n".join(lines)
+        parts += [f"### {name} ({100 * rows[0]['sure']:.0f} % sure)"]
+        parts += [table([*head, "gap median (m)", "gate flips"], lines)]
+    return "\n\n".join(parts)
 
 
 def plots(results: dict[str, Any], folder: Path) -> list[Path]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import top_hits_peers as peers
+from benchmarks.tables import table
 from benchmarks.top_hits_cases import cases, errors
 from geometry.meshes import Mesh
 
@@ -86,33 +87,22 @@ def _scene_ray_cast(mesh: Mesh) -> Callable:
 
 
 def report(results: dict) -> str:
-    """A Markdown section."""
-    sizes = list(results["speed"])
-    lines = [
+    """Return a Markdown section."""
+    speed = results["speed"]
+    sizes = [f"{int(n):,} triangles" for n in speed]
+    rows = [(_bold(name), *(_rate(some.get(name)) for some in speed.values())) for name in next(iter(speed.values()))]
+    for name in (DEFAULT, RAW, OPEN3D):
+        rows.append((f"{name}: gain from two threads", *(_gain(some, name) for some in speed.values())))
+    rows.append(("certified, as a multiple of scene.ray_cast", *(_beside(some) for some in speed.values())))
+    return "\n\n".join([
         "## Top hits",
         f"{results['rays']:,} random points, in random order, over hilly terrain; everything counted (sorting, "
         "certifying, repairing, writing out). Multiples are of raw embreex on one thread in the same round.",
-        _row("", *(f"{int(n):,} triangles" for n in sizes)),
-        _row(*["---"] * (len(sizes) + 1)),
-    ]
-    table = [
-        _row(_bold(name), *(_rate(results["speed"][n].get(name)) for n in sizes)) for name in results["speed"][sizes[0]]
-    ]
-    table += [
-        _row(f"{name}: gain from two threads", *(_gain(results["speed"][n], name) for n in sizes))
-        for name in (DEFAULT, RAW, OPEN3D)
-    ]
-    table.append(_row("certified, as a multiple of scene.ray_cast", *(_beside(results["speed"][n]) for n in sizes)))
-    lines[-1] = "\n".join([lines.pop(-2), lines[-1], *table])
-    lines += ["### Building", _build_table(results["build"])]
-    lines += [
+        table(["", *sizes], rows),
+        "### Building",
+        _build_table(results["build"]),
         "Errors of each method on the hard cases are on a [page of their own](hard-cases.md).",
-    ]
-    return "\n\n".join(lines)
-
-
-def _row(*cells: str) -> str:
-    return "| " + " | ".join(cells) + " |"
+    ])  # fmt: skip
 
 
 def _bold(name: str) -> str:
@@ -134,26 +124,26 @@ def _beside(speed: dict[str, dict[str, float]]) -> str:
 
 
 def _build_table(build: dict[str, dict[str, dict[str, float]]]) -> str:
-    rows = [_row("", *(f"{int(n):,} triangles" for n in build)), _row(*["---"] * (len(build) + 1))]
+    rows = []
     for name in next(iter(build.values())):
-        cells = []
-        for figures in build.values():
-            own, base = figures[name], figures[RAW]
-            cells.append(
+        pairs = [(figures[name], figures[RAW]) for figures in build.values()]
+        rows.append((
+            name,
+            *(
                 f"{own['seconds']:.2f} s ({own['seconds'] / base['seconds']:.2f} ×), "
                 f"{own['peak_mb']:.0f} MB ({own['peak_mb'] / max(base['peak_mb'], 1e-3):.2f} ×)"
-            )
-        rows.append(_row(name, *cells))
-    return "\n".join(rows)
+                for own, base in pairs
+            ),
+        ))  # fmt: skip
+    return table(["", *(f"{int(n):,} triangles" for n in build)], rows)
 
 
 def hard_cases(results: dict) -> str:
-    """A Markdown table: every hard case, every method, against rational arithmetic."""
+    """Return a Markdown table: every hard case, every method, against rational arithmetic."""
     found = results["errors"]
     methods = list(next(iter(found.values())))
-    rows = [_row("case", *(_bold(m) for m in methods)), _row(*["---"] * (len(methods) + 1))]
-    rows += [_row(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
-    return "\n".join(rows)
+    rows = [(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
+    return table(["case", *map(_bold, methods)], rows, left=len(methods) + 1)
 
 
 def _errors_of(e: dict[str, float]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.top_hits_peers import hills, raw_embreex
 from geometry.meshes import Mesh, merge
 from placement.terrain import Hits, Terrain
-from property_tests.top_hits_oracle import Top, angle, exact_tops, on_face
+from tests.oracles.top_hits import Top, angle, exact_tops, on_face
 
 Case = tuple[str, Mesh, np.ndarray]
 

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from benchmarks.camera import HD, vehicles
-from benchmarks.sheets import sheet
+from benchmarks.scenes import HD, sheet, vehicles
+from benchmarks.tables import table
 from camera.framing import frame_target
 from camera.projection import Camera, project
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
@@ -263,44 +264,36 @@ def _blender_peer(world: Woods) -> Callable[[int], set[str]] | None:
 
 
 def report(results: dict) -> str:
-    """A Markdown section."""
+    """Return a Markdown section."""
     error, cost, faces = results["error"], results["cost"], results["faces"]
-    told = f"{faces['vehicle']:,} triangles of vehicle in three turned parts, {faces['ground']:,} of ground"
-    lines = [
-        "## Visible share: error against rays",
-        f"{results['views']} views of a tank ({told}, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
-        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of "
-        "the target's box, or 400 across it for small ones, in the world. Errors are in shares of the silhouette; "
-        "a view in which no ray meets the target is untold.",
-        "",
-        "| rays | placed | RMS | 95 % | max | untold | stated bound, 95 % | us a pose |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for name, by_rays in error["contenders"].items():
         for rays, s in by_rays.items():
             stated = f"{error['bound'][rays]:.3f}" if "default" in name else ""
             spent = f"{cost[f'{rays} rays']:.0f}" if "default" in name and f"{rays} rays" in cost else ""
-            lines.append(
-                f"| {rays} | {name} | {s['rms']:.4f} | {s['p95']:.4f} | {s['max']:.3f} | {s['untold']:.0%} "
-                f"| {stated} | {spent} |"
-            )
-    lines += ["", "| what else | us a pose |", "|---|---|"]
-    lines += [f"| {name} | {us:.0f} |" for name, us in cost.items() if not name[:-5].isdigit()]
-    peer = cost.get("peer: 100 rays over the frame in Blender")
-    if peer:
+            figures = (f"{s['rms']:.4f}", f"{s['p95']:.4f}", f"{s['max']:.3f}", f"{s['untold']:.0%}")
+            rows.append((rays, name, *figures, stated, spent))
+    others = [(name, f"{us:.0f}") for name, us in cost.items() if not name[:-5].isdigit()]
+    parts = [
+        "## Visible share: error against rays",
+        f"{results['views']} views of a tank ({faces['vehicle']:,} triangles of vehicle in three turned parts, "
+        f"{faces['ground']:,} of ground, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
+        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of "
+        "the target's box, or 400 across it for small ones, in the world. Errors are shares of the silhouette; "
+        "*none*: views in which no ray met the target.",
+        table(["rays", "placed", "RMS", "95 %", "max", "none", "stated bound, 95 %", "us a pose"], rows, left=2),
+        table(["what else", "us a pose"], others),
+    ]
+    if peer := cost.get("peer: 100 rays over the frame in Blender"):
         ratio = peer / cost["256 rays"]
-        lines += ["", f"256 rays at the target take 1/{ratio:.0f} of the time of 100 rays over the frame in Blender."]
-    return "\n".join(lines)
+        parts += [f"256 rays at the target take 1/{ratio:.0f} of the time of 100 rays over the frame in Blender."]
+    return "\n\n".join(parts)
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
     """Error against time, with the default marked."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
     error, cost = results["error"], results["cost"]
     for name, by_rays in error["contenders"].items():
         known = [(int(r), s["rms"]) for r, s in by_rays.items() if s["rms"] == s["rms"] and s["rms"] > 0]
@@ -320,5 +313,4 @@ def plots(results: dict, folder: Path) -> list[Path]:
     right.legend(fontsize=8)
     path = folder / "visibility.png"
     figure.savefig(path, dpi=130)
-    plt.close(figure)
     return [path]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from geometry.meshes import Mesh
 from placement.terrain import Terrain
-from property_tests.top_hits_oracle import angle, exact_tops
+from tests.oracles.top_hits import angle, exact_tops
 
 HEIGHT_ULPS = 8  # of the largest |z| of the ground: what top_hits promises
 NORMAL_ERROR = 1e-12  # radians: likewise

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from benchmarks.resuming import Kill, differences, render
 from tests.blender_plans import IMAGES, make_worlds, plan_in
+from tests.oracles.resuming import Kill, differences, render
 
 pytestmark = pytest.mark.blender
 

@@ -6,7 +6,7 @@ from placement.exact import ExactGround
 from placement.ground import Ground
 from placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap, unbalanced
 from placement.terrain import Terrain
-from property_tests.top_hits_oracle import exact_tops
+from tests.oracles.top_hits import exact_tops
 
 METHODS = ["certified", "refined", "float32"]
 

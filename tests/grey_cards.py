@@ -1,6 +1,6 @@
-"""What a grey card on open land is in pictures: `python -P exposure_blender.py JOBS.json ANSWERS.json`.
+"""Renders a gray card on open land: `python -P grey_cards.py JOBS.json ANSWERS.json`.
 
-A job is keys and values of `Job`; an answer is the mean colour, from 0 to 255, of a picture of nothing but the card.
+A job holds the fields of `Job`; an answer is the mean color, from 0 to 255, of a picture that shows only the card.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import bpy
 import numpy as np
 
 from camera.fog import airlight
 from camera.response import ALBEDO
+from reading.blender.pictures import _write
 from render.blender import cycles
 from render.blender.air import Fog
 from render.blender.light import HdriWorld
@@ -29,9 +30,9 @@ EYE = 0.15  # metres above the card: hardly any air between
 
 @dataclass(frozen=True)
 class Job:
-    """A card under an HDRI; angles in radians."""
+    """A card under a sky, an array (h, w, 3) in a .npy file with the lowest row first; angles in radians."""
 
-    hdri: str
+    sky: str
     yaw: float = 0.0
     strength: float = 1.0
     horizon: float | None = None
@@ -63,7 +64,7 @@ def main() -> None:
         settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
         cycles.configure(scene, settings, device="CPU", threads=2)
         scene.render.resolution_x = scene.render.resolution_y = SIDE
-        world.set(job.hdri, job.yaw, job.strength, np.eye(4), horizon=job.horizon)
+        world.set(_hdri(job.sky), job.yaw, job.strength, np.eye(4), horizon=job.horizon)
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         fog.clear()
         if job.visibility_m is not None:
@@ -74,6 +75,13 @@ def main() -> None:
         bpy.ops.render.render(write_still=True)
         answers.append(_mean(scene.render.filepath))
     Path(sys.argv[2]).write_text(json.dumps(answers))
+
+
+def _hdri(sky: str) -> str:
+    path = Path(sky).with_suffix(".exr")
+    if not path.exists():
+        _write(np.load(sky), str(path))
+    return str(path)
 
 
 def _card() -> bpy.types.Object:
