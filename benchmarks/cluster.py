@@ -91,7 +91,7 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
                 output / "logs",
                 device="cpu",
                 workers=WORKERS,
-                confinement=confinement_of(plan, assets, output, gpu=False),
+                confinement=confinement_of(assets, output, gpu=False),
             ) as local,
             _pool(nodes, assets, output) as dask,
         ):

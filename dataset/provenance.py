@@ -13,7 +13,7 @@ from geometry.errors import DatasetError
 from geometry.files import open_regular
 
 PROVENANCE_NAME = "provenance.json"
-GROWING = ("blender", "devices", "systems")  # lists that several runs and machines add to
+GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
 
 
 def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:

@@ -64,6 +64,18 @@ def abi() -> int:
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
 
 
+def unconfined() -> str:
+    """Why processes that read files from elsewhere aren't confined here; empty if they are."""
+    if not abi():
+        return "this kernel has no Landlock"
+    return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
+
+
+def confinement() -> str:
+    """What confines processes here, for records: "Landlock 4", or why nothing does."""
+    return f"none: {why}" if (why := unconfined()) else f"Landlock {abi()}"
+
+
 def confined(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
@@ -79,7 +91,7 @@ def confined(
     devices
         Paths of devices that it shall use.
     """
-    if not abi() or os.environ.get(OFF, "").lower() == "off":
+    if unconfined():
         return list(command)
     # The first entry is where the running script lies, which may be anywhere.
     packages = [path for path in sys.path[0 if sys.flags.safe_path else 1 :] if path]

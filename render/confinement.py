@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from planning.plan_file import Plan
-from planning.row import Source
-from reading.landlock import asset_folders, confined
+from reading.landlock import confined
 from render.jobs import RenderAssets
 
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
@@ -48,13 +45,6 @@ class Confinement:
         return {"TMPDIR": str(self.write)}
 
 
-def confinement_of(plan: Plan, assets: RenderAssets, write: Path, *, gpu: bool) -> Confinement:
-    """What workers may reach that render a plan into the folder `write`: besides that, its assets and their folders."""
-    files = [file.tidy for file in assets.vehicles.values()] + [file.path for file in assets.sceneries.values()]
-    files += list(assets.hdris.values())
-    root = plan.path.absolute().parent / plan.header.root
-    header = plan.header
-    sources: tuple[Mapping[str, Source], ...] = (header.vehicles, header.distractors, header.sceneries)
-    listed = [root / file.path for of in sources for file in of.values()]
-    folders = {folder: None for file in [*files, *listed] for folder in asset_folders(Path(os.path.normpath(file)))}
-    return Confinement(write, tuple(folders), gpu=gpu)
+def confinement_of(assets: RenderAssets, write: Path, *, gpu: bool) -> Confinement:
+    """What workers may reach that render from these assets into the folder `write`."""
+    return Confinement(write, assets.readable, gpu=gpu)

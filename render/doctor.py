@@ -16,7 +16,7 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from reading.landlock import NETWORK_ABI, OFF, abi
+from reading.landlock import NETWORK_ABI, abi, confinement, unconfined
 
 ROOT = Path(__file__).resolve().parents[1]
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
@@ -60,11 +60,9 @@ class Diagnosis:
     @property
     def confinement(self) -> str:
         """What holds back a file from elsewhere on this machine."""
-        if not self.landlock:
-            return "none: this kernel has no Landlock, so what files may do to this machine hangs on a list of it"
-        network = "" if self.landlock >= NETWORK_ABI else ", which knows no network"
-        off = f", switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
-        return f"Landlock {self.landlock}{network}{off}"
+        if unconfined():
+            return f"{confinement()}; only hulldown's list of risky features protects this machine"
+        return confinement() if self.landlock >= NETWORK_ABI else f"{confinement()}, which doesn't cover the network"
 
     def table(self) -> Table:
         """All but the problems, for a terminal."""

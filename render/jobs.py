@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from planning.loading import Library, load_planned_library
 from planning.paint import Coat, linear, luminance
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
+from reading.landlock import asset_folders
 from reading.paintable import MaterialRow, painted
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 from render.messages import (
@@ -40,22 +42,52 @@ FAR = 5000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleFile:
-    """A vehicle's shape, the .blend that `reading.blender.tidy` made of it, files this refers to, its materials."""
+    """A vehicle to render.
+
+    Parameters
+    ----------
+    shape
+        Its geometry.
+    tidy
+        The .blend that `reading.blender.tidy` made of it.
+    files
+        Paths of what that refers to.
+    materials
+        Its materials.
+    source
+        The file that the config names; None if that is the tidy one.
+    """
 
     shape: VehicleShape
     tidy: Path
     files: tuple[str, ...] = ()
     materials: tuple[MaterialRow, ...] = ()
+    source: Path | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
-    """A scenery's .blend, where its coordinates go, its geometry, and files that the .blend refers to."""
+    """A scenery to render.
+
+    Parameters
+    ----------
+    path
+        Its .blend.
+    scenery_from_file
+        (4, 4) where its coordinates go.
+    scenery
+        Its geometry.
+    files
+        Paths of what the .blend refers to.
+    source
+        The file that the config names; None if that is the .blend.
+    """
 
     path: Path
     scenery_from_file: Float[np.ndarray, "4 4"]
     scenery: Scenery
     files: tuple[str, ...] = ()
+    source: Path | None = None
 
     @property
     def standing(self) -> list[str]:
@@ -70,6 +102,18 @@ class RenderAssets:
     vehicles: Mapping[str, VehicleFile]
     sceneries: Mapping[str, SceneryFile]
     hdris: Mapping[str, Path]
+
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """What Blender may read to render them: the folders of the files that the config names, and the HDRIs.
+
+        Neither a plan's header nor an asset adds to it.
+        """
+        named = [(file.tidy, file.source) for file in self.vehicles.values()]
+        named += [(file.path, file.source) for file in self.sceneries.values()]
+        files = [Path(os.path.normpath(path)) for pair in named for path in pair if path is not None]
+        folders = [folder for file in files for folder in asset_folders(file)]
+        return tuple(dict.fromkeys([*folders, *self.hdris.values()]))
 
 
 def render_assets(
@@ -102,9 +146,16 @@ def render_assets(
     config, library = load_planned_library(plan, cache=cache, progress=progress, limits=limits)
     shapes = {**library.assets.vehicles, **library.assets.distractors}
     read = {**library.vehicles, **library.distractors}
+    paths = {entry.name: entry.path for entry in (*config.assets.vehicles, *config.assets.distractors)}
     return RenderAssets(
         vehicles={
-            name: VehicleFile(shape, read[name].tidy, read[name].files, read[name].report.materials)
+            name: VehicleFile(
+                shape,
+                read[name].tidy,
+                read[name].files,
+                read[name].report.materials,
+                source=config.folder / paths[name],
+            )
             for name, shape in shapes.items()
         },
         sceneries={
@@ -119,7 +170,7 @@ def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
     """The scenery as delivered; its tidy twin, which has lost hair and volumes, where float32 fails the original."""
     scenery, read = library.assets.sceneries[name], library.sceneries[name]
     if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
-        return SceneryFile(read.tidy, np.eye(4), scenery, read.files)
+        return SceneryFile(read.tidy, np.eye(4), scenery, read.files, source=path)
     return SceneryFile(path, scenery.scenery_from_file, scenery, read.files)
 
 

@@ -25,6 +25,7 @@ from dataset.verify import compare
 from geometry.errors import DatasetError, HulldownError
 from planning.plan_file import Plan, read_plan
 from planning.row import Row
+from reading.watch import DEFAULT_LIMITS, ReadLimits
 from render.annotations import Segmenter
 from render.confinement import confinement_of
 from render.jobs import RenderAssets, mask_job, render_assets
@@ -91,6 +92,7 @@ def verify_masks(
     count: int,
     assets: RenderAssets | None = None,
     cache: Path | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:
     """Render the masks of some images of a dataset and hold its annotations against them.
@@ -107,6 +109,8 @@ def verify_masks(
         The plan's files; those that its header names if not given.
     cache
         Where these are kept; beside the plan if None.
+    limits
+        When reading one is given up.
     progress
         Called with the images done and their number.
 
@@ -128,7 +132,7 @@ def verify_masks(
     )
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    assets = assets or render_assets(plan, cache=cache)
+    assets = assets or render_assets(plan, cache=cache, limits=limits)
     masks = cycles_masks(plan, chosen, assets, progress=progress)
     rows: list[MaskRow] = []
     findings = [
@@ -282,7 +286,7 @@ def cycles_masks(
         def failed(index: int, reasons: list[str]) -> None:
             raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)
 
-        confinement = confinement_of(plan, assets, folder, gpu=device != "cpu")
+        confinement = confinement_of(assets, folder, gpu=device != "cpu")
         with Pool(folder / "logs", blender=blender, device=device, workers=1, confinement=confinement) as pool:
             pool.run(sorted(rows, key=lambda i: plan[i].scenery), message, done, failed)
     return [found[index] for index in rows]

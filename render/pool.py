@@ -18,6 +18,7 @@ from typing import Any
 import psutil
 
 from geometry.errors import HulldownError
+from reading import landlock
 from render.confinement import Confinement
 from render.messages import StartJob, to_json
 from render.process import WorkerProcess, worker_command
@@ -136,6 +137,7 @@ class Pool:
         self.restarts = 0
         self.devices: set[str] = set()
         self.systems = {platform.platform(terse=True)}
+        self.confinements = {landlock.confinement()}
         self.blender_version = ""
         self._logs, self._device, self._limits = logs, device, limits
         self._command = worker_command(blender)

@@ -53,6 +53,7 @@ class Renders(Protocol):
     restarts: int
     devices: set[str]
     systems: set[str]
+    confinements: set[str]
     blender_version: str
 
     @property
@@ -112,7 +113,7 @@ class Session:
         # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in todo.names]
         read_provenance(self._folder)
-        self._recorded: set[str] = set()
+        self._recorded: dict[str, list[str]] = {}
         settings = parse_config(plan.header.config, path=plan.path).render
         self._settings = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
         self._segmenter = Segmenter(
@@ -154,20 +155,23 @@ class Session:
 
     def _record(self, pool: Renders) -> None:
         """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
-        devices = pool.devices - self._recorded
-        if not devices:
+        made_by = {
+            "blender": [pool.blender_version],
+            "devices": sorted(pool.devices),
+            "systems": sorted(pool.systems),
+            "confinement": sorted(pool.confinements),
+        }
+        if made_by == self._recorded:
             return
         entry = {
             "file": self._plan.path.name,
             "first_image_id": self._todo.run.image_offset + 1,
             "images": len(self._plan),
-            "blender": [pool.blender_version],
-            "devices": list(devices),
-            "systems": sorted(pool.systems),
+            **made_by,
             "plan": msgspec.to_builtins(self._plan.header),
         }
         add_provenance(self._folder, {self._todo.run.key: entry})
-        self._recorded |= devices
+        self._recorded = made_by
 
     def _output(self, index: int) -> Path:
         return self._unfinished / f"{index}.png"

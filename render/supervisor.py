@@ -153,7 +153,7 @@ def render_plan(
                     limits=limits,
                     say=session.say,
                     stopping=stopping,
-                    confinement=confinement_of(plan, assets, session.unfinished, gpu=device != "cpu"),
+                    confinement=confinement_of(assets, session.unfinished, gpu=device != "cpu"),
                 )
             else:
                 pool = _cluster(scheduler)(

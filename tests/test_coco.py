@@ -13,7 +13,7 @@ import dataset.document as documents
 from dataset.coco import CocoDataset
 from dataset.document import read_coco
 from dataset.failures import write_failures
-from dataset.provenance import add_provenance
+from dataset.provenance import GROWING, add_provenance
 from geometry.errors import DatasetError
 
 FOREIGN = {
@@ -205,7 +205,7 @@ def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     for name in ("annotations.json", "provenance.json", "failures.jsonl"):
         (tmp_path / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
     CocoDataset.open(tmp_path).close()
-    add_provenance(tmp_path, {"a": {"blender": [], "devices": [], "systems": []}})
+    add_provenance(tmp_path, {"a": {key: [] for key in GROWING}})
     write_failures(tmp_path, [{"file_name": "a.png"}])
     assert (tmp_path / "mine").read_text() == "mine"
     assert not any(path.name.endswith(".tmp") for path in tmp_path.iterdir())

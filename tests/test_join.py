@@ -135,7 +135,8 @@ def test_it_is_an_append_to_what_is_there(tmp_path):
 
 
 def test_failures_and_provenance_are_carried_over(tmp_path):
-    entry = {"first_image_id": 1, "blender": ["5.0"], "devices": ["CPU"], "systems": ["x"], "images": 6}
+    entry = {"first_image_id": 1, "blender": ["5.0"], "devices": ["CPU"], "systems": ["x"], "confinement": ["x"]}
+    entry["images"] = 6
     parts = [render(tmp_path / "1", [0]), render(tmp_path / "2", [1])]
     for device, part in zip(("CPU", "GPU"), parts, strict=True):
         failure = {"index": 2, "file_name": "images/00000003.png", "reasons": [device]}

@@ -11,6 +11,7 @@ from pathlib import Path
 import orjson
 import pytest
 
+from cli import main
 from geometry.errors import AssetError
 from planning.row import decode_row
 from reading import landlock
@@ -270,3 +271,18 @@ def test_a_file_that_cannot_be_read_is_still_one_line(tmp_path: Path) -> None:
     path.write_bytes(b"BLENDER17-01v0500" + b"x" * 100)
     with pytest.raises(AssetError):
         export(path, tmp_path)
+
+
+@pytest.mark.parametrize("required", [False, True])
+def test_missing_confinement_is_announced_once_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, required: bool
+) -> None:
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
+    monkeypatch.chdir(tmp_path)
+    code = main(["render", "plan.jsonl", "-o", "dataset", *(["--require-confinement"] if required else [])])
+    error = capsys.readouterr().err
+    assert code == 2
+    assert ("no such plan" in error) != required
+    assert error.count("HULLDOWN_CONFINEMENT") >= 1
+    assert ("would not be confined" in error) == required
+    assert list(tmp_path.iterdir()) == []

@@ -18,6 +18,7 @@ from geometry.errors import ConfigError
 from planning.plan_file import Plan
 from planning.row import Source
 from planning.weather import Weather
+from render.confinement import confinement_of
 from render.jobs import SceneryFile, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
 from render.messages import to_json
@@ -336,6 +337,16 @@ def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
     header = altered(plan.header, hdris={**plan.header.hdris, "grey": Source(path="grey.exr", sha256="0" * 64)})
     with pytest.raises(ConfigError, match=r"'grey' \(grey.exr\) is not what it was when this was planned"):
         render_assets(Plan(plan.path, header))
+
+
+def test_a_plans_header_opens_no_folder(plan, assets, tmp_path):
+    """The folder of the path in it could be read while the plan was rendered."""
+    entry = altered(plan.header.sceneries["field"], path=str(tmp_path / "secret" / "field.blend"))
+    header = altered(plan.header, sceneries={**plan.header.sceneries, "field": entry})
+    found = render_assets(Plan(plan.path, header))
+    assert confinement_of(found, tmp_path, gpu=False).read == confinement_of(assets, tmp_path, gpu=False).read
+    assert plan.path.parent in found.readable
+    assert assets.hdris["grey"] in found.readable
 
 
 @pytest.mark.parametrize("fov_x_deg", [0.1, 5.0, 100.0, 179.0])

@@ -17,6 +17,7 @@ from dataset.document import read_coco
 from dataset.failures import read_failures
 from dataset.join import join
 from geometry.errors import DatasetError
+from reading.landlock import confinement
 from render.jobs import RenderAssets
 from render.supervisor import render_plan
 from tests.render_plans import ASSETS, contents, make_row, write_plan
@@ -66,6 +67,7 @@ def test_provenance_says_what_was_used(tmp_path, blender):
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
     assert entry["blender"] == ["fake"]
     assert entry["devices"] == ["CPU"]
+    assert entry["confinement"] == [confinement()]
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
 
 

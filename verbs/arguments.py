@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from geometry.errors import HulldownError
+from reading.landlock import OFF, unconfined
 from reading.watch import GIB, ReadLimits
+from verbs.terminal import warn
 
 
 @runtime_checkable
@@ -37,7 +40,18 @@ def page_name(text: str) -> Path:
 
 
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
-    """How much memory and time reading an asset may take."""
+    """How much memory and time reading an asset may take; warns if Blender can't be confined.
+
+    Raises
+    ------
+    HulldownError
+        If the command requires confinement and there is none.
+    """
+    if why := unconfined():
+        if arguments.require_confinement:
+            remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"
+            raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
+        warn(f"files from elsewhere are read unconfined: {why}; see docs/safety.md")
     memory = arguments.read_memory
     return ReadLimits(
         silence_s=arguments.read_timeout or ReadLimits().silence_s,
@@ -55,6 +69,9 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
         "--read-memory", type=positive, metavar="GIB",
         help="give an asset up that takes more memory (default: its share of nine tenths of the machine's)",
     )  # fmt: skip
+    sub.add_argument(
+        "--require-confinement", action="store_true", help="refuse to read files where Blender can't be confined"
+    )
 
 
 def positive(text: str) -> float:

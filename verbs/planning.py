@@ -70,13 +70,14 @@ def _inspect(arguments: argparse.Namespace) -> int:
         assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in drawn)
         for page in pages(arguments.output, assets):
             make_room_for_picture(page)
+    limits = read_limits(arguments)
     inspected: list[Inspected] = []
     reports: list[FileReport | SkyReport] = []
     for path in arguments.files:
         if path.suffix.lower() in HDRI_SUFFIXES:
             with reading_status() as progress:
                 progress(str(path))
-                sky = inspect_sky(path, limits=read_limits(arguments))
+                sky = inspect_sky(path, limits=limits)
             reports.append(sky)
             if not arguments.json:
                 show_table(sky.table())
@@ -87,7 +88,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
                 "strict": arguments.strict,
                 "pictures": bool(arguments.output),
                 "progress": progress,
-                "limits": read_limits(arguments),
+                "limits": limits,
             }
             if path in configs:
                 found = inspect_config(configs[path], **shared)

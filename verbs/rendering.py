@@ -120,7 +120,12 @@ def _verify(arguments: argparse.Namespace) -> int:
 
         with progress_bar("rendering masks") as advance:
             measured = verify_masks(
-                arguments.dataset, arguments.plan, count=arguments.masks, cache=arguments.cache, progress=advance
+                arguments.dataset,
+                arguments.plan,
+                count=arguments.masks,
+                cache=arguments.cache,
+                limits=read_limits(arguments),
+                progress=advance,
             )
         checked = len(measured.rows)
         findings += measured.findings
@@ -251,6 +256,7 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
     sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
+    add_read_limits(sub)
     add_cache(sub, ".hulldown-cache beside the plan")
 
     sub = verb(
