@@ -123,6 +123,7 @@ class ClusterPool:
         self.restarts = self.submitted = 0
         self.devices: set[str] = set()
         self.systems: set[str] = set()
+        self.confinements: set[str] = set()
         self.blender_version = ""
         self._address, self._device, self._limits = scheduler.address, device, limits
         self._shared = shared if scheduler.shared_disk else None
