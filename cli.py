@@ -67,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno not in REFUSALS:
             raise
         STDERR.print(f"hulldown: {escape(error.filename or 'stdout')}: {error.strerror}", soft_wrap=True)
-        silence_stdout()
+        if error.filename is None:
+            silence_stdout()
         return MISTAKE
 
 

@@ -1,5 +1,6 @@
 """Small plans of files that Blender makes and renders."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,11 @@ def make_worlds(folder, script="render_worlds.py"):
     """Run a script of this folder, in Blender, that writes files into another folder."""
     path = Path(__file__).with_name(script)
     subprocess.run([sys.executable, str(path), str(folder)], check=True, capture_output=True)
+
+
+def copied(worlds, folder):
+    """A folder with files and caches of its own."""
+    return Path(shutil.copytree(worlds, folder, dirs_exist_ok=True))
 
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from filelock import FileLock
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -15,12 +18,41 @@ if TYPE_CHECKING:
     from tests.messy_export import Messy
 
 
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """Return a folder that `make` fills once for a whole run, however many workers pytest-xdist starts."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        folder = factory.mktemp(name)
+        make(folder)
+        return folder
+    folder = factory.getbasetemp().parent / name
+    made = folder.with_suffix(".made")
+    with FileLock(folder.with_suffix(".lock")):
+        if not made.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            make(folder)
+            made.touch()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
     """The messy files, built and exported once for the whole run."""
-    from tests.messy_export import build  # not before a test asks: it needs most of the code
+    from tests.messy_export import build, load  # lazily: they import most of the code
 
-    return build(tmp_path_factory.mktemp("messy"))
+    return load(made_once(tmp_path_factory, "messy", build))
+
+
+@pytest.fixture(scope="session")
+def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of render_worlds.py, with tank, field, and grey sky in the cache; copy them before you write."""
+    from tests.blender_plans import make_worlds, plan_in
+
+    def make(folder: Path) -> None:
+        make_worlds(folder)
+        plan_in(folder, images=1).unlink()
+
+    return made_once(tmp_path_factory, "worlds", make)
 
 
 @pytest.fixture(scope="session")

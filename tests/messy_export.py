@@ -29,6 +29,7 @@ VEHICLES = [
     "nodes",
 ]
 SCENERIES = ["scattered", "unnamed"]
+DAMAGED = ("truncated", "scrambled", "newer", "newer_compressed")
 
 
 @dataclass
@@ -80,47 +81,58 @@ def _python(*arguments: str) -> None:
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
 
-def build(folder: Path) -> Messy:
-    """Build the messy files, export them and render their tidy twins; two processes with Blender in them."""
+def build(folder: Path) -> None:
+    """Build the messy files, export them and render their tidy twins; three processes with Blender in them."""
     builder = str(HERE / "messy_blends.py")
     _python(builder, str(folder), "build")
-    cases = json.loads((folder / "cases.json").read_text())
-    jobs = {}
-
-    def add(name: str, file: str, **about: object) -> None:
-        (folder / f"out_{name}").mkdir()
-        jobs[name] = job_for(folder / file, folder / f"out_{name}", **about)
-        (folder / f"{name}.job").write_text(json.dumps(jobs[name]))
-
-    for name, about in cases.items():
-        add(name, f"{name}.blend", kind=about["kind"], options=Options(**about["options"]))
-    for suffix in ("glb", "fbx", "obj"):
-        # The first two were made of a model that lies on its side in Blender; OBJ files are y up by themselves.
-        add(suffix, f"imported.{suffix}", kind="vehicle", options=Options(up=None if suffix == "obj" else "y"))
     for name, content in _damaged((folder / "malicious.blend").read_bytes()).items():
         (folder / f"{name}.blend").write_bytes(content)
-        add(name, f"{name}.blend", kind="vehicle")
+    jobs = _jobs(folder)
+    for name, job in jobs.items():
+        (folder / f"out_{name}").mkdir()
+        (folder / f"{name}.job").write_text(json.dumps(job))
     # One process for all of them, which is not how it is done in earnest but starts Blender once.
     _python("-m", "reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
-    exported, errors = {}, {}
-    for name, job in jobs.items():
-        try:
-            exported[name] = exported_by(job, json.loads(Path(job["answer"]).read_text()))
-        except AssetError as error:
-            errors[name] = error
-    made = Messy(folder, cases, exported, errors)
+    made = load(folder)
     twins = {
         name: {
-            "kind": exported[name].report.kind,
-            "path": str(exported[name].tidy),
-            "hide": cases[name]["hide"],
+            "kind": made.exported[name].report.kind,
+            "path": str(made.exported[name].tidy),
+            "hide": made.cases[name]["hide"],
             "cameras": [into_asset(made.asset(name), c).tolist() for c in made.cameras(name)],
         }
         for name in [*VEHICLES, *SCENERIES, "hairy", "furry", "map_in_mesh", "map_in_object"]
     }
     (folder / "tidy.json").write_text(json.dumps(twins))
     _python(builder, str(folder), "tidy")
-    return made
+
+
+def load(folder: Path) -> Messy:
+    """Return what `build` left in a folder."""
+    exported, errors = {}, {}
+    for name, job in _jobs(folder).items():
+        try:
+            exported[name] = exported_by(job, json.loads(Path(job["answer"]).read_text()))
+        except AssetError as error:
+            errors[name] = error
+    return Messy(folder, _cases(folder), exported, errors)
+
+
+def _jobs(folder: Path) -> dict[str, dict]:
+    """The export job of each messy file."""
+    about = {name: (f"{name}.blend", case["kind"], case["options"]) for name, case in _cases(folder).items()}
+    for suffix in ("glb", "fbx", "obj"):
+        # The first two were made of a model that lies on its side in Blender; OBJ files are y up by themselves.
+        about[suffix] = (f"imported.{suffix}", "vehicle", {"up": None if suffix == "obj" else "y"})
+    about |= {name: (f"{name}.blend", "vehicle", {}) for name in DAMAGED}
+    return {
+        name: job_for(folder / file, folder / f"out_{name}", kind=kind, options=Options(**options))
+        for name, (file, kind, options) in about.items()
+    }
+
+
+def _cases(folder: Path) -> dict:
+    return json.loads((folder / "cases.json").read_text())
 
 
 def _damaged(sound: bytes) -> dict[str, bytes]:

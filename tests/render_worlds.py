@@ -108,6 +108,7 @@ def trees(folder):
         leaves.pixels.foreach_set(rgba.ravel())
         leaves.filepath_raw, leaves.file_format = str(folder / "leaves.png"), "PNG"
         leaves.save()
+        leaves.filepath = "//leaves.png"
         material = matt("leaves", (0.1, 0.3, 0.05))
         texture = material.node_tree.nodes.new("ShaderNodeTexImage")
         texture.image, texture.interpolation = leaves, "Closest"

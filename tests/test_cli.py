@@ -6,6 +6,7 @@ import subprocess
 import sys
 import unicodedata
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.table import Table
@@ -20,11 +21,30 @@ VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verif
 VERBS += ["cluster", "subset", "augment", "train"]
 
 
-def run(*words, cwd):
-    return subprocess.run(
-        [sys.executable, "-P", "-m", "cli", *map(str, words)],
-        cwd=cwd, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=120,
-    )  # fmt: skip
+def command(*words):
+    return [sys.executable, "-P", "-m", "cli", *map(str, words)]
+
+
+def run_apart(*words, cwd):
+    """The command in a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command(*words), cwd=cwd, capture_output=True, text=True, env=environment, timeout=120)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run the command in this process, inside tmp_path."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        try:
+            code = cli.main([*map(str, words)])
+        except SystemExit as stop:  # argparse's
+            code = stop.code
+        shown = capsys.readouterr()
+        return SimpleNamespace(returncode=code, stdout=shown.out, stderr=shown.err)
+
+    return call
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -49,18 +69,22 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
         (["export", "none", "-o", "out"], "none"),
         (["inspect", "none.blend"], "none.blend"),
         (["subset", "none", "-o", "out"], "none"),
-        (["train", "--data", "real=none", "-o", "run", "--model", "small"], "none"),
-        (["train", "--data", "real=none", "-o", "run", "--model", "huge"], "model = 'huge'"),
         (["verify", "n" * 300], "File name too long"),
         (["inspect", "none.blend", "-o", f"{'n' * 300}.png"], "File name too long"),
     ],
 )
-def test_a_mistake_is_one_line_with_exit_code_2(words, named, tmp_path):
-    ran = run(*words, cwd=tmp_path)
+def test_a_mistake_is_one_line_with_exit_code_2(words, named, run, tmp_path):
+    ran = run(*words)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert named in ran.stderr
     assert len(ran.stderr.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mistake_is_one_line_in_a_terminal_too(tmp_path):
+    ran = run_apart("plan", "none.toml", "-o", "plan.jsonl", cwd=tmp_path)
+    assert (ran.returncode, ran.stdout, ran.stderr.count("\n")) == (2, "", 1)
+    assert "none.toml" in ran.stderr
 
 
 def test_the_help_does_not_wait_for_the_stages():
@@ -68,12 +92,28 @@ def test_the_help_does_not_wait_for_the_stages():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=60)
 
 
-@pytest.mark.parametrize("split", ["0.7,0.3", "a,b,c", "0.7,0.2,0.2", "1.2,-0.1,-0.1", "nan,0,0", "0,nan,1", "inf,0,0"])
-def test_a_split_that_does_not_add_up_is_refused(split, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["export", "dataset", "-o", "out", "--split", split])
-    assert stop.value.code == 2
-    assert "add up to 1" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        *(
+            (["export", "dataset", "-o", "out", "--split", split], "add up to 1")
+            for split in ("0.7,0.3", "a,b,c", "0.7,0.2,0.2", "1.2,-0.1,-0.1", "nan,0,0", "0,nan,1", "inf,0,0")
+        ),
+        *(
+            (["render", "plan.jsonl", "-o", "dataset", f"--share={share}"], "K/N with K from 1 to N")
+            for share in ("0/2", "3/2", "2", "1/2/3", "a/b", "-1/2", "1/0", "\u00b2/3")
+        ),
+        *(
+            (["render", "plan.jsonl", "-o", "dataset", f"--image-timeout={seconds}"], "a number above 0")
+            for seconds in ("0", "-1", "nan", "inf", "soon")
+        ),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, list) else "",
+)
+def test_an_argument_out_of_range_is_refused(words, expected, run):
+    ran = run(*words)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert expected in ran.stderr
 
 
 @pytest.mark.parametrize(
@@ -87,14 +127,6 @@ def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
     monkeypatch.setattr(verbs.rendering, f"_{words[0]}", stopped)
     assert cli.main(words) == 130
     assert said in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("share", ["0/2", "3/2", "2", "1/2/3", "a/b", "-1/2", "1/0", "\u00b2/3"])
-def test_a_share_that_is_none_is_refused(share, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["render", "plan.jsonl", "-o", "dataset", f"--share={share}"])
-    assert stop.value.code == 2
-    assert "expected K/N with K from 1 to N, such as 3/8" in capsys.readouterr().err
 
 
 def test_an_error_with_line_breaks_in_its_path_is_one_line():
@@ -116,41 +148,25 @@ def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
     assert given["limits"].job_s == seconds
 
 
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "soon"])
-def test_a_time_for_a_picture_that_is_none_is_refused(seconds, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["render", "plan.jsonl", "-o", "dataset", f"--image-timeout={seconds}"])
-    assert stop.value.code == 2
-    assert "a number above 0" in capsys.readouterr().err
-
-
-def test_join_says_what_it_has_done(tmp_path):
+def test_join_says_what_it_has_done(run, tmp_path):
     for part in ("a", "b"):
         with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:
-            run = dataset.run("p" * 64, images=3, annotations=0)
+            dataset.run("p" * 64, images=3, annotations=0)
             (tmp_path / part / "images").mkdir()
             (tmp_path / part / "images" / f"{part}.png").touch()
             dataset.append({"id": 1 + (part == "b"), "file_name": f"images/{part}.png", "width": 4, "height": 3}, [])
-    assert run.prefix == ""
-    ran = run_json("join", "a", "b", "-o", "joined", cwd=tmp_path)
-    assert ran == {"added": 2, "already": 0, "failed": 0, "missing": 1}
-    assert run_json("join", "a", "b", "-o", "joined", cwd=tmp_path)["already"] == 2
+    words = ("join", "a", "b", "-o", "joined", "--json")
+    assert json.loads(run(*words).stdout) == {"added": 2, "already": 0, "failed": 0, "missing": 1}
+    assert json.loads(run(*words).stdout)["already"] == 2
 
 
 def test_a_warning_is_one_line_too(tmp_path):
     with CocoDataset.open(tmp_path / "d", categories=["tank"]):
         pass
     (tmp_path / "d" / "annotations.json").unlink()
-    ran = run("export", "d", "-o", "out", cwd=tmp_path)
-    assert ran.stderr.splitlines()[0] == (
-        "warning: d/annotations.json: is missing; it is made anew from journal.jsonl, without what was in it before"
-    )
-
-
-def run_json(*words, cwd):
-    ran = run(*words, "--json", cwd=cwd)
-    assert ran.returncode == 0, ran.stderr
-    return json.loads(ran.stdout)
+    ran = run_apart("export", "d", "-o", "out", cwd=tmp_path)
+    assert ran.stderr.startswith("warning: d/annotations.json: is missing")
+    assert ran.stderr.count("warning: ") == 1
 
 
 @pytest.mark.blender
@@ -158,7 +174,7 @@ def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
     (tmp_path / "render").mkdir()
     for mine in ("render/__init__.py", "bpy.py"):
         (tmp_path / mine).write_text("raise RuntimeError('not what was meant')")
-    ran = run("doctor", "--json", cwd=tmp_path)
+    ran = run_apart("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)
     assert found["blender"].startswith("5.0")
     assert found["devices"][-1]["kind"] == "CPU"
@@ -166,12 +182,12 @@ def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["preview", "inspect"])
-def test_no_picture_is_written_over_a_config(verb, tmp_path):
+def test_no_picture_is_written_over_a_config(verb, run, tmp_path):
     config = tmp_path / "hulldown.toml"
     config.write_text("seed = 0\n")
-    ran = run(verb, "x.jsonl", "-o", config.name, cwd=tmp_path)
+    ran = run(verb, "x.jsonl", "-o", config.name)
     assert ran.returncode == 2
-    assert "expected the name of a .png file, got 'hulldown.toml'" in ran.stderr
+    assert "hulldown.toml" in ran.stderr
     assert config.read_text() == "seed = 0\n"
 
 
@@ -179,31 +195,32 @@ def test_no_picture_is_written_over_a_config(verb, tmp_path):
     ("output", "message"),
     [("folder", "is a folder"), (".", "is a folder"), ("file/x", "cannot be written")],
 )
-def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output, message, tmp_path):
+def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output, message, run, tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     vehicles, sceneries = '[{ path = "none.blend", category = "tank" }]', '[{ path = "none.blend" }]'
     config = f"budget.images_per_class = 1\nassets.vehicles = {vehicles}\nassets.sceneries = {sceneries}\n"
     (tmp_path / "hulldown.toml").write_text(config)
-    ran = run("plan", "hulldown.toml", "-o", output, cwd=tmp_path)
+    ran = run("plan", "hulldown.toml", "-o", output)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert message in ran.stderr
     assert len(ran.stderr.splitlines()) == 1
 
 
-def test_a_plan_is_not_named_as_its_picture(tmp_path):
-    ran = run("plan", "hulldown.toml", "-o", "plan.png", cwd=tmp_path)
+def test_a_plan_is_not_named_as_its_picture(run):
+    ran = run("plan", "hulldown.toml", "-o", "plan.png")
     assert (ran.returncode, ran.stdout) == (2, "")
-    assert ran.stderr == "hulldown: plan.png: a plan is text, and its picture gets this name; name it .jsonl\n"
+    assert ran.stderr.startswith("hulldown: plan.png: ")
+    assert ".jsonl" in ran.stderr
 
 
 @pytest.mark.parametrize(
     ("output", "message"), [("folder.png", "is a folder; name a file"), ("file/x.png", "cannot be written")]
 )
-def test_a_picture_that_cannot_be_written_is_refused_before_the_work(output, message, tmp_path):
+def test_a_picture_that_cannot_be_written_is_refused_before_the_work(output, message, run, tmp_path):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
-    ran = run("inspect", "none.blend", "-o", output, cwd=tmp_path)
+    ran = run("inspect", "none.blend", "-o", output)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert f"{output}: {message}" in ran.stderr
     assert len(ran.stderr.splitlines()) == 1
@@ -216,24 +233,15 @@ def dataset_with_findings(folder, n):
     return folder
 
 
-def test_a_finding_is_one_line_however_narrow_the_terminal(tmp_path):
-    ran = run("verify", dataset_with_findings(tmp_path / "dataset", 3), cwd=tmp_path)
+def test_a_finding_is_one_line_however_narrow_the_terminal(run, tmp_path):
+    ran = run("verify", dataset_with_findings(tmp_path / "dataset", 3))
     assert ran.returncode == 1
     missing = [line for line in ran.stdout.splitlines() if line.endswith(".png: is missing")]
     assert len(missing) == 3
 
 
-@pytest.mark.parametrize("options", [[], ["--json"]])
-def test_nobody_listens_or_no_room_for_the_result(options, tmp_path):
-    words = [
-        sys.executable,
-        "-P",
-        "-m",
-        "cli",
-        "verify",
-        str(dataset_with_findings(tmp_path / "dataset", 2000)),
-        *options,
-    ]
+def test_nobody_listens_or_no_room_for_the_result(tmp_path):
+    words = command("verify", dataset_with_findings(tmp_path / "dataset", 2000))
     where = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path}
     reading, writing = os.pipe()
     os.close(reading)
@@ -241,7 +249,7 @@ def test_nobody_listens_or_no_room_for_the_result(options, tmp_path):
     os.close(writing)
     assert (unheard.returncode, beside_progress(unheard.stderr)) == (0, [])
     with open("/dev/full", "w") as full:
-        crowded = subprocess.run(words, stdout=full, timeout=120, **where)
+        crowded = subprocess.run([*words, "--json"], stdout=full, timeout=120, **where)
     assert crowded.returncode == 2
     assert beside_progress(crowded.stderr) == ["hulldown: stdout: No space left on device"]
 
@@ -251,9 +259,9 @@ def beside_progress(stderr):
 
 
 @pytest.mark.parametrize("words", [["init", "file"], ["init", "file/project"], ["demo", "--output", "file"]])
-def test_a_project_in_place_of_a_file_is_refused(words, tmp_path):
+def test_a_project_in_place_of_a_file_is_refused(words, run, tmp_path):
     (tmp_path / "file").write_text("mine")
-    ran = run(*words, cwd=tmp_path)
+    ran = run(*words)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert "cannot be written" in ran.stderr.splitlines()[-1]
     assert (tmp_path / "file").read_text() == "mine"

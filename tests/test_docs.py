@@ -1,4 +1,7 @@
-"""What README and docs tell a reader to type must work: every `hulldown` line is run, every link leads somewhere."""
+"""What README and docs tell a reader to type must work.
+
+Every link leads somewhere, and every `hulldown` line has arguments that the command takes. `make thorough` runs them.
+"""
 
 import os
 import re
@@ -14,6 +17,7 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
+import cli
 from planning.schema import Config, Section
 from planning.template import config_text
 
@@ -34,6 +38,13 @@ SMALL = {
 def commands(page):
     lines = [line.strip() for block in FENCE.findall(page.read_text(encoding="utf-8")) for line in block.splitlines()]
     return [line for line in lines if line.startswith("hulldown ")]
+
+
+def python_code():
+    """The Python of docs/python.md, in three pieces."""
+    code = re.findall(r"(?ms)^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"))
+    assert len(code) == 3
+    return code
 
 
 def hulldown(words, folder):
@@ -70,6 +81,7 @@ def reader(tmp_path_factory):
 
 
 @pytest.mark.blender
+@pytest.mark.thorough
 def test_every_command_of_the_readme_works(reader):
     _, answers = reader
     assert {command.split()[1] for command in answers} >= {
@@ -85,6 +97,7 @@ def test_every_command_of_the_readme_works(reader):
 
 
 @pytest.mark.blender
+@pytest.mark.thorough
 def test_following_the_readme_ends_in_a_dataset(reader):
     folder, _ = reader
     coco = COCO(folder / "project" / "dataset" / "annotations.json")
@@ -96,6 +109,7 @@ def test_following_the_readme_ends_in_a_dataset(reader):
 
 
 @pytest.mark.blender
+@pytest.mark.thorough
 @pytest.mark.parametrize("page", PAGES[1:], ids=lambda page: page.stem)
 def test_every_command_of_a_page_works_in_that_project(page, reader):
     folder, _ = reader
@@ -107,13 +121,12 @@ def test_every_command_of_a_page_works_in_that_project(page, reader):
 
 
 @pytest.mark.blender
+@pytest.mark.thorough
 def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
     folder, _ = reader
-    code = re.findall(r"(?ms)^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"))
-    assert len(code) == 3
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ran = subprocess.run(
-        [sys.executable, "-P", "-c", "\n".join(code)],
+        [sys.executable, "-P", "-c", "\n".join(python_code())],
         cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr[-500:]
@@ -121,6 +134,18 @@ def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
         assert labelled.size == bare.size
         assert labelled.tobytes() != bare.tobytes()
     assert (folder / "planned.png").exists()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_command_takes_the_arguments_of_every_line(page):
+    for line in commands(page):
+        assert callable(cli.parser().parse_args(shlex.split(line, comments=True)[1:]).run), line
+
+
+def test_the_python_of_the_page_about_it_imports_what_there_is():
+    code = "\n".join(python_code())
+    compile(code, "python.md", "exec")
+    exec("\n".join(line for line in code.splitlines() if line.startswith(("import ", "from "))), {})
 
 
 def anchors(page):

@@ -7,6 +7,7 @@ import pytest
 
 from tests.kernels import QUICK, planned_under, worlds
 
+pytestmark = pytest.mark.thorough
 IMAGES = 320
 
 

@@ -122,3 +122,12 @@ def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):
     assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
     assert "no run.json here" in (said := capsys.readouterr().err)
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(("model", "named"), [("small", "none"), ("huge", "model = 'huge'")])
+def test_a_mistake_in_train_is_one_line(tmp_path, monkeypatch, capsys, model, named):
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "--data", "real=none", "-o", "run", "--model", model]) == 2
+    shown = capsys.readouterr()
+    assert (shown.out, shown.err.count("\n"), list(tmp_path.iterdir())) == ("", 1, [])
+    assert named in shown.err

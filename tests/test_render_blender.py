@@ -24,7 +24,7 @@ from render.masks import cycles_masks, verify_masks
 from render.messages import to_json
 from render.process import WORKER, WorkerProcess, worker_command
 from render.supervisor import render_plan
-from tests.blender_plans import draw, job, make_plan, make_worlds, pixels
+from tests.blender_plans import copied, draw, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
@@ -59,10 +59,8 @@ bounces = 2
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("worlds")
-    make_worlds(made)
-    return made
+def folder(worlds, tmp_path_factory):
+    return copied(worlds, tmp_path_factory.mktemp("rendered"))
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +189,7 @@ def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path)
     assert np.array_equal(clean, leaked)
 
 
-def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, tmp_path):
+def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, tmp_path):
     evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
     row = altered(plan[0], scenery="field")
     messages = [
@@ -199,8 +197,8 @@ def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, tmp_path
         for n in (1, 2)
     ]
     draw(tmp_path, messages)
-    assert not (folder / "registered").exists()
-    assert not (folder / "driven").exists()
+    assert not (worlds / "registered").exists()
+    assert not (worlds / "driven").exists()
 
 
 @pytest.mark.parametrize("visibility", [50.0, 200.0])

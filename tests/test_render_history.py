@@ -9,7 +9,7 @@ from msgspec.structs import replace as altered
 
 from planning.weather import Weather
 from render.jobs import VehicleFile, render_assets
-from tests.blender_plans import draw, job, make_plan, make_worlds
+from tests.blender_plans import copied, draw, job, make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
@@ -40,10 +40,10 @@ WEATHER = (
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("worlds")
+def plan(worlds, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("skies")
     make_worlds(folder, "hdri_files.py")
-    make_worlds(folder)  # whose sky.exr is the one that is four times as wide as grey.exr
+    copied(worlds, folder)  # whose sky.exr is the one that is four times as wide as grey.exr
     return make_plan(folder, CONFIG)
 
 

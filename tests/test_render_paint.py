@@ -19,7 +19,7 @@ from planning.write import write_plan
 from render.jobs import render_assets, render_job
 from render.messages import Settings, to_json
 from render.pool import Pool
-from tests.blender_plans import make_worlds
+from tests.blender_plans import copied, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
@@ -50,10 +50,9 @@ height = 81
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("painted")
-    for script in ("render_worlds.py", "painted_blends.py"):
-        make_worlds(made, script)
+def folder(worlds, tmp_path_factory):
+    made = copied(worlds, tmp_path_factory.mktemp("painted"))
+    make_worlds(made, "painted_blends.py")
     (made / "hulldown.toml").write_text(CONFIG)
     return made
 

@@ -4,17 +4,16 @@ import shutil
 
 import pytest
 
-from tests.blender_plans import IMAGES, make_worlds, plan_in
+from tests.blender_plans import IMAGES, copied, plan_in
 from tests.oracles.resuming import Kill, differences, render
 
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(worlds, tmp_path_factory):
     """A plan, rendered into `whole` by a run that was left alone and into `killed` by one that was not."""
-    made = tmp_path_factory.mktemp("resuming")
-    make_worlds(made)
+    made = copied(worlds, tmp_path_factory.mktemp("resuming"))
     plan = plan_in(made)
     render(plan, made / "whole")
     course = render(plan, made / "killed", [Kill("worker", 2, 0.02), Kill("run", 3, 0.05)])

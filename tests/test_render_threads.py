@@ -9,14 +9,13 @@ from benchmarks.rendering import Talk
 from planning.plan_file import read_plan
 from render.jobs import render_assets, render_job
 from render.messages import Settings, to_json
-from tests.blender_plans import make_worlds, plan_in
+from tests.blender_plans import copied, plan_in
 
 
 @pytest.mark.blender
-def test_a_worker_of_one_core_sleeps_when_it_has_nothing_to_do(tmp_path):
+def test_a_worker_of_one_core_sleeps_when_it_has_nothing_to_do(worlds, tmp_path):
     """Blender held to one thread kept a core busy for as long as it lived."""
-    make_worlds(tmp_path)
-    plan = read_plan(plan_in(tmp_path, images=1))
+    plan = read_plan(plan_in(copied(worlds, tmp_path), images=1))
     talk = Talk(tmp_path, threads=1)
     talk.ask(to_json(render_job(plan[0], render_assets(plan), Settings(2, False, 0.0, 2), tmp_path / "0.png")))
     process = psutil.Process(talk.worker.pid)

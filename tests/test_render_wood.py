@@ -6,7 +6,7 @@ import pytest
 from render.jobs import render_assets
 from render.masks import cycles_masks, verify_masks
 from render.supervisor import render_plan
-from tests.blender_plans import make_plan, make_worlds
+from tests.blender_plans import copied, make_plan
 
 pytestmark = pytest.mark.blender
 CONFIG = """
@@ -32,10 +32,8 @@ bounces = 2
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wood")
-    make_worlds(folder)
-    return make_plan(folder, CONFIG)
+def plan(worlds, tmp_path_factory):
+    return make_plan(copied(worlds, tmp_path_factory.mktemp("wood")), CONFIG)
 
 
 def test_masks_and_visible_shares_in_a_wood_are_those_of_cycles(plan, tmp_path):
