@@ -78,8 +78,10 @@ class VehicleShape:
                 angles[row, column[name]] = angle
         return angles
 
-    def vehicle_from_parts(self, articulation: Articulation | Sequence[Articulation]) -> Float[np.ndarray, "... p 4 4"]:
-        """Where articulation takes each part's rest position: (p, 4, 4), or (n, p, 4, 4) for a sequence of n.
+    def vehicle_from_parts(
+        self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"]
+    ) -> Float[np.ndarray, "... p 4 4"]:
+        """Where articulation takes each part's rest position: (p, 4, 4), or (n, p, 4, 4) for n of them or their angles.
 
         Raises
         ------
@@ -88,6 +90,8 @@ class VehicleShape:
         """
         if isinstance(articulation, Mapping):
             return self.vehicle_from_turned(self.angles([articulation]))[0]
+        if isinstance(articulation, np.ndarray):
+            return self.vehicle_from_turned(articulation)
         return self.vehicle_from_turned(self.angles(articulation))
 
     def vehicle_from_turned(self, angles: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 4 4"]:

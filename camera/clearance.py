@@ -67,7 +67,7 @@ class CameraRoom:
             Half the side in metres of the upright cube about the camera that no obstacle's surface may touch: no
             surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
         vehicles
-            Vehicles, in a pose for each place or in one for all.
+            Vehicles, in a pose for each place, in one for all, or in several with the place of each.
         vehicle_clearance
             Least distance in metres to the bounding boxes of their parts; never inside one.
         """
@@ -98,9 +98,10 @@ def _distance_to(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Floa
     """Distance to the nearest bounding box of a part; 0 inside."""
     world = np.tile(np.eye(4), (len(place), 1, 1))
     distance = np.full(len(place), np.inf)
-    for part, world_from_part in vehicle.seen_from(world):
-        local = apply(invert_rigid(world_from_part), place[:, None])[:, 0]
+    row, parts = vehicle.seen_from(world)
+    for part, world_from_part in parts:
+        local = apply(invert_rigid(world_from_part), place[row, None])[:, 0]
         low, high = part.hull.min(axis=0), part.hull.max(axis=0)
         beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
-        distance = np.minimum(distance, np.linalg.norm(beyond, axis=1))
+        np.minimum.at(distance, row, np.linalg.norm(beyond, axis=1))
     return distance

@@ -33,14 +33,27 @@ class Pencils:
         self._rows[:, [1, 2], [0, 1]] = extent
 
     def rays(
-        self, frame_from_camera: Float[np.ndarray, "n 4 4"], which: Int[np.ndarray, " k"]
+        self,
+        frame_from_camera: Float[np.ndarray, "m 4 4"],
+        which: Int[np.ndarray, " k"],
+        camera: Int[np.ndarray, " m"] | None = None,
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """Origins on the near plane, and directions of unit depth, of the rays with these ascending indices."""
+        """Origins on the near plane, and directions of unit depth, of the rays with these ascending indices.
+
+        Parameters
+        ----------
+        frame_from_camera
+            (m, 4, 4) frames that the rays are wanted in.
+        which
+            (k,) index i is ray i % r of frame i // r.
+        camera
+            (m,) whose rays are wanted in each frame; None: frame i is camera i's.
+        """
         r = len(self.pattern)
         view = which // r
         begin, end = (int(view[0]), int(view[-1]) + 1) if len(which) else (0, 0)
         frames = frame_from_camera[begin:end]
-        turned = rotate(frames[:, :3, :3], self._rows[begin:end])
+        turned = rotate(frames[:, :3, :3], self._rows[begin:end] if camera is None else self._rows[camera[begin:end]])
         u, v = np.ascontiguousarray(self.pattern.T)
         every = np.empty((3, end - begin, r))
         for axis, out in enumerate(every):

@@ -15,7 +15,7 @@ from geometry.cutouts import CutoutCaster, caster_of
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster, RayHits
-from geometry.transforms import apply, compose, invert_rigid
+from geometry.transforms import apply, compose, invert_rigid, rotate
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
 
@@ -71,7 +71,9 @@ class VehicleTarget:
         return np.concatenate([apply(poses[part.index], part.hull) for part in self.parts])
 
     def placed(
-        self, camera_from_vehicle: Float[np.ndarray, "n 4 4"], articulation: Articulation | Sequence[Articulation]
+        self,
+        camera_from_vehicle: Float[np.ndarray, "n 4 4"],
+        articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"],
     ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
         """The parts to cast against and where each is in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
@@ -82,106 +84,149 @@ class VehicleTarget:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedVehicle:
-    """A vehicle in n poses, such as a companion that may hide the target of n cameras.
+    """A vehicle in k poses, each in the scene of one camera, such as a companion that may hide a target.
 
     Parameters
     ----------
     target
         The vehicle.
     world_from_vehicle
-        (n, 4, 4) rigid poses, one for each camera, or (1, 4, 4) for all of them.
+        (k, 4, 4) rigid poses.
     articulation
-        Part name to radians; one for all, or a sequence of n.
+        Part name to radians, one for all poses or a sequence of k; or (k, p) angles of all parts.
+    row
+        (k,) the camera each pose belongs to. None: pose i belongs to camera i, and a single pose to all cameras.
     """
 
     target: VehicleTarget
-    world_from_vehicle: Float[np.ndarray, "n 4 4"]
-    articulation: Articulation | Sequence[Articulation]
+    world_from_vehicle: Float[np.ndarray, "k 4 4"]
+    articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "k p"]
+    row: Int[np.ndarray, " k"] | None = None
 
-    def rows(self, index: np.ndarray) -> PosedVehicle:
-        """The poses of some of the cameras."""
-        poses = self.world_from_vehicle if len(self.world_from_vehicle) == 1 else self.world_from_vehicle[index]
+    def rows(self, index: Int[np.ndarray, " c"]) -> PosedVehicle:
+        """The poses of some of the cameras, which become cameras 0, 1, ..."""
+        kept, row = index, None
+        if self.row is not None:
+            place = np.full(max(self.row.max(initial=0), index.max(initial=0)) + 1, -1)
+            place[index] = np.arange(len(index))
+            kept = np.flatnonzero(place[self.row] >= 0)
+            row = place[self.row[kept]]
+        elif len(self.world_from_vehicle) == 1:
+            kept = np.zeros(1, dtype=np.int64)
         turned = self.articulation
-        some = turned if isinstance(turned, Mapping) else [turned[int(i)] for i in index]
-        return PosedVehicle(self.target, poses, some)
+        if isinstance(turned, np.ndarray):
+            turned = turned[kept]
+        elif not isinstance(turned, Mapping):
+            turned = [turned[i] for i in kept.tolist()]
+        return PosedVehicle(self.target, self.world_from_vehicle[kept], turned, row)
 
     def seen_from(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
-    ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
-        """The parts to cast against and where each is in the cameras' frames."""
-        camera_from_vehicle = compose(invert_rigid(world_from_camera), self.world_from_vehicle)
-        return self.target.placed(camera_from_vehicle, self.articulation)
+    ) -> tuple[Int[np.ndarray, " k"], list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]]:
+        """The camera of each pose, and the parts to cast against with where each is in the cameras' frames."""
+        row = np.arange(len(world_from_camera)) if self.row is None else self.row
+        camera_from_vehicle = compose(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
+        return row, self.target.placed(camera_from_vehicle, self.articulation)
 
     def cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        row: Int[np.ndarray, " n"] | None = None,
+        max_distance: ArrayLike = np.inf,
+        threads: int = 1,
     ) -> RayHits:
         """The first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
 
-        Raises
-        ------
-        ValueError
-            If the vehicle has several poses.
+        Parameters
+        ----------
+        row
+            (n,) ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach = np.broadcast_to(max_distance, len(start))
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1)
+        pose, ray = self._pairs(row, len(start))
         for part, world_from_part in self._parts():
-            asked = np.flatnonzero(_near(part, world_from_part, start, along))
-            rays = _into(world_from_part, start[asked], along[asked])
-            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[asked], threads=threads)
-            closer = met.distance < distance[asked]
-            at = asked[closer]
-            distance[at], face[at] = met.distance[closer], part.face[met.face[closer]]
+            some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
+            at = ray[some]
+            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[at], threads=threads)
+            # Farthest first, so that of several poses the nearest is written last.
+            order = np.argsort(-met.distance, kind="stable")
+            order = order[met.distance[order] < distance[at[order]]]
+            distance[at[order]], face[at[order]] = met.distance[order], part.face[met.face[order]]
         return RayHits(distance, face)
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        row: Int[np.ndarray, " n"] | None = None,
+        max_distance: ArrayLike = np.inf,
+        threads: int = 1,
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle lies along each ray in the world; arguments and errors as for `cast`."""
+        """Whether the vehicle lies along each ray in the world; arguments as for `cast`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
+        pose, ray = self._pairs(row, len(start))
         for part, world_from_part in self._parts():
-            asked = np.flatnonzero(~blocked & _near(part, world_from_part, start, along))
-            rays = _into(world_from_part, start[asked], along[asked])
-            blocked[asked] = part.caster.occluded(*rays, max_distance=reach[asked], threads=threads)
+            left = ~blocked[ray]
+            pose, ray = pose[left], ray[left]
+            some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
+            met = part.caster.occluded(*rays, max_distance=reach[ray[some]], threads=threads)
+            blocked[ray[some[met]]] = True
         return blocked
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals, in the world, of faces of the shape's mesh; nan for faces without area."""
+        """Unit normals, in the world, of faces of the shape's mesh in the one pose; nan for faces without area."""
         shape = self.target.shape
         parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
         part = shape.vertex_part[shape.mesh.faces[face, 0]]
         return np.einsum("nij,nj->ni", parts.reshape(-1, 4, 4)[part, :3, :3], shape.mesh.normals(face))
 
-    def _parts(self) -> list[tuple[TargetPart, Float[np.ndarray, "4 4"]]]:
-        if len(self.world_from_vehicle) != 1:
-            raise ValueError(f"vehicle: expected one pose, got {len(self.world_from_vehicle)}")
-        posed = self.target.placed(self.world_from_vehicle, self.articulation)
-        return [(part, world_from_part[0]) for part, world_from_part in posed]
+    def _pairs(
+        self, row: Int[np.ndarray, " n"] | None, rays: int
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """All pairs of a pose and a ray of the same camera."""
+        k = len(self.world_from_vehicle)
+        if row is None or self.row is None:
+            if k != 1 and self.row is None:
+                raise ValueError(f"vehicle: expected one pose, or the row of each, got {k}")
+            row = np.zeros(rays, dtype=np.int64)
+        camera = np.zeros(1, dtype=np.int64) if self.row is None else self.row
+        first, last = np.searchsorted(row, camera, "left"), np.searchsorted(row, camera, "right")
+        pose = np.repeat(np.arange(k), last - first)
+        begins = np.cumsum(last - first) - (last - first)
+        return pose, np.arange(len(pose)) - begins[pose] + first[pose]
+
+    def _parts(self) -> list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]:
+        return self.target.placed(self.world_from_vehicle, self.articulation)
 
 
 def _into(
-    world_from_part: Float[np.ndarray, "4 4"], start: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Rays in the world as rays in a part's frame."""
-    return apply(invert_rigid(world_from_part), start), along @ world_from_part[:3, :3]
-
-
-def _near(
     part: TargetPart,
-    world_from_part: Float[np.ndarray, "4 4"],
-    start: Float[np.ndarray, "n 3"],
-    along: Float[np.ndarray, "n 3"],
-) -> Bool[np.ndarray, " n"]:
-    """Which rays in the world may meet a part: those that cross a sphere around it, with room for rounding."""
+    world_from_part: Float[np.ndarray, "k 4 4"],
+    pose: Int[np.ndarray, " p"],
+    start: Float[np.ndarray, "p 3"],
+    along: Float[np.ndarray, "p 3"],
+) -> tuple[Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]:
+    """Which pairs of pose and ray may meet a part, and their rays in the part's frame.
+
+    Those that cross a sphere around it, with room for rounding.
+    """
     low, high = part.hull.min(axis=0), part.hull.max(axis=0)
-    to_centre = apply(world_from_part, (low + high)[None] / 2) - start
+    to_centre = apply(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
     away = np.einsum("ij,ij->i", to_centre, to_centre)
     ahead = np.einsum("ij,ij->i", to_centre, along)
     room = 1.00001 * ((high - low) ** 2).sum() / 4 + 1e-12 * away
     aside = (away - room) * np.einsum("ij,ij->i", along, along) <= ahead**2
-    return (away <= room) | ((ahead > 0.0) & aside)
+    some = np.flatnonzero((away <= room) | ((ahead > 0.0) & aside))
+    part_from_world = invert_rigid(world_from_part)[pose[some]]
+    inside = rotate(part_from_world[:, :3, :3], np.stack([start[some], along[some]], axis=1))
+    return some, (inside[:, 0] + part_from_world[:, :3, 3], inside[:, 1])
 
 
 def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:

@@ -126,17 +126,42 @@ def visible_fraction(
     Visibility
         nan for targets out of the frame.
     """
-    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     vehicles = checked(world_from_vehicle, "world_from_vehicle", ("m", 4, 4))
-    n = len(poses)
+    n = len(np.asarray(world_from_camera))
     if len(vehicles) not in (1, n):
         raise ValueError(f"world_from_vehicle: expected 1 or {n} poses, got {len(vehicles)}")
     if not isinstance(articulation, Mapping | None) and len(articulation) != n:
         raise ValueError(f"articulation: expected one or {n}, got {len(articulation)}")
+    subject = PosedVehicle(target, vehicles, articulation or {})
+    around = world or World()
+    return visibility_of(
+        [subject], world_from_camera, intrinsics=intrinsics, world=around, rays=rays, seed=seed, threads=threads
+    )
+
+
+def visibility_of(
+    subjects: Sequence[PosedVehicle],
+    world_from_camera: ArrayLike,
+    *,
+    intrinsics: Optics,
+    world: World,
+    rays: int = 256,
+    seed: int = 0,
+    threads: int = 1,
+) -> Visibility:
+    """The same of vehicles of several models: each camera looks at one pose of one of them.
+
+    Parameters
+    ----------
+    subjects
+        The vehicles that are looked at.
+    world_from_camera, intrinsics, world, rays, seed, threads
+        See `visible_fraction`.
+    """
+    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
+    n = len(poses)
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
-    vehicle = PosedVehicle(target, vehicles, articulation or {})
-    around = world or World()
     pattern = jittered(rays, rng=np.random.default_rng(seed))
     lens = lenses(intrinsics)
     f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
@@ -144,7 +169,7 @@ def visible_fraction(
 
     def work(index: Int[np.ndarray, " k"]) -> None:
         views = _Views(poses[index], f[index], size[index], pattern)
-        counts[index], area[index] = views.count(vehicle.rows(index), around.rows(index))
+        counts[index], area[index] = views.count([subject.rows(index) for subject in subjects], world.rows(index))
 
     blocks = list(_blocks(n, max(1, BLOCK // rays)))
     if threads > 1 and len(blocks) > 1:
@@ -190,25 +215,34 @@ class _Views:
         self.world_from_camera, self.f, self.pattern = world_from_camera, f, pattern
         self.edge = size / 2.0 / f[:, None]
 
-    def count(self, vehicle: PosedVehicle, world: World) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
-        """For each camera: rays on the target, visible, hidden by ground, obstacles, vehicles; the area they aim at."""
+    def count(
+        self, subjects: list[PosedVehicle], world: World
+    ) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
+        """For each camera: rays on its subject, visible, hidden by ground, obstacles, vehicles; their area."""
         n, r = len(self.f), len(self.pattern)
-        placed = vehicle.seen_from(self.world_from_camera)
-        boxes = [box_at_unit_depth(apply(pose, part.around)) for part, pose in placed]
-        low = np.maximum(np.min([b[:, 0] for b in boxes], axis=0), -self.edge)
-        high = np.minimum(np.max([b[:, 1] for b in boxes], axis=0), self.edge)
+        low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+        parts = []
+        for subject in subjects:
+            camera, placed = subject.seen_from(self.world_from_camera)
+            for part, pose in placed:
+                box = box_at_unit_depth(apply(pose, part.around))
+                low[camera] = np.minimum(low[camera], box[:, 0])
+                high[camera] = np.maximum(high[camera], box[:, 1])
+                parts.append((part, pose, box, camera))
+        low, high = np.maximum(low, -self.edge), np.minimum(high, self.edge)
         extent = np.clip(high - low, 0.0, None)
         in_frame = (extent > 0.0).all(axis=1)
-        pencils, every = Pencils(low, extent, self.pattern), np.arange(n)
+        pencils = Pencils(low, extent, self.pattern)
 
         distance = np.full(n * r, np.inf)
-        for (part, pose), box in zip(placed, boxes, strict=True):
+        for part, pose, box, camera in parts:
             part_from_camera = invert_rigid(pose)
-            inside = np.flatnonzero(pencils.inside(box, every) & in_frame[:, None])
+            inside = np.flatnonzero(pencils.inside(box, camera) & in_frame[camera, None])
             for i in range(0, len(inside), BATCH):
                 asked = inside[i : i + BATCH]
-                hits = part.caster.cast(*pencils.rays(part_from_camera, asked))
-                distance[asked] = np.minimum(distance[asked], hits.distance)
+                hits = part.caster.cast(*pencils.rays(part_from_camera, asked, camera))
+                at = camera[asked // r] * r + asked % r
+                distance[at] = np.minimum(distance[at], hits.distance)
         met = np.flatnonzero(np.isfinite(distance))
         passed = world.passed(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])

@@ -111,7 +111,7 @@ class World:
     obstacles
         All that is no ground and no vehicle.
     vehicles
-        Each in one pose; or, for `visible_fraction`, in one for each camera.
+        Each in one pose, or in several for the rays of different cameras.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class World:
         return replace(self, vehicles=vehicles)
 
     def rows(self, index: Int[np.ndarray, " k"]) -> World:
-        """The same for some of the cameras that vehicles have a pose for."""
+        """The same for some of the cameras, which become cameras 0, 1, ..."""
         return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
 
     def nearest(
@@ -177,7 +177,13 @@ class World:
         return hits
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        row: Int[np.ndarray, " n"] | None = None,
+        max_distance: ArrayLike = np.inf,
+        threads: int = 1,
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray.
 
@@ -187,6 +193,8 @@ class World:
             (n, 3) metres, in the world.
         directions
             (n, 3), of any length but zero.
+        row
+            (n,) ascending: the camera of each ray, which meets the vehicles of that camera. None: all are of camera 0.
         max_distance
             How far to look, in metres; a number or (n,).
         threads
@@ -195,14 +203,16 @@ class World:
         Raises
         ------
         ValueError
-            If shapes do not match, a number is not finite, a direction is zero or a vehicle has several poses.
+            If shapes do not match, a number is not finite, a direction is zero or a vehicle has several poses and
+            nothing tells whose they are.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
         for _, _, thing in self._things():
             left = np.flatnonzero(~blocked) if blocked.any() else slice(None)
-            blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], threads=threads)
+            of = {"row": None if row is None else row[left]} if isinstance(thing, PosedVehicle) else {}
+            blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], threads=threads, **of)
         return blocked
 
     def passed(
@@ -259,11 +269,20 @@ def _passed_by(
     which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    passed, every = np.ones(len(which)), np.arange(len(world_from_camera))
-    for part, camera_from_part in vehicle.seen_from(world_from_camera):
+    n, r = len(world_from_camera), len(pencils.pattern)
+    place = np.full(n * r, -1)
+    place[which] = np.arange(len(which))
+    passed = np.ones(len(which))
+    camera, parts = vehicle.seen_from(world_from_camera)
+    for part, camera_from_part in parts:
         box = box_at_unit_depth(apply(camera_from_part, part.around))
-        asked = np.flatnonzero((passed > 0.0) & pencils.inside(box, every).flat[which])
+        pose, ray = np.nonzero(pencils.inside(box, camera))
+        asked = place[camera[pose] * r + ray]
+        on = asked >= 0
+        on[on] = passed[asked[on]] > 0.0
+        asked = asked[on]
         if len(asked):
-            rays = pencils.rays(invert_rigid(camera_from_part), which[asked])
-            passed[asked] *= part.caster.transmittance(*rays, max_distance=reach[asked])
+            rays = pencils.rays(invert_rigid(camera_from_part), (pose * r + ray)[on], camera)
+            through = part.caster.transmittance(*rays, max_distance=reach[asked])
+            np.multiply.at(passed, asked, through)
     return passed

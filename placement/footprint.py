@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from geometry.arrays import checked
@@ -132,7 +132,7 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples:
-    """Points of a footprint at which the ground is compared with the underside.
+    """Points of a footprint, or of several, at which the ground is compared with the underside.
 
     Parameters
     ----------
@@ -146,10 +146,14 @@ class Samples:
         (2,) the middle of the footprint.
     """
 
-    xy: Float[np.ndarray, "m 2"]
-    height: Float[np.ndarray, " m"]
-    foot: Bool[np.ndarray, " m"]
-    centre: Float[np.ndarray, "2"]
+    xy: Float[np.ndarray, "... m 2"]
+    height: Float[np.ndarray, "... m"]
+    foot: Bool[np.ndarray, "... m"]
+    centre: Float[np.ndarray, "... 2"]
+
+    def of(self, which: Int[np.ndarray, " k"]) -> Samples:
+        """Those of each of k candidates, from samples of several vehicles."""
+        return Samples(self.xy[which], self.height[which], self.foot[which], self.centre[which])
 
     def solid(self) -> Samples:
         """Those that are under something."""

@@ -9,6 +9,7 @@ and after the tilt.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
@@ -166,42 +167,87 @@ def settle(
         if not limit >= 0.0:
             raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
     if isinstance(footprint, Underside):
-        box, contact = footprint.box, contact_samples(footprint, contact_n)
-        samples = underside_samples(footprint, n) if rule == "support" else plate_samples(box, n)
+        box = footprint.box
     else:
         box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
-        samples, contact = plate_samples(box, n), contact_samples(box, contact_n)
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     if threads < 1:
         raise ValueError(f"threads: expected at least 1, got {threads}")
-    options = _Options(rule, samples, contact, max_slope, min_share, max_gap, max_penetration, method)
-    return _in_blocks(terrain, positions, headings, options, threads=threads)
+    rules = SettleRules(rule, max_slope, min_share, max_gap, max_penetration, method)
+    under = footprint if isinstance(footprint, Underside) else box
+    footing = Footing.of(under, n, contact_n=contact_n, rule=rule)
+    which = np.zeros(len(positions), dtype=np.int64)
+    return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules, threads=threads)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Options:
+class SettleRules:
+    """How vehicles come to rest, and what a resting pose may be like; see the arguments of `settle`."""
+
     rule: str
-    samples: Samples
-    contact: Samples
     max_slope: float
     min_share: float
     max_gap: float
     max_penetration: float
-    method: Method
+    method: Method = "certified"
 
 
-def _in_blocks(
-    terrain: Terrain, xy: Float[np.ndarray, "k 2"], yaw: Float[np.ndarray, " k"], options: _Options, *, threads: int
+@dataclass(frozen=True, eq=False, slots=True)
+class Footing:
+    """Where a vehicle's underside is compared with the ground.
+
+    Parameters
+    ----------
+    samples
+        Points from which the rest plane follows.
+    contact
+        Points at which gap and penetration are measured.
+    """
+
+    samples: Samples
+    contact: Samples
+
+    @classmethod
+    def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, n: int, *, contact_n: int, rule: str) -> Footing:
+        """The points of n x n rays, and those of contact_n x contact_n."""
+        contact = contact_samples(footprint, contact_n)
+        if isinstance(footprint, Underside) and rule == "support":
+            return cls(underside_samples(footprint, n), contact)
+        return cls(plate_samples(footprint.box if isinstance(footprint, Underside) else footprint, n), contact)
+
+
+def settle_each(
+    terrain: Terrain,
+    footings: Sequence[Footing],
+    which: Int[np.ndarray, " k"],
+    *,
+    xy: Float[np.ndarray, "k 2"],
+    yaw: Float[np.ndarray, " k"],
+    rules: SettleRules,
+    threads: int = 1,
 ) -> Settled:
-    """All candidates, by blocks of neighbours: their rays then meet the same triangles, and threads need not meet."""
+    """`settle` for candidates of several vehicles at once, without checks.
+
+    Parameters
+    ----------
+    terrain, xy, yaw, threads
+        See `settle`.
+    footings
+        Those of the vehicles, all with as many samples.
+    which
+        (k,) the footing of each candidate.
+    rules
+        The same for all.
+    """
     k = len(xy)
-    size = max(1, BLOCK_RAYS // max(len(options.samples.xy), 1))
+    size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
     order = _by_neighbourhood(xy, size)
     blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
+    contacts = _stacked([footing.contact for footing in footings])
 
     def work(rows: Int[np.ndarray, " b"]) -> Settled:
-        return _settle_block(terrain, xy[rows], yaw[rows], options)
+        return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
 
     if threads == 1 or len(blocks) == 1:
         parts = [work(rows) for rows in blocks]
@@ -212,6 +258,17 @@ def _in_blocks(
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
 
 
+def _stacked(samples: Sequence[Samples]) -> Samples:
+    """Samples of several vehicles as one; those that have fewer repeat their first."""
+    most = max(len(one.xy) for one in samples)
+    padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]
+    xy, height, foot = (
+        np.stack([getattr(one, field)[i] for one, i in zip(samples, padded, strict=True)])
+        for field in ("xy", "height", "foot")
+    )
+    return Samples(xy, height, foot, np.stack([one.centre for one in samples]))
+
+
 def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
     """An order in which every run of about `size` positions covers little ground: strips along x, each sorted by y."""
     by_x = np.argsort(xy[:, 0])
@@ -220,20 +277,29 @@ def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray
 
 
 def _settle_block(
-    terrain: Terrain, xy: Float[np.ndarray, "k 2"], yaw: Float[np.ndarray, " k"], options: _Options
+    terrain: Terrain,
+    footings: Sequence[Footing],
+    which: Int[np.ndarray, " k"],
+    contacts: Samples,
+    *,
+    xy: Float[np.ndarray, "k 2"],
+    yaw: Float[np.ndarray, " k"],
+    rules: SettleRules,
 ) -> Settled:
     k = len(xy)
     slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
     rejection = np.zeros(k, dtype=np.uint8)
     out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, rejection)
-    spot = terrain.top_hits(xy, method=options.method)
+    spot = terrain.top_hits(xy, method=rules.method)
     out.slope[:] = _inclination(spot.normal)
     out.rejection[~spot.hit] = Rejection.OFF_GROUND
-    out.rejection[out.slope > options.max_slope] = Rejection.TOO_STEEP
+    out.rejection[out.slope > rules.max_slope] = Rejection.TOO_STEEP
 
     rows = np.flatnonzero(out.rejection == Rejection.NONE)
-    rest, out.share[rows] = _rest(terrain, xy[rows], yaw[rows], spot.z[rows], options)
-    out.rejection[rows[~rest.found | (out.share[rows] < options.min_share)]] = Rejection.OVERHANG
+    rest, out.share[rows] = _rest(
+        terrain, footings, which[rows], xy=xy[rows], yaw=yaw[rows], spot_z=spot.z[rows], rules=rules
+    )
+    out.rejection[rows[~rest.found | (out.share[rows] < rules.min_share)]] = Rejection.OVERHANG
 
     on = out.rejection[rows] == Rejection.NONE
     rows, height, gradient = rows[on], rest.height[on], rest.gradient[on]
@@ -245,41 +311,52 @@ def _settle_block(
     out.tilt[rows], out.margin[rows] = _inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
     out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
-    out.rejection[rows[out.tilt[rows] > options.max_slope]] = Rejection.MEAN_TOO_STEEP
+    out.rejection[rows[out.tilt[rows] > rules.max_slope]] = Rejection.MEAN_TOO_STEEP
 
     rows = rows[out.rejection[rows] == Rejection.NONE]
-    if len(options.contact.xy):
+    if contacts.xy.shape[1]:
         out.gap[rows], out.penetration[rows] = gap_and_penetration(
-            terrain, out.world_from_vehicle[rows], options.contact, method=options.method
+            terrain, out.world_from_vehicle[rows], contacts.of(which[rows]), method=rules.method
         )
-        out.rejection[rows[out.penetration[rows] > options.max_penetration]] = Rejection.PENETRATION
-        out.rejection[rows[out.gap[rows] > options.max_gap]] = Rejection.GAP
+        out.rejection[rows[out.penetration[rows] > rules.max_penetration]] = Rejection.PENETRATION
+        out.rejection[rows[out.gap[rows] > rules.max_gap]] = Rejection.GAP
     return out
 
 
 def _rest(
     terrain: Terrain,
+    footings: Sequence[Footing],
+    which: Int[np.ndarray, " k"],
+    *,
     xy: Float[np.ndarray, "k 2"],
     yaw: Float[np.ndarray, " k"],
     spot_z: Float[np.ndarray, " k"],
-    options: _Options,
+    rules: SettleRules,
 ) -> tuple[Rest, Float[np.ndarray, " k"]]:
     """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
     sin, cos = (part[:, None] for part in sin_cos(yaw))
-    x, y = options.samples.xy.T
+    x, y = np.moveaxis(np.stack([footing.samples.xy for footing in footings])[which], 2, 0)
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
-    hits = terrain.top_hits(points.reshape(-1, 2), method=options.method)
+    hits = terrain.top_hits(points.reshape(-1, 2), method=rules.method)
     valid = hits.hit.reshape(points.shape[:2])
     # About the height at the centre: the altitude of the scenery costs no digits of the relief.
     heights = hits.z.reshape(valid.shape) - spot_z[:, None]
-    if options.rule == "averaged":
-        nx, ny, nz = np.moveaxis(hits.normal.reshape(*valid.shape, 3), 2, 0)
+    turned = hits.normal.reshape(*valid.shape, 3)
+    if rules.rule == "averaged":
+        nx, ny, nz = np.moveaxis(turned, 2, 0)
         turned = np.stack([cos * nx + sin * ny, cos * ny - sin * nx, nz], axis=2)
-        rest = averaged(options.samples.xy, heights, turned, valid)
-    elif options.rule == "least_squares":
-        rest = least_squares(options.samples.xy, heights, valid)
-    else:
-        rest = support(options.samples, heights, valid)
+    k = len(which)
+    rest = Rest(np.full(k, np.nan), np.full((k, 2), np.nan), np.zeros(k, dtype=bool), np.full(k, np.nan))
+    for i in np.unique(which).tolist():
+        rows, samples = np.flatnonzero(which == i), footings[i].samples
+        if rules.rule == "averaged":
+            planes = averaged(samples.xy, heights[rows], turned[rows], valid[rows])
+        elif rules.rule == "least_squares":
+            planes = least_squares(samples.xy, heights[rows], valid[rows])
+        else:
+            planes = support(samples, heights[rows], valid[rows])
+        for field in fields(Rest):
+            getattr(rest, field.name)[rows] = getattr(planes, field.name)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
 
@@ -295,17 +372,15 @@ def gap_and_penetration(
     world_from_vehicle
         (k, 4, 4) rigid poses.
     contact
-        The points of the underside that are looked at: `placement.footprint.contact_samples`.
+        The points of the underside that are looked at, `placement.footprint.contact_samples`: of all, or of each.
     method
         How top hits are found; see `Terrain.top_hits`.
     """
-    height, foot, up = contact.height, contact.foot, world_from_vehicle[:, :3, 2, None]
-    points, raised = underside_points(world_from_vehicle, contact), height.any()
+    points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
-    above = below = points[..., 2] - hits.z.reshape(points.shape[:2])
-    if raised:
-        # Straight down from the underside, the plane that the vehicle stands on is that much lower.
-        below = np.compress(foot, above, axis=1) - height[foot] / up[:, 2]
+    above = points[..., 2] - hits.z.reshape(points.shape[:2])
+    # Straight down from the underside, the plane that the vehicle stands on is that much lower.
+    below = np.where(contact.foot, above - contact.height / up, np.nan)
     # fmax passes over the nan of a miss.
     return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
 
@@ -329,11 +404,10 @@ def depth_below(
 
 def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
     """The points of the underside of posed vehicles, in the world."""
-    x, y = contact.xy.T
+    x, y, height = contact.xy[..., 0], contact.xy[..., 1], contact.height
     forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
     points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
-    if contact.height.any():
-        points += np.stack([up[:, i] * contact.height for i in range(3)], axis=2)
+    points += np.stack([up[:, i] * height for i in range(3)], axis=2)
     return points
 
 
