@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -14,10 +13,12 @@ from assets.scenery import Scenery
 from assets.textures import ARRAYS, packed, unpacked
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
-from geometry.files import replacing
+from geometry.files import open_regular, replacing
 from geometry.meshes import Mesh
 
 FORMAT = 2
+# RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
+_DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
 
 
@@ -130,7 +131,10 @@ def _save(path: Path, kind: str, **arrays: np.ndarray | np.generic) -> None:
 def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
     try:
         # Opened here, since numpy leaves open what turns out to be no archive.
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
+        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
+            # Bundles are written as they are, so that reading one takes no more memory than the file has bytes.
+            if any(member.compress_type for member in file.zip.infolist()):
+                raise ValueError("it is compressed, which bundles never are")
             if "hulldown_bundle" not in file or "kind" not in file:
                 raise AssetError("is no bundle of hulldown", path=path, remedy=REMEDY)
             if (version := int(file["hulldown_bundle"])) != FORMAT:
@@ -142,6 +146,5 @@ def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
             return {name: file[name] for name in wanted}
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
-    except (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        # zipfile takes damaged flags for encryption or an unknown method: RuntimeError.
+    except _DAMAGE as error:
         raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=REMEDY) from error

@@ -20,7 +20,7 @@ from dataset.runs import Run, find_run, plan_key
 from dataset.sky import deviation, inner, pictured, radiance
 from planning.loading import load_planned_library, planned_cache
 from planning.plan_file import Plan
-from reading.sky_maps import sky_maps
+from reading.hdri import sky_map
 
 WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky
@@ -127,10 +127,10 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None)
     cache = cache or planned_cache(plan)
     config, library = load_planned_library(plan, cache=cache)
     used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
-    hdris = {name: hdri.path for name, hdri in library.hdris.items() if name in used}
+    skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}
     sceneries = library.assets.sceneries
     worlds = {name: World.of(sceneries[name], fallback_z=config.ground.fallback_z) for name in sceneries}
-    return SkyCheck(worlds, sky_maps(hdris, cache), run)
+    return SkyCheck(worlds, skies, run)
 
 
 def _labelled(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import Any
 
 import bpy
 import numpy as np
+
+from geometry.files import replacing
 
 WIDTH = 2048  # pixels around the horizon
 SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness
@@ -142,9 +143,8 @@ def _finish(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     image.pixels.foreach_set(np.minimum(rows, 60000.0).ravel())
     settings = scene.render.image_settings
     settings.color_depth, settings.exr_codec = "16", "DWAA"
-    partial = path.with_name(f".{path.name}")
-    image.save_render(str(partial), scene=scene)
-    os.replace(partial, path)
+    with replacing(path) as file:
+        image.save_render(file.name, scene=scene)
 
 
 def _sun(width: int, height: int, rise: float) -> np.ndarray:

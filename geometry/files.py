@@ -8,7 +8,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import BinaryIO, TypeGuard
+from typing import BinaryIO, TypeGuard, cast
 
 
 @contextmanager
@@ -62,11 +62,33 @@ def open_regular(path: Path) -> BinaryIO:
         If it cannot be read, or is something else.
     """
     # A pipe that nobody writes to would be waited for.
-    file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    return _regular(descriptor, "rb", path)
+
+
+def _regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
-    return file
+    return cast(BinaryIO, os.fdopen(descriptor, mode))
+
+
+def open_in_place(path: Path) -> BinaryIO:
+    """Open a file for reading and appending, created if missing, without following a link.
+
+    For files that grow or are continued; everything else is written with `replacing`.
+
+    Raises
+    ------
+    OSError
+        If it can't be written, or is a link, a pipe, or a device.
+    """
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, "it is a link, which could lead anywhere; delete it", str(path))
+    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):  # whichever the system has
+        flags |= getattr(os, name, 0)
+    return _regular(os.open(path, flags, 0o666), "a+b", path)
 
 
 def sync_folder(folder: Path) -> None:

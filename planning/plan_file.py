@@ -21,6 +21,7 @@ from jaxtyping import Int
 from PIL.Image import Image
 
 from geometry.errors import ConfigError
+from geometry.files import open_in_place
 from planning.misfit import misfit
 from planning.rejections import BY_KEY
 from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
@@ -240,14 +241,13 @@ class PlanWriter:
             raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
 
     def _open(self) -> BinaryIO:
-        if self.partial.exists():
-            file = self.partial.open("r+b")
-            if file.readline() == self._header:
-                self._starts = line_starts(file)
-                self.rows = len(self._starts) - 2
-                return file
-            file.close()
-        file = self.partial.open("w+b")
+        file = open_in_place(self.partial)
+        file.seek(0)
+        if file.readline() == self._header:
+            self._starts = line_starts(file)
+            self.rows = len(self._starts) - 2
+            return file
+        file.truncate(0)
         file.write(self._header)
         self._starts = np.array([0, len(self._header)])
         self.rows = 0

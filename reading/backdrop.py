@@ -22,16 +22,18 @@ WARMEST = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, roo
 BUSY, STEP = 0.3, 0.25  # share of neighbours overhead whose logarithms differ by that much; broken cloud had 0.23
 
 
-def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `ROWS` high; the zenith is in the first row.
+def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[np.ndarray, "m n 3"]:
+    """Means over squares of an equirectangular picture, about `rows` high; the zenith is in the first row.
 
     Parameters
     ----------
     pixels
         The lowest row first.
+    rows
+        Height of the map at least, and less than twice that, unless the picture has fewer.
     """
     height, width = pixels.shape[:2]
-    step = max(1, height // ROWS)
+    step = max(1, height // rows)
     cut = pixels[::-1][: height // step * step, : width // step * step]
     return np.asarray(cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3), dtype=np.float64))
 

@@ -1,14 +1,20 @@
-"""Exports kept by the content of what they were made from, so that a file is read again only when it has changed."""
+"""Exports kept by the content of what they were made from, so that a file is read again only when it has changed.
+
+An entry is a folder with a list of its files' hashes, sealed with a key of the user's account: an entry that came with
+somebody else's plan, or that was changed, isn't used.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import hmac
 import json
 import os
+import secrets
 import shutil
 import tempfile
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +23,7 @@ from filelock import FileLock
 
 from assets.bundle import FORMAT
 from geometry.errors import AssetError
+from geometry.files import open_regular, replacing
 from reading.build import Options
 from reading.export import Exported, export
 from reading.formats import format_of
@@ -25,6 +32,9 @@ from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 EXPORTER = 11
 CHUNK = 1 << 20
+NOTE_NAME = "entry.json"
+LARGEST_NOTE = 1 << 26  # bytes
+KEY_BYTES = 32
 
 
 def cached(
@@ -38,8 +48,8 @@ def cached(
 ) -> tuple[Exported, str]:
     """What reading `path` leaves behind, out of `cache` if it is there, and the SHA-256 of the file.
 
-    An entry counts if file, options and exporter are the same and every texture and library that the file refers to
-    is as it was.
+    An entry counts if this user sealed it, file, options and exporter are the same, and every texture and library that
+    the file refers to is as it was.
 
     Parameters
     ----------
@@ -64,14 +74,10 @@ def cached(
     path, cache = Path(path), Path(cache)
     format_of(path)  # before it is hashed: a folder or nothing at all has no content
     digest = sha256(path)
-    key = hashlib.sha256(json.dumps([EXPORTER, FORMAT, kind, asdict(options), digest]).encode()).hexdigest()[:24]
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
+    entry = cache / entry_name(EXPORTER, FORMAT, kind, asdict(options), digest)
+    make_cache(cache)
     # Two plans at a time must not export the same file into each other's feet.
-    with FileLock(cache / f"{key}.lock"):
-        entry = cache / key
+    with locked(entry):
         exported = _entry(entry, path)
         if exported is None:
             if progress:
@@ -83,46 +89,140 @@ def cached(
 
 
 def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: ReadLimits) -> None:
-    unfinished = Path(tempfile.mkdtemp(prefix=f".{entry.name}.", dir=entry.parent))
-    try:
-        exported = export(path, unfinished, kind=kind, options=options, limits=limits)
+    with new_folder(entry.parent) as folder:
+        exported = export(path, folder, kind=kind, options=options, limits=limits)
         note = {
             "path": str(path.resolve()),
             "report": exported.report.to_json(),
             "files": {file: _print_of(Path(file)) for file in exported.files},
         }
-        (unfinished / "entry.json").write_text(json.dumps(note, indent=1), encoding="utf-8")
-        if entry.exists():
-            shutil.rmtree(entry)
-        os.replace(unfinished, entry)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        seal(folder, entry, note)
 
 
 def _entry(entry: Path, path: Path) -> Exported | None:
     """The entry, if it is whole and nothing that it was made from has changed."""
-    bundle, tidy = entry / "bundle.npz", entry / "tidy.blend"
+    note = unseal(entry)
+    if note is None:
+        return None
+    report = FileReport.from_json({**note["report"], "path": str(path)})
+    files: Mapping[str, Any] = note["files"]
+    # Relative paths of textures mean something else in another folder.
+    if (files or report.missing) and note["path"] != str(path.resolve()):
+        return None
+    if not all(_unchanged(Path(file), was) for file, was in files.items()):
+        return None
+    return Exported(report, entry / "bundle.npz", entry / "tidy.blend", tuple(files))
+
+
+def make_cache(cache: Path) -> None:
+    """Create the folder of a cache if it is missing.
+
+    Raises
+    ------
+    AssetError
+        If that is impossible.
+    """
     try:
-        note = json.loads((entry / "entry.json").read_text(encoding="utf-8"))
-        report = FileReport.from_json({**note["report"], "path": str(path)})
-        files: Mapping[str, Any] = note["files"]
-        # Relative paths of textures mean something else in another folder.
-        if (files or report.missing) and note["path"] != str(path.resolve()):
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
+
+
+@contextmanager
+def locked(entry: Path) -> Iterator[None]:
+    """Hold the lock of an entry.
+
+    Raises
+    ------
+    AssetError
+        If its file cannot be opened, as a link cannot.
+    """
+    lock = FileLock(f"{entry}.lock")
+    try:
+        lock.acquire()
+    except OSError as error:
+        raise AssetError(f"cannot be opened ({error.strerror})", path=lock.lock_file, remedy="delete it") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def new_folder(cache: Path) -> Iterator[Path]:
+    """A folder in the cache to make an entry in; gone at the end of the block unless it was sealed."""
+    folder = Path(tempfile.mkdtemp(prefix=".new-", dir=cache)).resolve()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def entry_name(*parts: object) -> str:
+    """The name of the entry made from `parts`; another one for every user."""
+    return hmac.digest(_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
+
+
+def seal(made: Path, entry: Path, note: Mapping[str, Any]) -> None:
+    """Make the folder `made` the entry `entry`, with a note and the hashes of its files, sealed."""
+    content = {file.name: sha256(file) for file in sorted(made.iterdir()) if file.is_file()}
+    body = json.dumps({"name": entry.name, "content": content, "note": note}, indent=1).encode()
+    with replacing(made / NOTE_NAME) as file:
+        file.write(_seal_of(body) + b"\n" + body)
+    if entry.is_symlink() or entry.is_file():
+        entry.unlink()
+    elif entry.exists():
+        shutil.rmtree(entry)
+    os.replace(made, entry)
+
+
+def unseal(entry: Path) -> dict[str, Any] | None:
+    """The note of an entry; None unless this user sealed it and its files are what they were then."""
+    try:
+        if entry.is_symlink():
             return None
-        if not all(_unchanged(Path(file), was) for file, was in files.items()) or not tidy.is_file():
+        with open_regular(entry / NOTE_NAME) as file:
+            line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
+        if not hmac.compare_digest(line.strip(), _seal_of(body)):
             return None
-    except (OSError, ValueError, KeyError, TypeError):
+        sealed = json.loads(body)
+        same = all(sha256(entry / name) == digest for name, digest in sealed["content"].items())
+    except OSError:
         return None
-    if not zipfile.is_zipfile(bundle):
-        return None
-    return Exported(report, bundle, tidy, tuple(files))
+    note: dict[str, Any] = sealed["note"]
+    return note if same and sealed["name"] == entry.name else None
+
+
+def _seal_of(body: bytes) -> bytes:
+    return hmac.digest(_key(), body, "sha256").hex().encode()
+
+
+def _key() -> bytes:
+    """The user's secret, made when it is first needed."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    path = state / "hulldown" / "cache.key"
+    try:
+        if not path.is_file():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(path.with_suffix(".lock")):
+                if not path.is_file():
+                    with replacing(path) as file:
+                        os.chmod(file.name, 0o600)
+                        file.write(secrets.token_bytes(KEY_BYTES))
+        key = path.read_bytes()
+    except OSError as error:
+        problem = f"cannot be read or made ({error.strerror}), and the cache is sealed with it"
+        raise AssetError(problem, path=path, remedy="set XDG_STATE_HOME to a folder that you can write to") from None
+    if len(key) != KEY_BYTES:
+        raise AssetError(f"has {len(key)} bytes, expected {KEY_BYTES}", path=path, remedy="delete it")
+    return key
 
 
 def _print_of(file: Path) -> list[Any] | None:
     """Size, time and content of a file; None if it is not there."""
     try:
         stat = file.stat()
-        return [stat.st_size, stat.st_mtime_ns, sha256(file)] if file.is_file() else None
+        return [stat.st_size, stat.st_mtime_ns, sha256(file)]
     except OSError:
         return None
 
@@ -130,17 +230,23 @@ def _print_of(file: Path) -> list[Any] | None:
 def _unchanged(file: Path, was: list[Any] | None) -> bool:
     try:
         stat = file.stat()
+        if was is None:
+            return not file.is_file()
+        return [stat.st_size, stat.st_mtime_ns] == was[:2] or (stat.st_size == was[0] and sha256(file) == was[2])
     except OSError:
         return was is None
-    if was is None:
-        return not file.is_file()
-    return [stat.st_size, stat.st_mtime_ns] == was[:2] or (stat.st_size == was[0] and sha256(file) == was[2])
 
 
 def sha256(path: Path) -> str:
-    """Hexadecimal digest of a file's bytes."""
+    """Hexadecimal digest of a file's bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is no regular file.
+    """
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         while chunk := file.read(CHUNK):
             digest.update(chunk)
     return digest.hexdigest()

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +12,15 @@ from jaxtyping import Float
 from assets.skylight import SkyLight
 from camera.response import LUMINANCE
 from geometry.errors import AssetError
-from geometry.files import replacing
-from reading.cache import sha256
+from reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
 from reading.export import ask_reader
 from reading.formats import refuse_no_file
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
-CHECKED = 4  # raised whenever the same file would be judged or mended otherwise
+MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
+MAP_ROWS = 256  # of a map: 0.7 degrees each
+CHECKED = 5  # raised whenever the same file would be judged or mended otherwise
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
@@ -42,17 +39,20 @@ class Hdri:
         What is rendered: the file itself, or its mended copy in the cache.
     sha256
         Digest of the file's bytes.
+    light
+        How it lights open land, and whether it shows any.
+    map_file
+        A small map of it in the cache, see `sky_map`.
     mended_sha256
         Digest of the mended copy's bytes; empty if the file is rendered as it is.
     notes
         What was mended, a sentence each.
-    light
-        How it lights open land, and whether it shows any.
     """
 
     path: Path
     sha256: str
     light: SkyLight
+    map_file: Path
     mended_sha256: str = ""
     notes: tuple[str, ...] = ()
 
@@ -135,6 +135,7 @@ def read_hdris(
     """
     for path in paths:
         refuse_no_hdri(path)
+    make_cache(cache)
     digests = [sha256(path) for path in paths]
     found = {digest: _entry(path, digest, cache) for path, digest in zip(paths, digests, strict=True)}
     new = {digest: path for path, digest in zip(paths, digests, strict=True) if found[digest] is None}
@@ -147,6 +148,11 @@ def read_hdris(
         assert hdri is not None, f"{path}: what was just read cannot be read back"
         read.append(hdri)
     return read
+
+
+def sky_map(hdri: Hdri) -> Float[np.ndarray, "_ _ 3"]:
+    """Radiance as an equirectangular map: linear Rec. 709, the zenith in the first row, +x in the middle."""
+    return np.load(hdri.map_file, allow_pickle=False).astype(np.float64)
 
 
 def refuse_no_hdri(path: Path) -> None:
@@ -167,58 +173,42 @@ def refuse_no_hdri(path: Path) -> None:
         raise AssetError("is no OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 
-def _key(digest: str) -> str:
-    return "hdri-" + hashlib.sha256(json.dumps([CHECKED, digest]).encode()).hexdigest()[:24]
-
-
 def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
-    try:
-        note = json.loads((cache / f"{_key(digest)}.json").read_text(encoding="utf-8"))
-        notes, mended_sha256 = tuple(map(str, note["notes"])), str(note["mended_sha256"])
-        red, green, blue = map(float, note["irradiance"])
-        light = SkyLight((red, green, blue), float(note["horizon_deg"]), tuple(map(str, note["misfits"])))
-        mended = cache / f"{_key(digest)}.exr"
-        if not mended_sha256:
-            return Hdri(path, digest, light)
-        return Hdri(mended, digest, light, mended_sha256, notes) if sha256(mended) == mended_sha256 else None
-    except (OSError, ValueError, KeyError, TypeError):
+    entry = cache / entry_name("hdri", CHECKED, digest)
+    note = unseal(entry)
+    if note is None:
         return None
+    light = SkyLight(tuple(note["irradiance"]), note["horizon_deg"], tuple(note["misfits"]))
+    if not note["mended_sha256"]:
+        return Hdri(path, digest, light, entry / MAP_NAME)
+    return Hdri(entry / MENDED_NAME, digest, light, entry / MAP_NAME, note["mended_sha256"], tuple(note["notes"]))
 
 
 def _read(
     todo: Sequence[tuple[str, Path]], cache: Path, limits: ReadLimits, progress: Callable[[str], None] | None
 ) -> None:
     """Have pictures read, and keep what was found."""
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
-    folder = Path(tempfile.mkdtemp(prefix=".hdris.", dir=cache)).resolve()
-    try:
+    with new_folder(cache) as folder:
         jobs = []
-        for number, (_, path) in enumerate(todo):
+        for digest, path in todo:
             if progress:
                 progress(str(path))
+            made = folder / digest
+            made.mkdir()
             jobs.append(
                 {
                     "given": str(path),
                     "path": str(path.resolve()),
                     "format": "hdri",
-                    "mended": str(folder / f"{number}.exr"),
-                    "answer": str(folder / f"{number}.json"),
+                    "mended": str(made / MENDED_NAME),
+                    "map": str(made / MAP_NAME),
+                    "answer": str(folder / f"{digest}.json"),
                 }
             )
         answers = ask_reader(jobs, limits=limits)
-        for (digest, path), job, answer in zip(todo, jobs, answers, strict=True):
+        for (digest, path), answer in zip(todo, answers, strict=True):
             if "error" in answer:
                 raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
-            mended_sha256 = ""
-            if answer["notes"]:
-                mended_sha256 = sha256(Path(job["mended"]))
-                Path(job["mended"]).replace(cache / f"{_key(digest)}.exr")
-            said = {key: answer[key] for key in ("notes", "irradiance", "horizon_deg", "misfits")}
-            note = {"path": str(path), "mended_sha256": mended_sha256, **said}
-            with replacing(cache / f"{_key(digest)}.json") as file:
-                file.write(json.dumps(note, indent=1).encode())
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+            mended = folder / digest / MENDED_NAME
+            note = {**answer, "path": str(path), "mended_sha256": sha256(mended) if answer["notes"] else ""}
+            seal(folder / digest, cache / entry_name("hdri", CHECKED, digest), note)

@@ -14,6 +14,7 @@ from typing import Any
 
 import psutil
 
+from geometry.files import open_in_place
 from render.blender.worker import ANSWER
 from render.confinement import Confinement
 
@@ -57,9 +58,9 @@ class WorkerProcess:
     ) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
-        if log.is_symlink():  # writing would follow it, out of the dataset perhaps
+        if log.is_symlink():
             log.unlink()
-        with log.open("ab") as file:
+        with open_in_place(log) as file:
             self._log_start = file.tell()
             # A session of its own: Ctrl-C in the terminal reaches the supervisor alone, which then stops its workers.
             self._process = subprocess.Popen(

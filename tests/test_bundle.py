@@ -1,3 +1,6 @@
+import io
+import resource
+import zipfile
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -136,6 +139,38 @@ def test_a_damaged_directory_is_refused_in_one_line(tmp_path: Path, at: int, val
     path.write_bytes(content)
     with pytest.raises(AssetError, match="cannot be read as a bundle"):
         load_vehicle(path)
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
+def test_a_bundle_that_unpacks_to_much_more_than_it_is_is_refused(tmp_path: Path, method: int) -> None:
+    """16 MB became 9 GB of memory."""
+    path = tmp_path / "v.npz"
+    save_vehicle(path, vehicle())
+    with zipfile.ZipFile(path) as whole:
+        arrays = {name: whole.read(name) for name in whole.namelist()}
+    with zipfile.ZipFile(path, "w", method) as bomb:
+        for name, data in arrays.items():
+            bomb.writestr(name, data)
+    with pytest.raises(AssetError, match=r"cannot be read as a bundle .*compressed"):
+        load_vehicle(path)
+
+
+@pytest.mark.parametrize("shape", [10**9, 10**14])
+def test_an_array_that_claims_more_than_the_file_has_is_refused(tmp_path: Path, shape: int) -> None:
+    path = tmp_path / "v.npz"
+    save_vehicle(path, vehicle())
+    with zipfile.ZipFile(path) as whole:
+        arrays = {name: whole.read(name) for name in whole.namelist()}
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (shape, 3)})
+    arrays["vertices.npy"] = header.getvalue() + bytes(24)
+    with zipfile.ZipFile(path, "w") as liar:
+        for name, data in arrays.items():
+            liar.writestr(name, data)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(AssetError, match="cannot be read as a bundle"):
+        load_vehicle(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**18  # KiB
 
 
 def test_a_scenery_is_no_vehicle(tmp_path: Path) -> None:

@@ -1,5 +1,8 @@
 """The cache of exports, with an exporter that needs no Blender."""
 
+import json
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +21,7 @@ from planning.loading import load_assets, load_library, load_planned_assets
 from planning.plan_file import Plan
 from planning.write import make_header
 from reading.build import Options
-from reading.cache import cached
+from reading.cache import cached, sha256
 from reading.export import Exported
 from reading.report import FileReport, Missing
 from reading.watch import ReadLimits
@@ -66,11 +69,12 @@ class Exporter:
 
 
 @pytest.fixture
-def exporter(monkeypatch: pytest.MonkeyPatch) -> Exporter:
+def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(reading.cache, "export", stand_in)
     sky = {"notes": [], "irradiance": [1.0, 1.0, 1.0], "horizon_deg": 0.0, "misfits": []}
     monkeypatch.setattr(reading.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 
 
@@ -145,6 +149,79 @@ def test_a_harmed_entry_is_made_again(read: Callable[..., bool], tmp_path: Path,
     else:
         victim.write_bytes(victim.read_bytes()[:40])
     assert [read(), read()] == [True, False]
+
+
+def forged(entry: Path, change: Callable[[dict], None]) -> None:
+    """Rewrite an entry as somebody without the user's key can, whose bundle and twin are of other assets."""
+    seal, body = (entry / "entry.json").read_bytes().split(b"\n", 1)
+    sealed = json.loads(body)
+    change(sealed)
+    sealed["content"] = {name: sha256(entry / name) for name in sealed["content"]}
+    (entry / "entry.json").write_bytes(seal + b"\n" + json.dumps(sealed, indent=1).encode())
+
+
+@pytest.mark.parametrize("file", ["/dev/zero", "/dev/random"])
+def test_a_forged_entry_has_nothing_read_that_never_ends(read: Callable[..., bool], tmp_path: Path, file: str) -> None:
+    read()
+    (entry,) = (tmp_path / "cache").glob("*/")
+    forged(entry, lambda sealed: sealed["note"].update(files={file: [0, 0, "x"]}))
+    assert [read(), read()] == [True, False]
+
+
+@pytest.mark.parametrize("name", ["bundle.npz", "tidy.blend"])
+def test_an_entry_with_the_bundle_or_the_twin_of_another_asset_is_made_again(
+    read: Callable[..., bool], tmp_path: Path, blend: Path, name: str
+) -> None:
+    read()
+    (entry,) = (tmp_path / "cache").glob("*/")
+    was = (entry / name).read_bytes()
+    (entry / name).write_bytes(was + b"\0")
+    forged(entry, lambda sealed: None)
+    assert read()
+    assert (entry / name).read_bytes() == was
+
+
+def test_an_entry_in_the_place_of_another_is_made_again(read: Callable[..., bool], tmp_path: Path, blend: Path) -> None:
+    read()
+    (first,) = (tmp_path / "cache").glob("*/")
+    read(scale=0.01)
+    (second,) = set((tmp_path / "cache").glob("*/")) - {first}
+    shutil.rmtree(first)
+    shutil.copytree(second, first)
+    assert read()
+
+
+def test_a_cache_that_another_user_made_is_not_used(
+    read: Callable[..., bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert read()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
+    assert [read(), read()] == [True, False]
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert not read(), "beside the first user's entry, which is still there"
+
+
+@pytest.mark.parametrize("name", ["entry.json", "bundle.npz", "tidy.blend"])
+def test_a_pipe_or_a_device_in_a_cache_is_not_waited_for(read: Callable[..., bool], tmp_path: Path, name: str) -> None:
+    read()
+    (victim,) = (tmp_path / "cache").glob(f"*/{name}")
+    victim.unlink()
+    os.mkfifo(victim)
+    assert read()
+    victim.unlink()
+    victim.symlink_to("/dev/zero")
+    assert read()
+
+
+def test_a_lock_that_is_a_link_is_refused_and_not_written_through(read: Callable[..., bool], tmp_path: Path) -> None:
+    read()
+    (lock,) = (tmp_path / "cache").glob("*.lock")
+    lock.unlink(missing_ok=True)
+    (tmp_path / "precious").write_text("content")
+    lock.symlink_to(tmp_path / "precious")
+    with pytest.raises(AssetError, match=r"\.lock: cannot be opened"):
+        read()
+    assert (tmp_path / "precious").read_text() == "content"
 
 
 def test_a_failed_export_leaves_nothing_behind(

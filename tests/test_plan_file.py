@@ -379,3 +379,24 @@ def test_names_inside(name):
 @pytest.mark.parametrize("name", ["", "/a", "../a", "a/../../b", "C:\\a", "\\a", "a\\..\\b", "C:a", None, 3, "a\0b"])
 def test_names_that_leave_the_folder(name):
     assert not stays_inside(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("plan.jsonl.partial", "link"), ("plan.jsonl.partial", "dangling"), ("plan.jsonl.partial", "fifo"),
+     (".plan.jsonl.lock", "link")],
+)  # fmt: skip
+def test_no_file_beside_a_plan_is_followed_out_of_its_folder(tmp_path, name, kind):
+    """A partial file that leads elsewhere was overwritten where it led."""
+    precious = tmp_path / "precious"
+    precious.write_text("content")
+    folder = tmp_path / "plans"
+    folder.mkdir()
+    if kind == "fifo":
+        os.mkfifo(folder / name)
+    else:
+        (folder / name).symlink_to(precious if kind == "link" else tmp_path / "new")
+    with pytest.raises(ConfigError, match=r"plan\.jsonl: cannot be written"):
+        PlanWriter(folder / "plan.jsonl", header())
+    assert precious.read_text() == "content"
+    assert not (tmp_path / "new").exists()

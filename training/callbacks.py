@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 
-from geometry.files import sync_folder
+from geometry.files import replacing
 
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
@@ -188,14 +187,9 @@ class Recorder(pl.Callback):
             self._saved = time.monotonic()
 
     def _save(self, trainer: pl.Trainer) -> None:
-        temporary = self._checkpoint.with_name(f".{self._checkpoint.name}.tmp")
-        trainer.save_checkpoint(temporary)
-        if trainer.is_global_zero:
-            with temporary.open("rb") as file:
-                os.fsync(file.fileno())
-            os.replace(temporary, self._checkpoint)
-            sync_folder(self._checkpoint.parent)
-            self._on_checkpoint(self.rows)
+        with replacing(self._checkpoint) as file:
+            trainer.save_checkpoint(file.name)
+        self._on_checkpoint(self.rows)
 
     def state_dict(self) -> dict[str, Any]:
         """What a checkpoint keeps."""

@@ -15,7 +15,7 @@ import orjson
 from jaxtyping import UInt8
 
 from geometry.errors import HulldownError
-from geometry.files import replacing
+from geometry.files import open_in_place, replacing
 from training.detector import WEIGHTS_NAME, Detections, load_detector
 from training.labels import Labels, read_labels
 from training.predictions import INFO_SUFFIX
@@ -174,7 +174,7 @@ def _appending(path: Path, key: str, done: Mapping[int, Found]) -> Iterator[Call
     with replacing(path) as file:
         file.write(orjson.dumps({"key": key}) + b"\n")
         file.writelines(line(image, found) for image, found in done.items())
-    with path.open("ab") as file:
+    with open_in_place(path) as file:
 
         def append(image: int, found: Found) -> None:
             file.write(line(image, found))

@@ -12,12 +12,11 @@ from jaxtyping import Float
 from assets.skylight import level_irradiance
 from geometry.errors import AssetError
 from reading.backdrop import backdrop, small_map
-from reading.hdri import mend
-from reading.sky_maps import ROWS
+from reading.hdri import MAP_ROWS, mend
 
 
 def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the picture at ``job["path"]``; if it has to be mended, write that to ``job["mended"]``.
+    """Check the picture at ``job["path"]``; write its map, and the picture itself if it has to be mended.
 
     Raises
     ------
@@ -29,27 +28,12 @@ def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
         pixels, notes = mend(_pixels(image))
     finally:
         bpy.data.images.remove(image)
+    np.save(job["map"], small_map(pixels, rows=MAP_ROWS).astype(np.float32))
     if notes:
         _write(pixels, job["mended"])
     irradiance = level_irradiance(pixels).tolist()
     horizon_deg, misfits = backdrop(small_map(pixels))
     return {"notes": list(notes), "irradiance": irradiance, "horizon_deg": horizon_deg, "misfits": list(misfits)}
-
-
-def write_sky_map(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the small map of the picture at ``job["path"]`` to ``job["map"]``; see `reading.sky_maps`.
-
-    Raises
-    ------
-    AssetError
-        If Blender cannot read the picture.
-    """
-    pixels = _pixels(bpy.data.images.load(job["path"]))[::-1]
-    height, width = pixels.shape[:2]
-    step = max(1, height // ROWS)
-    cut = pixels[: height // step * step, : width // step * step]
-    np.save(job["map"], cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3)))
-    return {}
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:

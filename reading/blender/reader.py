@@ -23,7 +23,7 @@ from geometry.files import replacing
 from reading.blender.evaluate import HIDDEN, evaluate
 from reading.blender.importers import open_file
 from reading.blender.materials import material_rows
-from reading.blender.pictures import read_picture, write_sky_map
+from reading.blender.pictures import read_picture
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from reading.build import Options, build_scenery, build_vehicle
@@ -42,7 +42,7 @@ def main(job_path: str) -> None:
     """Do the job in the JSON file `job_path` and write the answer to the path that it names."""
     job = json.loads(Path(job_path).read_text(encoding="utf-8"))
     try:
-        answer = _DO.get(job["format"], read)(job)
+        answer = read_picture(job) if job["format"] == "hdri" else read(job)
     except HulldownError as error:
         answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
     with replacing(Path(job["answer"])) as file:
@@ -179,9 +179,6 @@ def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Ro
 
 def _three(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     return float(vector[0]), float(vector[1]), float(vector[2])
-
-
-_DO = {"hdri": read_picture, "sky": write_sky_map}  # by format; all others are vehicles and sceneries
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import orjson
 from filelock import FileLock, Timeout
 
 from geometry.errors import ConfigError, HulldownError
-from geometry.files import replacing
+from geometry.files import open_in_place, replacing
 from training.run_folder import LOCK_NAME, RunFolder
 from training.study.manifest import (
     LOGS_NAME,
@@ -270,7 +270,7 @@ def in_a_process(study: Path, name: str, options: Options, progress: Progress, s
     log.parent.mkdir(exist_ok=True)
     reason = None
     with (
-        log.open("wb") as errors,
+        open_in_place(log) as errors,
         subprocess.Popen(
             command, env={**os.environ, **options.environment, "PYTHONPATH": path}, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
