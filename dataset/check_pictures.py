@@ -12,12 +12,14 @@ from jaxtyping import UInt8
 
 from dataset.check_looks import check_looks, is_rendered
 from dataset.names import place_of
-from dataset.picture_files import UnreadableError, read_picture
+from dataset.picture_files import UPRIGHT, read_picture, size_problem
 from dataset.records import Finding
 from dataset.seals import PICTURE_KEY, digest
+from geometry.errors import DatasetError
 from geometry.files import stays_inside
 
 DECODERS = 4
+LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
 Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
@@ -84,14 +86,16 @@ def _check(
     if fast:
         return [] if path.is_file() else [Finding("error", name, "is missing")], None
     try:
-        picture = read_picture(path)
-    except UnreadableError as error:
-        return [Finding("error", name, str(error))], None
+        picture = read_picture(path, largest=LARGEST)
+    except DatasetError as error:
+        return [Finding("error", name, error.problem)], None
     findings = []
-    if picture.size != (image.get("width"), image.get("height")):
-        width, height = picture.size
-        stated = f"{image.get('width')} x {image.get('height')}"
-        findings.append(Finding("error", name, f"is {width} x {height}, its record says {stated}"))
+    if picture.orientation != UPRIGHT:
+        problem = f"has EXIF orientation {picture.orientation}, which some tools ignore: store it as displayed"
+        findings.append(Finding("warning", name, problem))
+    stated = (image.get("width"), image.get("height"))
+    if picture.size != stated:
+        findings.append(Finding("error", name, size_problem(picture, stated)))
     elif picture.pixels is not None and is_rendered(image):
         findings += check_looks(image, labels, picture.pixels)
         if look is not None:

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from annotate.drawing import contact_sheet, draw
-from dataset.picture_files import open_picture
+from dataset.picture_files import read_pixels
 from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
 
@@ -35,11 +35,9 @@ def dataset_sheet(
     pictures = []
     for image in chosen:
         path = folder / image["file_name"]
+        picture = Image.fromarray(read_pixels(path))
         try:
-            with open_picture(path) as picture:
-                pictures.append(draw(picture, mine[image["id"]], names, masks=masks))
-        except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-            raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error
+            pictures.append(draw(picture, mine[image["id"]], names, masks=masks))
         except ValueError as error:
             raise DatasetError(str(error), path=path, remedy="check the dataset with `hulldown verify`") from error
     return contact_sheet(pictures, columns=columns, tile_width=tile_width)

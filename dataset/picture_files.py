@@ -1,4 +1,4 @@
-"""Pictures of a dataset, read as they are: bytes and pixels, or what hinders it."""
+"""Read pictures of any mode and bit depth as 8-bit RGB, turned the way they are displayed."""
 
 from __future__ import annotations
 
@@ -8,74 +8,148 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image, ImageFile, JpegImagePlugin, PngImagePlugin
+from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin
+from PIL.ExifTags import Base
 
+from geometry.errors import DatasetError
 from geometry.files import open_regular
 
-LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
-
-
-class UnreadableError(Exception):
-    """A picture that is missing, damaged or no picture."""
+UPRIGHT = 1  # the EXIF orientation of a picture that is stored as it is displayed
+_SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PictureFile:
-    """A picture's content.
+    """A picture and the bytes it was read from.
 
     Parameters
     ----------
     content
         The file's bytes.
     size
-        Its width and height in pixels.
+        Width and height in pixels, as displayed.
+    orientation
+        EXIF orientation, 1 to 8. From 5 on, stored width and height are swapped.
     pixels
-        (h, w, 3) bytes of colour; None for pictures of more than `LARGEST` pixels, whose size alone is known.
+        (h, w, 3) colors as displayed; None for a picture of more pixels than the caller wanted to decode.
     """
 
     content: bytes
     size: tuple[int, int]
+    orientation: int
     pixels: UInt8[np.ndarray, "h w 3"] | None
 
 
-def read_picture(path: Path) -> PictureFile:
-    """Read and decode a picture.
+def read_picture(path: Path, *, largest: int | None = None) -> PictureFile:
+    """Read a picture. Everything in hulldown that needs a dataset's pixels reads them here.
+
+    Parameters
+    ----------
+    path
+        The file.
+    largest
+        Don't decode pictures of more pixels than this; only check their structure and read their size.
 
     Raises
     ------
-    UnreadableError
-        Saying why.
+    DatasetError
+        If the file is missing, damaged, not a picture, or of a kind whose values have no known range.
     """
     try:
         with open_regular(path) as file:
             content = file.read()
         with _opened(content) as picture:
-            size = picture.size
-            if size[0] * size[1] > LARGEST:
+            width, height = picture.size
+            if largest is not None and width * height > largest:
+                # Looking for EXIF data after the pixels of a PNG would decode them.
+                late = picture.format == "PNG" and "exif" not in picture.info
+                orientation = UPRIGHT if late else _orientation(picture)
                 picture.verify()
-                return PictureFile(content, size, None)
-            return PictureFile(content, size, np.asarray(picture.convert("RGB")))
+                stored = orientation < 5 or picture.format == "TIFF"  # whose size Pillow has already turned
+                size = (width, height) if stored else (height, width)
+                return PictureFile(content, size, orientation, None)
+            orientation = _orientation(picture)
+            picture.load()
+            ImageOps.exif_transpose(picture, in_place=True)
+            return PictureFile(content, picture.size, orientation, rgb(picture))
     except FileNotFoundError:
-        raise UnreadableError("is missing") from None
+        remedy = "put it there or delete its record"
+        raise DatasetError("is missing", path=path, remedy=remedy) from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        what = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise UnreadableError(f"cannot be decoded: {what}") from None
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        remedy = "render it again or replace it"
+        raise DatasetError(f"cannot be read as a picture ({reason})", path=path, remedy=remedy) from None
 
 
-def open_picture(path: Path) -> ImageFile.ImageFile:
-    """A picture of any size, to be decoded when it is asked for its pixels.
+def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
+    """Return a picture's colors as displayed, (h, w, 3).
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Width and height that its record states; None: any.
 
     Raises
     ------
-    OSError, SyntaxError, ValueError
-        If it cannot be read, is no regular file, or no picture.
+    DatasetError
+        As `read_picture`, or if the picture has another size.
     """
-    with open_regular(path) as file:
-        return _opened(file.read())
+    picture = read_picture(path)
+    if size is not None and picture.size != size:
+        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
+    assert picture.pixels is not None
+    return picture.pixels
+
+
+def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
+    """Say how a picture's size differs from the size in its record."""
+    turned = "" if picture.orientation == UPRIGHT else f" when displayed (EXIF orientation {picture.orientation})"
+    width, height = picture.size
+    return f"is {width} x {height} pixels{turned}, its record says {stated[0]} x {stated[1]}"
+
+
+def rgb(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
+    """Return a picture's colors as 8-bit RGB, scaled by its bit depth.
+
+    Transparency is ignored. Integers of 16 and 32 bits are scaled from their whole range, floats from 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If a float picture has values outside of 0 to 1, or an integer picture is signed.
+    """
+    mode = picture.mode
+    if mode == "F":
+        values = np.asarray(picture, dtype=np.float64)
+        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
+            raise ValueError("its floating point values are not all from 0 to 1")
+        return _gray(values)
+    if mode == "I" and picture.format == "TIFF":
+        if picture.getexif().get(Base.SampleFormat, (1,)) != (1,):
+            raise ValueError("its integers are signed")
+        return _gray(np.asarray(picture, dtype=np.int32).view(np.uint32) / _THIRTY_TWO)
+    if mode == "I" or mode.startswith("I;16"):  # Pillow scales PGM, and before version 11 PNG, to 16 bits in "I"
+        return _gray(np.asarray(picture).astype(np.float64) / _SIXTEEN)
+    if mode in ("La", "RGBa"):  # colors multiplied by alpha
+        picture = picture.convert(mode.replace("a", "A"))
+    return np.asarray(picture.convert("RGB"))
+
+
+def _gray(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
+    if values.max(initial=0.0) > 1.0 or values.min(initial=0.0) < 0.0:
+        raise ValueError("its integers have more than 16 bits")
+    return np.repeat(np.rint(values * 255.0).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _orientation(picture: Image.Image) -> int:
+    found = picture.getexif().get(Base.Orientation, UPRIGHT)
+    return found if isinstance(found, int) and 1 <= found <= 8 else UPRIGHT
 
 
 def _opened(content: bytes) -> ImageFile.ImageFile:
-    """By the format's own class where it is known, since `Image.open` refuses pictures that are rendered all right."""
+    """Open by the format's own class where it's known, since `Image.open` refuses pictures above a size."""
     file = io.BytesIO(content)
     if content.startswith(b"\x89PNG"):
         return PngImagePlugin.PngImageFile(file)

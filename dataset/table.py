@@ -15,7 +15,7 @@ from PIL import Image as Pictures
 
 from annotate.drawing import draw
 from dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
-from dataset.picture_files import open_picture
+from dataset.picture_files import read_pixels
 from dataset.planned import image_record, label_records
 from dataset.records import by_image, read_usable
 from geometry.errors import DatasetError
@@ -128,7 +128,7 @@ class Dataset:
         names = {category["id"]: category["name"] for category in coco["categories"]}
         mine = by_image(coco["images"], coco["annotations"])
         images = [_image(image, mine[image["id"]], names) for image in coco["images"]]
-        return cls(str(folder), names, images, lambda i: _open(folder / images[i].file_name))
+        return cls(str(folder), names, images, lambda i: Pictures.fromarray(read_pixels(folder / images[i].file_name)))
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
@@ -238,11 +238,3 @@ def _image(record: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], names
         ),
         record,
     )
-
-
-def _open(path: Path) -> Pictures.Image:
-    try:
-        with open_picture(path) as picture:
-            return picture.convert("RGB")
-    except (OSError, SyntaxError, ValueError, Pictures.DecompressionBombError) as error:
-        raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="render it again") from error

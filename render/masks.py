@@ -17,7 +17,7 @@ from annotate.masks import mask_box
 from dataset.document import read_coco
 from dataset.entries import is_box
 from dataset.look import appearance
-from dataset.picture_files import UnreadableError, read_picture
+from dataset.picture_files import read_pixels
 from dataset.planned import not_annotated
 from dataset.records import Finding
 from dataset.runs import find_run
@@ -165,12 +165,12 @@ def verify_masks(
 def _intruder(folder: Path, name: str, row: Row, assets: RenderAssets) -> Finding | None:
     """Whether the picture of an empty background changes along the outline of the vehicle that it was framed on."""
     try:
-        pixels = read_picture(folder / name).pixels
-    except UnreadableError:  # found elsewhere
+        pixels = read_pixels(folder / name)
+    except DatasetError:  # found elsewhere
         return None
     shapes = {vehicle: file.shape for vehicle, file in assets.vehicles.items()}
     mask = Segmenter(shapes, {row.scenery: assets.sceneries[row.scenery].scenery}).left_out(row)
-    if pixels is None or pixels.shape[:2] != mask.shape:
+    if pixels.shape[:2] != mask.shape:
         return None
     look = appearance(pixels, mask, np.zeros_like(mask))
     if look is None or not look.outline >= INTRUDER:

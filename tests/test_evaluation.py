@@ -210,7 +210,7 @@ def test_pictures_that_are_not_there_are_named_and_cost_no_figure(scene, weak, t
     found = evaluate_files(tmp_path, [scene / "weak.json"], tmp_path / "r")
     assert found["overall"] == weak[0]["overall"]
     browser.get((tmp_path / "r" / "report.html").as_uri())
-    assert "could not be read: images/1.png: No such file" in browser.find_element(By.TAG_NAME, "body").text
+    assert "could not be read: images/1.png is missing" in browser.find_element(By.TAG_NAME, "body").text
 
 
 def test_the_threshold_may_come_from_a_validation_set(scene, tmp_path):

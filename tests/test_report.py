@@ -166,7 +166,7 @@ def test_the_same_dataset_is_the_same_page(folder, report, tmp_path):
 
 def test_a_picture_that_is_missing_is_named(folder, tmp_path):
     (tmp_path / "annotations.json").write_text((folder / "annotations.json").read_text())
-    with pytest.raises(DatasetError, match=r"0\.png: cannot be read as a picture"):
+    with pytest.raises(DatasetError, match=r"0\.png: is missing"):
         write_report(Dataset.read(tmp_path), tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from dataset.picture_files import read_pixels
 from geometry.errors import ConfigError, DatasetError, HulldownError
 from tests.training_pictures import edit, make_dataset
 from training.augment import TABLE, OneOf
 from training.settings import Settings, completed, load_settings, rate_factor
-from training.sources import check_pictures, read_picture, read_sources
+from training.sources import check_pictures, read_sources
 
 ROOT = Path(__file__).parents[1]
 
@@ -28,7 +29,7 @@ def train_with(data, out, changes):
 def test_a_picture_above_the_limit_of_pillow_is_learned_from(tmp_path, monkeypatch):
     Image.new("RGB", (20, 10), (9, 8, 7)).save(tmp_path / "large.png")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
-    assert read_picture(tmp_path / "large.png", (20, 10))[0, 0].tolist() == [9, 8, 7]
+    assert read_pixels(tmp_path / "large.png", (20, 10))[0, 0].tolist() == [9, 8, 7]
 
 
 def test_classes_are_matched_by_name_whatever_their_ids(tmp_path):
@@ -145,7 +146,7 @@ def of_another_size(path):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (missing, r"0002\.png: no such picture"),
+        (missing, r"0002\.png: is missing"),
         (truncated, r"0002\.png: cannot be read as a picture"),
         (no_picture, r"0002\.png: cannot be read as a picture"),
         (of_another_size, r"0002\.png: is 5 x 5 pixels, its record says 96 x 54"),

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from annotate.masks import encode
-from dataset import picture_files
+from dataset import check_pictures
 from dataset.coco import CocoDataset
 from dataset.planned import IMAGE_KEYS, label_records
 from dataset.verify import Finding, compare, verify
@@ -66,7 +66,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
             "error",
             "images/0.png: belongs to 2 image",
         ),
-        (lambda c: c["images"][1].update(width=33), "error", "images/1.png: is 32 x 24, its record says 33 x 24"),
+        (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record says 33 x 24"),
         (lambda c: c["images"][1].update(height=None), "error", "images/1.png: height is None"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
         (lambda c: c["images"][1].update(file_name="../x.png"), "error", "no path inside the dataset"),
@@ -103,13 +103,13 @@ def test_a_broken_picture_is_found(dataset):
     path = dataset / "images" / "1.png"
     path.write_bytes(path.read_bytes()[:60])
     (finding,) = verify(dataset)
-    assert str(finding).startswith("error: images/1.png: cannot be decoded")
+    assert str(finding).startswith("error: images/1.png: cannot be read as a picture")
 
 
 @pytest.mark.parametrize("largest", [32 * 24, 32 * 24 - 1])
 def test_a_picture_above_the_limit_of_pillow_is_not_damaged(dataset, monkeypatch, largest):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
-    monkeypatch.setattr(picture_files, "LARGEST", largest)
+    monkeypatch.setattr(check_pictures, "LARGEST", largest)
     assert list(verify(dataset)) == []
 
 

@@ -11,7 +11,8 @@ from PIL import Image, ImageDraw
 
 from annotate.drawing import BACKGROUND, contact_sheet
 from dataset.page import Facet, Tile
-from dataset.picture_files import open_picture
+from dataset.picture_files import read_pixels
+from geometry.errors import DatasetError
 from training.evaluate import Evaluation
 from training.tide import CAUSES
 
@@ -104,10 +105,9 @@ def cases(one: Evaluation, *, most: int = MOST) -> Cases:
     for image in sorted({case.image for case in found}):
         name = one.labels.images[image]["file_name"]
         try:
-            with open_picture(one.labels.folder / name) as file:
-                whole = file.convert("RGB")
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            unread = unread or f"{name}: {getattr(error, 'strerror', None) or error}"
+            whole = Image.fromarray(read_pixels(one.labels.folder / name))
+        except DatasetError as error:
+            unread = unread or f"{name} {error.problem}"
             continue
         for k, case in enumerate(found):
             if case.image == image:

@@ -1,40 +1,46 @@
-"""How targets stand out in their pictures, measured where records do not say it."""
+"""Measure how targets contrast with their surroundings, where records don't say."""
 
 from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float
 
 from annotate.masks import decode
 from dataset.look import appearance
+from dataset.picture_files import read_pixels
 from geometry.errors import DatasetError
 from training.labels import Labels
-from training.sources import read_picture
 
-MOST_LOOKED_AT = 5000  # pictures: reading more would take longer than all the rest of an evaluation
+READERS = 4  # threads; decoding releases the interpreter lock
 
 
 def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
-    """(g,) contrast of each target, 1 for black on white, as `dataset.look` measures it in its picture.
+    """Return the contrast of each target, (g,), 1 for black on white; see `dataset.look`.
 
-    nan where a label has no mask, its picture cannot be read, and everywhere in datasets of more than
-    `MOST_LOOKED_AT` images with masks.
+    It's nan where a label has no mask, or its picture cannot be read.
     """
     found = np.full(len(labels.label), np.nan)
     masked = np.array([bool(record.get("segmentation")) for record in labels.annotations], dtype=bool) & ~labels.crowd
-    images = np.unique(labels.image[masked]).tolist()
-    if len(images) > MOST_LOOKED_AT:
-        return found
-    for i in images:
-        record = labels.images[i]
-        size = (record["width"], record["height"])
-        boxes = np.flatnonzero(masked & (labels.image == i)).tolist()
-        try:
-            picture = read_picture(labels.folder / record["file_name"], size)
-            masks = np.stack([decode(labels.annotations[k]["segmentation"], *size) for k in boxes])
-        except (DatasetError, ValueError):  # a picture that is not there costs no figure
-            continue
-        for row, k in enumerate(boxes):
-            look = appearance(picture, masks[row], np.delete(masks, row, axis=0).any(axis=0))
-            found[k] = np.nan if look is None else look.contrast / 255.0
+    boxes: dict[int, list[int]] = {}
+    for k in np.flatnonzero(masked).tolist():
+        boxes.setdefault(int(labels.image[k]), []).append(k)
+    with ThreadPoolExecutor(READERS) as pool:
+        for rows, contrasts in zip(
+            boxes.values(), pool.map(lambda one: _of_image(labels, *one), boxes.items()), strict=True
+        ):
+            found[rows] = contrasts
     return found
+
+
+def _of_image(labels: Labels, image: int, boxes: list[int]) -> list[float]:
+    record = labels.images[image]
+    size = (record["width"], record["height"])
+    try:
+        picture = read_pixels(labels.folder / record["file_name"], size)
+        masks = np.stack([decode(labels.annotations[k]["segmentation"], *size) for k in boxes])
+    except (DatasetError, ValueError):  # evaluating doesn't need the picture
+        return [np.nan] * len(boxes)
+    looks = [appearance(picture, mask, np.delete(masks, row, axis=0).any(axis=0)) for row, mask in enumerate(masks)]
+    return [np.nan if look is None else look.contrast / 255.0 for look in looks]

@@ -14,12 +14,12 @@ import numpy as np
 import orjson
 from jaxtyping import UInt8
 
+from dataset.picture_files import read_pixels
 from geometry.errors import HulldownError
 from geometry.files import open_in_place, replacing
 from training.detector import WEIGHTS_NAME, Detections, load_detector
 from training.labels import Labels, read_labels
 from training.predictions import INFO_SUFFIX
-from training.sources import read_picture
 
 UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
 READERS = 2
@@ -188,7 +188,7 @@ def _batches(labels: Labels, indices: Sequence[int], size: int) -> Iterator[tupl
 
     def read(k: int) -> Picture:
         record = labels.images[k]
-        return read_picture(labels.folder / record["file_name"], (record["width"], record["height"]))
+        return read_pixels(labels.folder / record["file_name"], (record["width"], record["height"]))
 
     chunks = [list(indices[start : start + size]) for start in range(0, len(indices), size)]
     with ThreadPoolExecutor(READERS) as pool:

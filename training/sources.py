@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import orjson
-from jaxtyping import Float, Int, UInt8
-from PIL import Image
+from jaxtyping import Float, Int
 
 from annotate.masks import decode
 from dataset.document import read_coco
-from dataset.picture_files import open_picture
+from dataset.picture_files import read_picture, read_pixels, size_problem
 from dataset.records import OUTSIDE, check_usable
 from geometry.errors import DatasetError
 from training.augment import Sample
@@ -74,30 +73,8 @@ class Source:
         boxes = slice(self.starts[i], self.starts[i + 1])
         width, height = (int(n) for n in self.sizes[i])
         masks = tuple(None if s is None else decode(s, width, height) for s in self.segmentations[boxes])
-        return Sample(read_picture(self.folder / self.file_names[i], (width, height)), self.xywh[boxes],
+        return Sample(read_pixels(self.folder / self.file_names[i], (width, height)), self.xywh[boxes],
                       self.label[boxes], masks)  # fmt: skip
-
-
-def read_picture(path: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture's RGB values, as they are stored: what an EXIF tag says of its orientation is not followed.
-
-    Raises
-    ------
-    DatasetError
-        If it is missing, truncated, no picture, or of another size than `size` (width, height).
-    """
-    try:
-        with open_picture(path) as picture:
-            if picture.size != size:
-                raise DatasetError(
-                    f"is {picture.width} x {picture.height} pixels, its record says {size[0]} x {size[1]}",
-                    path=path, remedy="correct the record or the picture",
-                )  # fmt: skip
-            return np.asarray(picture.convert("RGB"))
-    except FileNotFoundError:
-        raise DatasetError("no such picture", path=path, remedy="put it there or delete its record") from None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise DatasetError(f"cannot be read as a picture ({error})", path=path, remedy="replace it") from None
 
 
 def read_sources(
@@ -158,8 +135,10 @@ def check_pictures(sources: Sequence[Source], *, progress: Callable[[int, int], 
 
 
 def _digest(path: Path, size: tuple[int, int]) -> bytes:
-    read_picture(path, size)
-    return hashlib.sha256(path.read_bytes()).digest()
+    picture = read_picture(path)
+    if picture.size != size:
+        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
+    return hashlib.sha256(picture.content).digest()
 
 
 def _checked(folder: Path) -> dict[str, Any]:

@@ -10,8 +10,9 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+from dataset.picture_files import read_pixels
 from training.detector import Detector
-from training.sources import Source, read_picture
+from training.sources import Source
 
 BATCH = 8
 
@@ -34,7 +35,7 @@ def average_precision(
     for start in range(0, len(source), BATCH):
         indices = range(start, min(start + BATCH, len(source)))
         pictures = [
-            read_picture(source.folder / source.file_names[i], (int(source.sizes[i, 0]), int(source.sizes[i, 1])))
+            read_pixels(source.folder / source.file_names[i], (int(source.sizes[i, 0]), int(source.sizes[i, 1])))
             for i in indices
         ]
         for i, found in zip(indices, detector.detect(pictures), strict=True):
