@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from geometry.color import LUMINANCE
+
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
 FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
@@ -18,7 +20,6 @@ DUST_LAYERS = 2  # of equal extinction, whose tops follow an exponential decay w
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
 DUST_ALBEDO = (0.56, 0.42, 0.34)
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec. 709
 
 
 def extinction(visibility_m: float) -> float:

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of display values (ITU-R BT.709-6)
+from geometry.color import LUMINANCE, srgb_from_linear
+
 ALBEDO = 0.18  # of the grey card
 CARD = 117.64  # of 255: what a neutral radiance of 0.18 has in a picture of Blender 5.0; 118 in whole levels
 NEUTRAL_K = 6500.0  # the light that Blender's white balance leaves white
@@ -44,8 +45,7 @@ def displayed(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
     curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
     linear = np.clip(np.sign(curved) * np.abs(curved) ** _POWER @ _OUT.T, 0.0, 1.0)
-    coded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-    return 255.0 * coded
+    return 255.0 * srgb_from_linear(linear)
 
 
 def white_balance(offset_k: float) -> Float[np.ndarray, "3 3"]:

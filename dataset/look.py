@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from scipy import ndimage
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709, of display values here
+from geometry.color import LUMINANCE
+
 NOTHING = 1.0  # of 255: a target that differs less from what is around it, and within itself, is not in the picture
 FAINT = 8.0  # of 255: hard to make out; sound renders had 20.9 and more
 BLACK, WHITE = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
@@ -73,7 +74,7 @@ def appearance(
         inside, around = inside[::step, ::step], around[::step, ::step]
     if not inside.any():
         return None
-    luminance = colours @ LUMINANCE
+    luminance = colours @ LUMINANCE.astype(np.float32)
     low, darkest, brightest, high = np.percentile(luminance[inside], [10, 5, 95, 90])
     apart = np.abs(colours[inside].mean(axis=0) - colours[around].mean(axis=0)).max() if around.any() else 0.0
     return Appearance(

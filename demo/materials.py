@@ -10,14 +10,14 @@ import bpy
 import numpy as np
 from PIL import Image
 
+from geometry.color import linear_color
+
 Colour = str  # "#rrggbb" as a colour picker shows it
 
 
 def linear(colour: Colour) -> tuple[float, float, float, float]:
     """The colour in the linear light that Cycles computes with."""
-    srgb = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    r, g, b = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return float(r), float(g), float(b), 1.0
+    return *linear_color(colour), 1.0
 
 
 class Graph:

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from geometry.color import LUMINANCE
 from geometry.files import replacing
 
 WIDTH = 2048  # pixels around the horizon
@@ -109,7 +110,7 @@ def _build(tree: Any, sky: Sky) -> None:
     billow = node("TexNoise", plane, None, 0.9, 9.0, 0.56, 2.0, None, None, 0.35)[0]
     shape = node("MapRange", billow, *sky.clouds, interpolation_type="SMOOTHSTEP")[0]
     core = node("MapRange", node("TexNoise", plane, None, 2.3, 8.0, 0.6)[0], 0.3, 0.75, 1.15, 0.72)[0]
-    bright = node("VectorMath", air, (0.2126, 0.7152, 0.0722), operation="DOT_PRODUCT")["Value"]
+    bright = node("VectorMath", air, tuple(LUMINANCE), operation="DOT_PRODUCT")["Value"]
     zenith = 2.8 if sky.sun_share else 1.2  # clouds beside blue sky outshine it
     glow = node("Math", node("Math", bright, zenith, operation="MULTIPLY")[0], core, operation="MULTIPLY")[0]
     cloud = node("VectorMath", sky.cloud_colour, node("CombineXYZ", glow, glow, glow)[0], operation="MULTIPLY")[0]

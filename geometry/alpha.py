@@ -9,6 +9,8 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
+from geometry.color import linear_from_srgb
+
 HIDES = 0.5  # opacity from which on a point hides what is behind it, for masks and the nearest hit
 NEGLIGIBLE = 1e-3  # of a face as opaque or as clear as this nothing is looked up
 ROUNDING = 1e-3  # texels by which a lookup at the edge of a face may be off it
@@ -151,8 +153,7 @@ def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
 
 
 def _linear(values: Float32[np.ndarray, "..."], _: np.float32) -> Float32[np.ndarray, "..."]:
-    curved = (np.maximum(values, 0.0) + np.float32(0.055)) / np.float32(1.055)
-    return np.where(values < 0.04045, values / np.float32(12.92), curved ** np.float32(2.4)).astype(np.float32)
+    return linear_from_srgb(values).astype(np.float32)
 
 
 _STEP: dict[Step, Callable[[np.ndarray, np.float32], np.ndarray]] = {

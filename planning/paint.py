@@ -17,6 +17,7 @@ from msgspec import Meta, Struct
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
+from geometry.color import linear_color
 from planning.draws import Draws, Purpose, between
 from planning.section import Section, ranged
 from reading.paintable import MaterialRow, matches, painted
@@ -119,31 +120,12 @@ def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
     ]
 
 
-def linear(colour: str) -> tuple[float, float, float]:
-    """An sRGB colour "#rrggbb" in the linear light that renderers compute with.
-
-    Examples
-    --------
-    >>> [round(x, 4) for x in linear("#ff8000")]
-    [1.0, 0.2159, 0.0]
-    """
-    srgb = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    r, g, b = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).tolist()
-    return r, g, b
-
-
-def luminance(colour: tuple[float, float, float]) -> float:
-    """Of a colour in linear light (Rec. 709)."""
-    red, green, blue = colour
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
 def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
     """The colour of a vehicle in a preview, linear: that of its first coat, on the one that stands for its own."""
     if not coats:
         return own
     coat = coats[0]
-    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.colour is None else linear(coat.colour)))
+    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.colour is None else linear_color(coat.colour)))
     turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
     return np.array(hsv_to_rgb(*turned))
 

@@ -14,8 +14,9 @@ from annotate.sheets import save_sheet
 from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
-from camera.response import ALBEDO, LUMINANCE
+from camera.response import ALBEDO
 from camera.target import PosedVehicle
+from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
 from planning.config import parse_config
 from planning.exposure import card

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from assets.skylight import level_irradiance, row_weights
-from camera.response import ALBEDO, CARD, LUMINANCE, displayed, metered
+from camera.response import ALBEDO, CARD, displayed, metered
+from geometry.color import LUMINANCE
 
 
 @st.composite

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from assets.skylight import SkyLight
-from camera.response import LUMINANCE
+from geometry.color import LUMINANCE
 from geometry.errors import AssetError
 from reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
 from reading.export import ask_reader

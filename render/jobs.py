@@ -16,9 +16,10 @@ from msgspec import structs
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.projection import NEAR
+from geometry.color import LUMINANCE, linear_color
 from geometry.errors import ConfigError
 from planning.loading import Library, load_planned_library
-from planning.paint import Coat, linear, luminance
+from planning.paint import Coat
 from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
 from reading.landlock import asset_folders
@@ -248,8 +249,8 @@ def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[Pain
     return [
         PaintInput(
             material=name,
-            mean=luminance(rows[name].colour),
-            colour=None if (colour := coats[k].colour) is None else linear(colour),
+            mean=float(np.dot(LUMINANCE, rows[name].colour)),
+            colour=None if (colour := coats[k].colour) is None else linear_color(colour),
             hue=coats[k].hue_deg / 360.0,
             saturation=coats[k].saturation,
             value=coats[k].value,

@@ -6,7 +6,8 @@ from msgspec.structs import replace
 
 from assets.library import Assets
 from assets.skylight import SkyLight
-from camera.response import ALBEDO, CARD, LUMINANCE, displayed, white_balance
+from camera.response import ALBEDO, CARD, displayed, white_balance
+from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
 from planning.check import check_plan
 from planning.exposure import card

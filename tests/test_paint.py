@@ -8,7 +8,7 @@ import pytest
 from geometry.errors import ConfigError
 from planning.check import check_plan
 from planning.config import parse_config
-from planning.paint import Coat, PaintEntry, linear, luminance, paint_doubts, paint_notes, previewed
+from planning.paint import Coat, PaintEntry, paint_doubts, paint_notes, previewed
 from planning.plan_file import read_plan
 from planning.preview import caption
 from planning.summary import summarise
@@ -173,9 +173,3 @@ def test_a_preview_has_the_first_coats_colour(made):
     assert previewed(own, [Coat(["*"], None, 120.0)]) == pytest.approx([0.2, 0.3, 0.4])
     row = next(row for row in made if row.paint and not row.empty)
     assert f"{row.vehicle}, {row.paint[0].colour} in {row.scenery}" in caption(row)
-
-
-def test_colours_are_linear():
-    assert linear("#ffffff") == (1.0, 1.0, 1.0)
-    assert linear("#808080") == pytest.approx((0.2158605,) * 3)
-    assert luminance((1.0, 1.0, 1.0)) == pytest.approx(1.0)

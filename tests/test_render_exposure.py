@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from assets.skylight import level_irradiance
-from camera.response import ALBEDO, CARD, LUMINANCE, displayed, metered, white_balance
+from camera.response import ALBEDO, CARD, displayed, metered, white_balance
+from geometry.color import LUMINANCE
 
 pytestmark = pytest.mark.blender
 HEIGHT = 512

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from geometry.color import linear_from_srgb
 from reading.blender.nodes import Stack, source
 from reading.blender.shaders import is_clear, surface_shaders
 from reading.paintable import MaterialRow, left_alone_by_name
@@ -172,5 +173,5 @@ def _image_mean(image: Any) -> Float[np.ndarray, "3"]:
         pixels = pixels[opaque]
     colour = pixels[:, :3] if pixels.shape[1] >= 3 else np.repeat(pixels[:, :1], 3, axis=1)
     if image.colorspace_settings.name == "sRGB" and not image.is_float:
-        colour = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+        colour = linear_from_srgb(colour)
     return np.nan_to_num(colour.mean(axis=0), nan=GREY).clip(0.0, 1.0)

@@ -14,9 +14,9 @@ import numpy as np
 from mathutils import Euler, Matrix
 
 from geometry.alpha import Step, stepped
+from geometry.color import LUMINANCE
 from reading.blender.nodes import Stack, material_output, source
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709, Blender's working space
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from geometry.alpha import Step, Steps, stepped
-from reading.blender.opacity import LUMINANCE
+from geometry.color import LUMINANCE, srgb_from_linear
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 
@@ -37,15 +37,15 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
     # Cycles interpolates what is in sRGB before it makes it linear; Blender's floats are linear.
     curved = image.colorspace_settings.name == "sRGB"
     if curved and image.is_float:
-        colour = _curved(colour)
+        colour = srgb_from_linear(colour)
     if channel != "grey":
         value = colour[..., ("red", "green", "blue").index(channel)]
     elif (colour == colour[..., :1]).all():
         value = colour[..., 0]
     else:
         linear = stepped(colour, [(Step.LINEAR, 0.0)]) if curved else colour
-        value = linear @ np.array(LUMINANCE, dtype=np.float32)
-        value = _curved(value) if curved else value
+        value = linear @ LUMINANCE.astype(np.float32)
+        value = srgb_from_linear(value) if curved else value
     return _stored(value, image), ((Step.LINEAR, 0.0),) if curved else ()
 
 
@@ -72,8 +72,3 @@ def _pixels(image: Any) -> np.ndarray:
 def _stored(values: np.ndarray, image: Any) -> np.ndarray:
     values = np.ascontiguousarray(values)
     return values if image.is_float else np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
-
-
-def _curved(linear: np.ndarray) -> np.ndarray:
-    steep = 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, steep).astype(np.float32)

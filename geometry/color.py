@@ -1,0 +1,38 @@
+"""Linear light, sRGB values, and luminance, all with the primaries of Rec. 709."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of display values (ITU-R BT.709-6)
+
+
+def linear_from_srgb(coded: ArrayLike) -> Float[np.ndarray, "..."]:
+    """Return linear light for sRGB values from 0 to 1, in the precision of the values.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, the sRGB transfer function.
+    """
+    values = np.asarray(coded)
+    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(linear: ArrayLike) -> Float[np.ndarray, "..."]:
+    """Return sRGB values from 0 to 1 for linear light; the inverse of `linear_from_srgb`."""
+    values = np.asarray(linear)
+    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * np.maximum(values, 0.0) ** (1 / 2.4) - 0.055)
+
+
+def linear_color(name: str) -> tuple[float, float, float]:
+    """Return the linear light of an sRGB color "#rrggbb".
+
+    Examples
+    --------
+    >>> [round(x, 4) for x in linear_color("#ff8000")]
+    [1.0, 0.2159, 0.0]
+    """
+    red, green, blue = linear_from_srgb([int(name[i : i + 2], 16) / 255 for i in (1, 3, 5)]).tolist()
+    return red, green, blue

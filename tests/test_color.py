@@ -1,0 +1,21 @@
+import numpy as np
+import pytest
+
+from geometry.color import LUMINANCE, linear_color, linear_from_srgb, srgb_from_linear
+
+
+def test_colors_are_linear_light():
+    assert linear_color("#ffffff") == (1.0, 1.0, 1.0)
+    assert linear_color("#808080") == pytest.approx((0.2158605,) * 3)
+    assert LUMINANCE.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_coding_undoes_itself_in_the_precision_of_the_values(dtype):
+    linear = np.linspace(0.0, 1.0, 1001, dtype=dtype)
+    coded = srgb_from_linear(linear)
+    again = linear_from_srgb(coded)
+    assert coded.dtype == again.dtype == dtype
+    assert coded[[0, -1]] == pytest.approx([0.0, 1.0])
+    # The standard's two thresholds meet to 3e-8 only.
+    np.testing.assert_allclose(again, linear, atol=1e-7 if dtype is np.float64 else 1e-6)
