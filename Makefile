@@ -7,7 +7,9 @@ STUDY ?= hulldown-study
 STAMP := $(VENV)/.installed
 TRAINING_STAMP := $(VENV)/.installed-training
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
-export PYTHONDONTWRITEBYTECODE = 1
+# Processes that test: each has at most one Blender at a time.
+WORKERS ?= 2
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen.
@@ -45,10 +47,10 @@ browser: ## install Chromium and its driver, which tests of pages need: on Debia
 	@command -v chromedriver >/dev/null && command -v chromium >/dev/null || \
 	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium chromium-driver; \
-	else echo "tests of pages need Chromium and its chromedriver: install them" >&2; fi
+	else echo "tests of pages need Chromium and its chromedriver: without them they are skipped, and make test fails" >&2; fi
 
-test: setup-training browser ## all tests and property tests
-	$(BIN)/python -m pytest
+test: setup-training browser ## all tests but the thorough ones: 8 minutes on two idle cores (WORKERS=4: on four)
+	HULLDOWN_NO_SKIPS=1 $(PYTEST)
 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
 	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -m pytest -q $(wildcard $(KERNEL_TESTS)) || exit 1; done
@@ -62,8 +64,9 @@ check: setup ## linters: ruff, mypy, import rules
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)
 	$(BIN)/python -m benchmarks $(BENCH)
 
-thorough: setup-training ## the property tests with thousands of examples each
-	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest property_tests
+thorough: setup-training browser kernels ## what make test leaves out: long tests, all shapes checked, thousands of examples: hours
+	HULLDOWN_NO_SKIPS=1 HULLDOWN_SHAPES=all $(PYTEST) -m thorough
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) property_tests
 
 fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
 	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest --hypothesis-show-statistics \

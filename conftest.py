@@ -1,19 +1,43 @@
-"""Checks array shapes at every call under test, and registers the Hypothesis profiles.
+"""Array shapes checked at calls, Hypothesis profiles, and what a run of the tests cost.
 
-HULLDOWN_SHAPES=off leaves the checks of shapes out, which take two thirds of the time of what `make fuzz` tries.
+HULLDOWN_SHAPES chooses the modules whose calls are checked: `entry` (the default) checks the modules that users call,
+`all` checks every module and takes three times as long, `off` checks none.
 """
 
 import os
+import re
+import resource
+import sys
 import tomllib
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
+# BLAS threads would compete with the other test workers.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
 PYPROJECT = tomllib.loads((Path(__file__).with_name("pyproject.toml")).read_text())
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
-if os.environ.get("HULLDOWN_SHAPES") != "off":
-    install_import_hook([package.removesuffix(".py") for package in PACKAGES], "beartype.beartype")
+CHECKED = {
+    "entry": [
+        "geometry.meshes",
+        "placement.terrain",
+        "placement.settle",
+        "camera.intrinsics",
+        "camera.projection",
+        "annotate.boxes",
+    ],
+    "all": [package.removesuffix(".py") for package in PACKAGES],
+    "off": [],
+}
+install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "beartype.beartype")
+
+STARTED = pytest.StashKey[float]()
 
 settings.register_profile("dev", max_examples=25, deadline=None)
 settings.register_profile("ci", max_examples=50, deadline=None, derandomize=True)
@@ -24,3 +48,95 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
+
+
+# What installs the packages that only some tests need.
+INSTALLS = {
+    **dict.fromkeys(("bpy", "mathutils"), "pip install 'hulldown[blender]'"),
+    **dict.fromkeys(("dask", "distributed"), "pip install 'hulldown[cluster]'"),
+    **dict.fromkeys(("datasets", "webdataset"), "pip install 'hulldown[readers]'"),
+    **dict.fromkeys(
+        ("albumentations", "cv2", "lightning_fabric", "pyarrow", "pytorch_lightning", "rfdetr", "torch", "torchvision"),
+        "pip install 'hulldown[training]'",
+    ),
+}
+
+
+def needed(report: pytest.CollectReport | pytest.TestReport) -> str | None:
+    """What to install, if a test or its module failed for the lack of an optional package."""
+    if not report.failed:
+        return None
+    found = re.search(r"ModuleNotFoundError: No module named '(\w+)", str(report.longrepr))
+    return f"{found[1]} is missing: {INSTALLS[found[1]]}" if found and found[1] in INSTALLS else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
+    """Skip a module whose optional packages are not installed."""
+    report = yield
+    if reason := needed(report):
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 1, f"Skipped: {reason}")
+    return report
+
+
+def cpu_seconds() -> float:
+    """CPU seconds of this process and of its children that have ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(use.ru_utime + use.ru_stime for use in used)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Note the CPU seconds of a test, those of its fixtures included, where its last report takes them along."""
+    item.stash[STARTED] = cpu_seconds()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    """Skip a test whose optional packages are not installed; add its CPU seconds to the report of its teardown."""
+    report = yield
+    if reason := needed(report):
+        report.outcome, report.longrepr = "skipped", (str(item.path), 1, f"Skipped: {reason}")
+    if report.when == "teardown":
+        report.user_properties.append(("cpu_seconds", cpu_seconds() - item.stash[STARTED]))
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the ten slowest tests and the time per folder, in CPU seconds next to a loop timed in the same run."""
+    reports = [r for rs in terminalreporter.stats.values() for r in rs if getattr(r, "when", None) == "teardown"]
+    cost = {r.nodeid: seconds for r in reports for name, seconds in r.user_properties if name == "cpu_seconds"}
+    if len(cost) < 100:
+        return
+    loop = reference_seconds()
+    terminalreporter.section("CPU seconds")
+    for test, seconds in Counter(cost).most_common(10):
+        terminalreporter.write_line(f"{seconds:8.1f}  {test}")
+    folders: Counter[str] = Counter()
+    for test, seconds in cost.items():
+        folders[str(Path(test.split("::")[0]).parent)] += seconds
+    for folder, seconds in folders.most_common():
+        terminalreporter.write_line(f"{seconds:8.1f}  {folder}/")
+    total = sum(cost.values())
+    terminalreporter.write_line(
+        f"{total:8.1f}  in {len(cost)} tests, without collection: {total / loop:.0f} times a loop of {loop:.2f} s"
+    )
+
+
+def reference_seconds() -> float:
+    """CPU seconds of 20 million additions in Python: the measure of this machine."""
+    start, total = cpu_seconds(), 0
+    for number in range(20_000_000):
+        total += number
+    assert total
+    return cpu_seconds() - start
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """With HULLDOWN_NO_SKIPS, a run in which a test was skipped fails: everything must be installed."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    worker = hasattr(session.config, "workerinput")
+    if os.environ.get("HULLDOWN_NO_SKIPS") and not worker and reporter.stats.get("skipped"):
+        print("skipped tests count as failures here: install what they name", file=sys.stderr)
+        session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED
