@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
 SPLITS = ("train", "valid", "test")
+_WITHOUT, _IMAGES = -1, -2  # what images without objects, and images, are counted as; COCO ids are 0 or more
 
 
 def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> str:
@@ -49,10 +55,7 @@ def share_out(
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
 ) -> dict[int, str]:
-    """A split for every image id, whole groups at a time, classes in proportion.
-
-    Groups are taken in an order that depends on nothing but the seed and their names, each into the split that its
-    classes are furthest behind in.
+    """Return a split for every image id: whole groups at a time, with classes and objects per image in proportion.
 
     Parameters
     ----------
@@ -61,41 +64,70 @@ def share_out(
     annotations
         Image id -> its COCO annotation records.
     fractions
-        Shares of train, valid and test; they add up to 1.
+        Shares of train, valid, and test; they add up to 1.
     seed
         Another seed, another split.
+
+    References
+    ----------
+    Sechidis, Tsoumakas, Vlahavas, On the stratification of multi-label data, ECML PKDD 2011, algorithm 1. A group has
+    the label (class, k) if it has k objects of the class or more, so crowded pictures are spread out as well.
     """
-    # What is no number fails each comparison.
+    # nan fails each comparison.
     if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
     groups = positions(images, annotations)
-    counts = {name: _count(annotations.get(one["id"], ()) for one in members) for name, members in groups.items()}
-    # Large groups first: small ones then even out what those left uneven.
-    order = sorted(groups, key=lambda name: (-len(groups[name]), shuffled(name, seed)))
-    have: dict[str, dict[int, int]] = {split: {} for split in SPLITS}
-    split_of: dict[int, str] = {}
-    open_splits = [(split, share) for split, share in zip(SPLITS, fractions, strict=True) if share > 0.0]
-    for name in order:
-        mine = counts[name]
-        split, _ = min(open_splits, key=lambda choice: _filled(have[choice[0]], mine) / choice[1])
-        for label, n in mine.items():
-            have[split][label] = have[split].get(label, 0) + n
-        split_of.update({image["id"]: split for image in groups[name]})
-    return split_of
+    names = sorted(groups, key=lambda name: shuffled(name, seed))
+    labels = [_labels(annotations.get(image["id"], ()) for image in groups[name]) for name in names]
+    kinds = sorted({label for found in labels for label in found})
+    column = {kind: i for i, kind in enumerate(kinds)}
+    rows = np.repeat(np.arange(len(names)), [len(found) for found in labels])
+    columns = [column[label] for found in labels for label in found]
+    has = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(names), len(kinds)))
+    chosen = _stratified(has, np.array(fractions))
+    return {image["id"]: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
 
 
-def _filled(have: Mapping[int, int], more: Mapping[int, int]) -> int:
-    """How full a split would be with more, in the classes of the more, weighted by how much there is of each."""
-    return sum(n * (have.get(label, 0) + n) for label, n in more.items())
-
-
-def _count(images: Iterable[Sequence[Mapping[str, Any]]]) -> dict[int, int]:
-    """How often each category occurs; an image without any counts as a category, so that backgrounds spread too."""
-    counts: dict[int, int] = {}
+def _labels(images: Iterable[Sequence[Mapping[str, Any]]]) -> list[tuple[int, int]]:
+    """(class, 1) to (class, k) for k objects of a class, and the same for images and for images without objects."""
+    counts: Counter[int] = Counter()
     for boxes in images:
-        for label in [box["category_id"] for box in boxes] or [-1]:
-            counts[label] = counts.get(label, 0) + 1
-    return counts
+        counts.update([box["category_id"] for box in boxes] or [_WITHOUT])
+        counts[_IMAGES] += 1
+    return [(kind, k) for kind, n in counts.items() for k in range(1, n + 1)]
+
+
+def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[np.ndarray, " n"]:
+    """Return the part that each row goes to, rows with the rarest label first, to the part that lacks it most."""
+    wanted = np.outer(shares, has.sum(axis=0))  # (s, l) how often each part should still get each label
+    chosen = np.full(has.shape[0], -1)
+    left = np.asarray(has.sum(axis=0)).ravel()
+    by_label = has.tocsc()
+    used = np.flatnonzero(shares > 0.0)
+    while (left > 0).any():
+        rarest = int(np.flatnonzero(left > 0)[np.argmin(left[left > 0])])
+        for row in by_label.indices[by_label.indptr[rarest] : by_label.indptr[rarest + 1]]:
+            if chosen[row] >= 0:
+                continue
+            mine = has.indices[has.indptr[row] : has.indptr[row + 1]]
+            lacks = np.round(np.stack([wanted[used, rarest], wanted[used][:, mine].sum(axis=1)]), 9)
+            chosen[row] = used[np.lexsort(lacks[::-1])[-1]]
+            wanted[chosen[row], mine] -= 1.0
+            left[mine] -= 1.0
+    # Rounding always favors the largest part. Move rows while that brings labels closer to their shares.
+    size = np.asarray(has.sum(axis=1)).ravel()
+    for _ in range(len(chosen)):
+        lacks = has @ wanted.T  # (n, s)
+        gain = lacks[:, used] - lacks[np.arange(len(chosen)), chosen][:, None] - size[:, None]
+        gain[chosen[:, None] == used] = -np.inf
+        row, k = np.unravel_index(np.argmax(gain), gain.shape)
+        if not gain[row, k] > 1e-9:
+            break
+        mine = has.indices[has.indptr[row] : has.indptr[row + 1]]
+        wanted[chosen[row], mine] += 1.0
+        chosen[row] = used[k]
+        wanted[chosen[row], mine] -= 1.0
+    return chosen
 
 
 def shuffled(name: str, seed: int) -> bytes:

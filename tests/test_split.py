@@ -74,6 +74,33 @@ def test_every_class_has_its_share_in_every_split(dataset):
             assert abs(mine.count(split) - share * total) <= 5  # one position
 
 
+def shared_out(classes_of_images, **options):
+    """How many images each split gets, and how many objects an image of each split has on average."""
+    images = [{"id": i} for i in range(len(classes_of_images))]
+    boxes = {i: [{"category_id": c} for c in found] for i, found in enumerate(classes_of_images)}
+    split_of = share_out(images, boxes, **options)
+    members = {split: [i for i in boxes if split_of[i] == split] for split in SPLITS}
+    counts = {split: len(found) for split, found in members.items()}
+    return counts, {split: np.mean([len(boxes[i]) for i in found]) for split, found in members.items()}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_split_has_as_many_objects_per_image(seed):
+    classes = [[1] * k for k in np.random.default_rng(seed).poisson(2, 400)]
+    counts, objects = shared_out(classes, seed=seed)
+    assert list(counts.values()) == [280, 80, 40]
+    assert max(objects.values()) - min(objects.values()) < 0.1
+
+
+def test_a_small_dataset_of_many_classes_reaches_every_split():
+    counts, _ = shared_out([[i // 2] for i in range(14)])
+    assert list(counts.values()) == [10, 3, 1]
+
+
+def test_nothing_is_shared_out():
+    assert share_out([], {}) == {}
+
+
 def test_the_split_depends_on_the_seed_and_on_nothing_else(dataset):
     images, boxes = grouped(dataset)
     assert share_out(images, boxes) == share_out(images[::-1], boxes)
