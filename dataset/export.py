@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from annotate.outlines import polygons
+from dataset.clipping import clipped_boxes
 from dataset.floors import ALL_LABELS, LabelFloors
 from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
 from dataset.records import by_image, read_usable
@@ -38,6 +39,7 @@ def export(
     seed: int = 0,
     polygons_within: float | None = None,
     floors: LabelFloors = ALL_LABELS,
+    clip: bool = False,
     allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
@@ -58,6 +60,8 @@ def export(
         are, or none where the layout has polygons alone.
     floors
         What labels must show; by default all of them stay as they are.
+    clip
+        Clip boxes that leave their image, however far; those outside of it are left out.
     allow_links
         Folders outside the dataset that pictures which are links may lead to.
     progress
@@ -81,7 +85,9 @@ def export(
     document = read_usable(folder)
     images = document["images"]
     sizes = {image["id"]: (image["width"], image["height"]) for image in images}
-    labels = by_image(images, document["annotations"])
+    known = {image["id"]: image for image in images}
+    of_images = [label for label in document["annotations"] if label["image_id"] in known]
+    labels = by_image(images, clipped_boxes(of_images, known, folder=folder, clip=clip))
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
     labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
     if polygons_within is not None:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from annotate.masks import extent
 from camera.weather import GHOST
+from dataset.clipping import ROUNDED, SLIGHT, beyond
 from dataset.document import read_coco
 from dataset.entries import is_box
 from dataset.names import is_plain, place_of
@@ -20,7 +21,6 @@ from dataset.space import check_space
 from geometry.errors import DatasetError, shortened
 from geometry.files import stays_inside
 
-OUTSIDE = 1e-6  # pixels: what a box may reach beyond its image, by the rounding of decimal text
 MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
 
 
@@ -173,6 +173,8 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         problems = list(_box_problems(annotation.get("bbox"), image))
         yield from (Finding("error", where, problem) for problem in problems)
         if not problems:
+            yield from _slightly_outside(where, annotation, image)
+        if not problems:
             key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
                 yield Finding("warning", where, "repeats class and box of another one in the same image")
@@ -181,6 +183,14 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
             yield from _ghosts(where, annotation)
         yield from (Finding("error", where, problem) for problem in check_space(annotation))
+
+
+def _slightly_outside(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
+    if any(_size_problems(image)):
+        return
+    by = beyond(annotation["bbox"], image["width"], image["height"])
+    if by > ROUNDED:
+        yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
 
 
 def _ghosts(where: str, annotation: Mapping[str, Any]) -> Iterator[Finding]:
@@ -249,13 +259,12 @@ def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
     if not is_box(bbox):
         yield f"bbox {bbox!r} is not [x, y, width, height]"
         return
-    x, y, w, h = bbox
-    if w <= 0 or h <= 0:
+    if min(bbox[2:]) <= 0:
         yield f"bbox {bbox} has no area"
     width, height = image.get("width"), image.get("height")
     if not isinstance(width, int) or not isinstance(height, int):
         return
-    if x < -OUTSIDE or y < -OUTSIDE or x + w > width + OUTSIDE or y + h > height + OUTSIDE:
+    if beyond(bbox, width, height) > (ROUNDED if PICTURE_KEY in image else SLIGHT):
         yield f"bbox {bbox} leaves its image of {width} x {height}"
 
 
@@ -288,6 +297,6 @@ def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
     elif amodal is not None:
         x, y, w, h = annotation["bbox"]
         a, b, c, d = amodal
-        slack = OUTSIDE * max(1.0, c, d)
+        slack = ROUNDED * max(1.0, c, d)
         if x < a - slack or y < b - slack or x + w > a + c + slack or y + h > b + d + slack:
             yield f"bbox {annotation['bbox']} is not inside bbox_amodal {amodal}"

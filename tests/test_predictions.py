@@ -35,6 +35,8 @@ def read(folder, found):
         ({"bbox": [1, 2, -3, 4]}, "detection 1: of image 1: bbox is"),
         ({"bbox": [1, 2, 1e999, 4]}, "is not valid JSON"),
         ({"score": None}, "detection 1: of image 1: score is None, expected a number"),
+        ({"score": 1.01}, "detection 1: of image 1: score is 1.01, expected a confidence from 0 to 1"),
+        ({"score": -0.1}, "detection 1: of image 1: score is -0.1"),
         ({"score": True}, "detection 1: of image 1: score is True"),
     ],
 )

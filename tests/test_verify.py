@@ -74,7 +74,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         (lambda c: c["annotations"][1].update(id=0), "warning", "annotation 0: ids below 1 are taken for unmatched"),
         (lambda c: c["annotations"][1].update(image_id=9), "error", "annotation 2: image 9 does not exist"),
         (lambda c: c["annotations"][1].update(category_id=9), "error", "annotation 2: category 9 does not exist"),
-        (lambda c: c["annotations"][1].update(bbox=[5, 4, 28, 6]), "error", "leaves its image of 32 x 24"),
+        (lambda c: c["annotations"][1].update(bbox=[5, 4, 29, 6]), "error", "leaves its image of 32 x 24"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 0, 6]), "error", "has no area"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 6]), "error", "is not [x, y, width, height]"),
         (lambda c: c["annotations"][1].update(bbox=[7, 4, 8, 6]), "error", "beyond its bbox"),

@@ -93,7 +93,7 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If an id is there twice, a box belongs to no image, or an area is no number.
+        If an id is there twice, a box belongs to no image, or an area is no number, or a size is negative.
     """
     for kind, records in (("image", coco["images"]), ("category", coco["categories"])):
         doubled = [i for i, times in Counter(record["id"] for record in records).items() if times > 1]
@@ -115,6 +115,10 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
             remedy="check it with `hulldown verify`",
         )
     xywh = np.array([record["bbox"] for record in annotations], dtype=np.float64).reshape(-1, 4)
+    if negative := [str(annotations[k]["id"]) for k in np.flatnonzero((xywh[:, 2:] < 0).any(axis=1))]:
+        more = f" and {len(negative) - 10} more" if len(negative) > 10 else ""
+        problem = f"boxes have a negative width or height: annotation {', '.join(negative[:10])}{more}"
+        raise DatasetError(problem, path=path, remedy="correct them")
     try:
         areas = [record.get("area") for record in annotations]
         area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)

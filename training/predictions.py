@@ -128,6 +128,8 @@ def _problem(one: Any, index: Mapping[int, int]) -> str | None:
         return f"{where}bbox is {box!r:.80}, expected [x, y, width, height]"
     if isinstance(score, bool) or not isinstance(score, int | float) or not math.isfinite(score):
         return f"{where}score is {score!r}, expected a number"
+    if not 0.0 <= score <= 1.0:
+        return f"{where}score is {score!r}, expected a confidence from 0 to 1"
     return None
 
 

@@ -14,9 +14,10 @@ import orjson
 from jaxtyping import Float, Int
 
 from annotate.masks import decode
+from dataset.clipping import clipped_boxes
 from dataset.document import read_coco
 from dataset.picture_files import read_picture, read_pixels, size_problem
-from dataset.records import OUTSIDE, check_usable
+from dataset.records import check_usable
 from geometry.errors import DatasetError
 from training.augment import Sample
 
@@ -150,17 +151,11 @@ def _checked(folder: Path) -> dict[str, Any]:
     images = {image["id"]: image for image in coco["images"]}
     for annotation in coco["annotations"]:
         where = f"annotation {annotation['id']}"
-        if (image := images.get(annotation["image_id"])) is None:
+        if annotation["image_id"] not in images:
             raise DatasetError(
                 f"{where}: image {annotation['image_id']} does not exist", path=folder, remedy="delete it"
             )
-        x, y, w, h = annotation["bbox"]
-        outside = x < -OUTSIDE or y < -OUTSIDE or x + w > image["width"] + OUTSIDE or y + h > image["height"] + OUTSIDE
-        if w <= 0 or h <= 0 or outside:
-            what = f"leaves its image of {image['width']} x {image['height']}" if outside else "has no area"
-            raise DatasetError(
-                f"{image['file_name']}: {where}: bbox {annotation['bbox']} {what}", path=folder, remedy="correct it"
-            )
+    coco["annotations"] = clipped_boxes(coco["annotations"], images, folder=folder, clip=False)
     return coco
 
 

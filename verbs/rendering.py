@@ -176,6 +176,7 @@ def _export(arguments: argparse.Namespace) -> int:
             fractions=arguments.split,
             polygons_within=arguments.polygons,
             floors=floors,
+            clip=arguments.clip,
             allow_links=arguments.allow_links,
             progress=advance,
         )
@@ -299,4 +300,5 @@ def add(verb: AddVerb) -> None:
         "--below", choices=("ignored", "left_out"), default="ignored",
         help="what becomes of labels that show less: iscrowd = 1, or no label, as always in yolo (default: ignored)",
     )  # fmt: skip
+    sub.add_argument("--clip", action="store_true", help="clip boxes that leave their image by more than a pixel too")
     add_allow_links(sub)

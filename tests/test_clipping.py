@@ -1,0 +1,64 @@
+"""Boxes that leave their images: slight cases are clipped, all others are listed at once."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dataset.export import export
+from dataset.verify import verify
+from geometry.errors import DatasetError
+from training.labels import read_labels
+from training.sources import read_sources
+
+
+def dataset(folder, *boxes):
+    Image.new("RGB", (32, 24)).save(folder / "a.png")
+    coco = {
+        "images": [{"id": 1, "file_name": "a.png", "width": 32, "height": 24}],
+        "annotations": [
+            {"id": k, "image_id": 1, "category_id": 1, "bbox": list(box)} for k, box in enumerate(boxes, start=1)
+        ],
+        "categories": [{"id": 1, "name": "tank"}],
+    }
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
+
+
+def exported(folder, out, **options):
+    export(folder, out, fractions=(1.0, 0.0, 0.0), **options)
+    coco = json.loads((out / "train" / "_annotations.coco.json").read_text())
+    return [label["bbox"] for label in coco["annotations"]]
+
+
+def test_a_box_slightly_outside_is_clipped(tmp_path):
+    folder = dataset(tmp_path, (-0.004, 2, 10, 5), (30, 20, 2.9, 4.5))
+    clipped = [[0, 2, 9.996, 5], [30, 20, 2, 4]]
+    np.testing.assert_allclose(read_sources({"real": folder})[1][0].xywh, clipped, atol=1e-12)
+    np.testing.assert_allclose(exported(folder, tmp_path / "out"), clipped, atol=1e-12)
+    assert [(each.severity, each.figure) for each in verify(folder)] == [
+        ("warning", 0.004),
+        ("warning", pytest.approx(0.9)),
+    ]
+
+
+@pytest.mark.parametrize("use", [lambda folder, out: read_sources({"real": folder}), export])
+def test_all_other_boxes_are_listed_at_once(tmp_path, use):
+    folder = dataset(tmp_path, (-5, 2, 10, 5), (1, 1, 4, 4), (30, 20, 9, 4), (3, 3, 0, 4))
+    with pytest.raises(DatasetError) as error:
+        use(folder, tmp_path / "out")
+    assert all(f"annotation {k} " in str(error.value) for k in (1, 3, 4))
+    assert "annotation 2 " not in str(error.value)
+    assert "--clip" in error.value.remedy
+    assert not (tmp_path / "out").exists()
+
+
+def test_export_clips_all_boxes_if_asked_to(tmp_path):
+    folder = dataset(tmp_path, (-5, 2, 10, 5), (30, 20, 9, 9), (40, 2, 9, 9), (1, 1, 4, 4))
+    assert exported(folder, tmp_path / "out", clip=True) == [[0, 2, 5, 5], [30, 20, 2, 4], [1, 1, 4, 4]]
+
+
+def test_evaluation_refuses_negative_sizes(tmp_path):
+    with pytest.raises(DatasetError, match="negative width or height: annotation 2"):
+        read_labels(dataset(tmp_path, (1, 1, 4, 4), (9, 9, -4, 4)))
