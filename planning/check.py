@@ -1,39 +1,38 @@
-"""Every limit of a plan, recomputed from the poses in its rows: what `hulldown check` says."""
+"""Whether a plan is what its config and assets give, and whether its labels are those of its poses."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection
+import math
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
+from typing import Any
 
-import numpy as np
+import msgspec
+import orjson
 
 from assets.library import Assets
 from planning.config import parse_config
-from planning.limit import Limit
-from planning.limits import LIMITS
 from planning.plan_file import Plan
-from planning.recomputed import Recomputed
-from planning.row import Row
-from planning.schema import Config
-from planning.source import Source
+from planning.planner import BLOCK, Planner
+from planning.relabel import relabeled
+from planning.row import PlannedVehicle, Row, encode, fields
 
-ROWS = 2048  # checked together
+ROUNDING = 1e-6  # largest difference of a number from another processor's: meters, degrees, pixels, shares
 MOST = 1000  # findings that are listed
-BACKGROUNDS = ""  # stands for the vehicle where their images are counted
+LONGEST = 80  # characters of a value in a finding
 
 
 def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    """What in a plan breaks a limit of its own config, or is not what follows from its poses.
+    """Where a plan differs from the plan that its config gives, and labels from those of its poses.
 
     Parameters
     ----------
     plan
         The plan.
     assets
-        Those it was made from.
+        The assets it was made from.
     progress
-        Called with images checked and their number.
+        Called with the number of images checked and of all images.
 
     Returns
     -------
@@ -42,102 +41,76 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
     Raises
     ------
     ConfigError
-        If a line of the plan is damaged.
+        If a line of the plan is damaged, or its config can't be met.
     """
-    return check_rows(plan, Source.of(parse_config(plan.header.config, path=plan.path), assets), progress=progress)
+    return check_rows(plan, Planner(parse_config(plan.header.config, path=plan.path), assets), progress=progress)
 
 
-def check_rows(plan: Plan, source: Source, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    """The same of a plan whose assets are ready; many plans of one config share them.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    source
-        What it was made from.
-    progress
-        See `check_plan`.
-    """
-    checker = _Checker(source)
-    rows = iter(plan)
-    done = 0
-    while some := list(islice(rows, ROWS)):
-        checker.look_at(some)
-        done += len(some)
+def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
+    """`check_plan` with the planner of the plan's config, which several plans may share."""
+    budget, findings, hidden = planner.budget, [], 0
+    if len(plan) != budget.n_images:
+        findings.append(f"{len(plan)} images, the budget is {budget.n_images}")
+    if list(plan.header.left_out) != list(planner.pairs.left_out):
+        findings.append("the header's left_out differs from what its config gives")
+    rows, start, done = iter(plan), 0, 0
+    while found := list(islice(rows, 1)):
+        stop = min(start + BLOCK, budget.n_positions)
+        wanted = planner.rows(start, stop) if start < stop else []
+        found += islice(rows, max(len(wanted), 1) - 1)
+        for row, planned in zip(found, wanted, strict=False):
+            if encode(row) != encode(planned):
+                lines = list(_findings(row, planned, planner)) if len(findings) < MOST else [""]
+                hidden += max(len(findings) + len(lines) - MOST, 0)
+                findings += lines[: MOST - len(findings)]
+        start, done = stop, done + len(found)
         if progress:
             progress(done, len(plan))
-    checker.look_at_counts(len(plan))
-    more = len(checker.findings) - MOST
-    return checker.findings[:MOST] + ([f"and {more:,} more"] if more > 0 else [])
+    return findings + ([f"and {hidden:,} more"] if hidden else [])
 
 
-class _Checker:
-    def __init__(self, source: Source) -> None:
-        self.source = source
-        self.sites = {site.name: site for site in source.stage.sites}
-        self.findings: list[str] = []
-        self.images: Counter[str] = Counter()
-        self.first_shot: Row | None = None
-
-    def look_at(self, rows: list[Row]) -> None:
-        """Every limit of some consecutive rows."""
-        groups: dict[tuple[str, ...], list[tuple[Row, Row]]] = {}
-        for row in rows:
-            if not self._names_are_known(row):
-                continue
-            self.images[BACKGROUNDS if row.background else row.vehicle] += 1
-            if self.first_shot is None or row.shot == 0:
-                self.first_shot = row
-            kinds = (f"background {row.background}", f"{len(row.companions)} companions")
-            key = (row.scenery, *kinds, *(vehicle.vehicle for vehicle in row.planned))
-            groups.setdefault(key, []).append((row, self.first_shot))
-        for (scenery, *_), pairs in groups.items():
-            mine, first_shots = ([pair[i] for pair in pairs] for i in (0, 1))
-            for k in range(len(mine[0].planned)):
-                found = Recomputed(self.source, self.sites[scenery], mine, first_shots=first_shots, vehicle=k)
-                for limit in LIMITS:
-                    if limit.of in ("vehicle", found.kind) or (limit.of == "image" and k == 0):
-                        self.findings += broken(limit, found, self.source.config)
-
-    def look_at_counts(self, images: int) -> None:
-        """Whether every vehicle has the images that the budget gives it."""
-        budget = self.source.budget
-        if images != budget.n_images:
-            self.findings.append(f"{images} images, the budget is {budget.n_images}")
-        if (found := self.images[BACKGROUNDS]) != budget.backgrounds:
-            self.findings.append(f"{found} backgrounds, their budget is {budget.backgrounds}")
-        for vehicle, n in zip(budget.vehicles, budget.images.tolist(), strict=True):
-            if self.images[vehicle] != n:
-                self.findings.append(f"vehicle {vehicle!r}: {self.images[vehicle]} images, its budget is {n}")
-
-    def _names_are_known(self, row: Row) -> bool:
-        stage = self.source.stage
-        named: list[tuple[str, str, Collection[str]]] = [
-            ("vehicle", row.vehicle, stage.everything if row.background else stage.models),
-            ("scenery", row.scenery, self.sites),
-            ("hdri", row.hdri, self.source.hdri_weights),
-            *(("vehicle", vehicle.vehicle, stage.models) for vehicle in row.companions),
-            *(("distractor", vehicle.vehicle, stage.distractors) for vehicle in row.distractors),
-        ]
-        wrong = [f"{kind} {name!r} is not in the config" for kind, name, known in named if name not in known]
-        for vehicle in row.planned if not wrong else ():
-            there = stage.everything[vehicle.vehicle].shape.part_names[1:]
-            for part in sorted(vehicle.articulation.keys() - set(there)):
-                wrong.append(f"vehicle {vehicle.vehicle!r} has no part {part!r} to turn")
-        self.findings += [f"image {row.index}: {what}" for what in wrong]
-        return not wrong
+def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
+    """What is wrong with a row that isn't the planned one."""
+    own = relabeled(row, planner.config, planner.stage)
+    inconsistent = dict(_differences(row, own)) if own else {}
+    for key, (value, wanted) in inconsistent.items():
+        yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
+    for key, (value, wanted) in _differences(row, planned):
+        if key not in inconsistent:
+            yield f"image {row.index}: {key} is {value}, planned is {wanted}"
 
 
-def broken(limit: Limit, found: Recomputed, config: Config) -> list[str]:
-    """A line for each row that breaks a limit."""
-    bounds = limit.bounds(config)
-    if bounds is None:
-        return []
-    values = limit.measure(found)
-    name = found.place + limit.name
-    lines = []
-    for i in np.flatnonzero(~limit.kept(values, config)).tolist():
-        what = f"{name} is {values[i]:.6g}, allowed are {bounds[0]:.6g} to {bounds[1]:.6g}"
-        lines.append(f"image {found.rows[i].index}: " + (f"breaks {name}" if values.dtype == bool else what))
-    return lines
+def _differences(row: Row, other: Row) -> Iterator[tuple[str, tuple[str, str]]]:
+    """The fields of a row and of its vehicles that differ, with both values as the file has them."""
+    one, two = (orjson.loads(encode(each)) for each in (row, other))
+    guests = ("companions", "distractors")
+    yield from _differing(one, two, [key for key in fields(Row) if key not in guests])
+    for kind in guests:
+        if len(one[kind]) != len(two[kind]):
+            yield f"number of {kind}", (str(len(one[kind])), str(len(two[kind])))
+        for k, pair in enumerate(zip(one[kind], two[kind], strict=False)):
+            yield from _differing(*pair, fields(PlannedVehicle), f"{kind}[{k}].")
+
+
+def _differing(
+    one: Mapping[str, Any], two: Mapping[str, Any], keys: Any, place: str = ""
+) -> Iterator[tuple[str, tuple[str, str]]]:
+    for key in keys:
+        if not _alike(one[key], two[key]):
+            yield place + key, (_shown(one[key]), _shown(two[key]))
+
+
+def _alike(one: Any, two: Any) -> bool:
+    """Whether two JSON values are the same up to rounding."""
+    if isinstance(one, float) and isinstance(two, float):
+        return math.isclose(one, two, rel_tol=0.0, abs_tol=ROUNDING)
+    if isinstance(one, list) and isinstance(two, list):
+        return len(one) == len(two) and all(map(_alike, one, two))
+    if isinstance(one, dict) and isinstance(two, dict):
+        return one.keys() == two.keys() and all(_alike(one[key], two[key]) for key in one)
+    return bool(one == two)
+
+
+def _shown(value: Any) -> str:
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= LONGEST else text[:LONGEST] + "..."

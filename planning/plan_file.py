@@ -12,22 +12,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import filelock
 import msgspec
 import numpy as np
 from jaxtyping import Int
-from PIL.Image import Image
 
 from geometry.errors import ConfigError
 from geometry.files import open_in_place
 from planning.misfit import misfit
 from planning.rejections import BY_KEY
 from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
-
-if TYPE_CHECKING:  # it reads plans itself
-    from planning.preview import Artist
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
@@ -47,7 +43,6 @@ class Plan:
     def __init__(self, path: Path, header: Header) -> None:
         self.path, self.header = path, header
         self._starts: Int[np.ndarray, " n"] | None = None
-        self._artist: Artist | None = None
 
     def __len__(self) -> int:
         return self.header.images
@@ -81,28 +76,6 @@ class Plan:
                 raise self._too_short(len(self._starts) - 2)
             file.seek(int(self._starts[index + 1]))
             return self._row(file.readline(), index)
-
-    def picture(self, index: int, *, cache: Path | None = None) -> Image:
-        """A preview of a row as `hulldown preview` draws it, with boxes; its assets are read when first asked for.
-
-        Parameters
-        ----------
-        index
-            Of the row.
-        cache
-            Where the assets are kept; None: beside the plan.
-
-        Raises
-        ------
-        ConfigError, AssetError
-            If the row is damaged, or an asset is not there or not as it was planned with.
-        """
-        from planning.loading import load_planned_assets
-        from planning.preview import Artist
-
-        if self._artist is None:
-            self._artist = Artist(self, load_planned_assets(self, cache=cache))
-        return self._artist.picture(self[index])
 
     def _too_short(self, rows: int) -> ConfigError:
         return ConfigError(

@@ -52,9 +52,9 @@ class Planner:
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
         self._draws = Draws(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
-        self._stage = make_stage(config, assets)
+        self.stage = make_stage(config, assets)
         self.strict = strict
-        self.pairs = pairs or make_pairs(config, self.budget, self._stage, self._draws, strict=strict)
+        self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """All rows of the positions from `start` to before `stop`, in order.
@@ -111,23 +111,23 @@ class Planner:
         some = Positions(held.vehicle[pending], held.ordinal[pending], held.shots[pending], held.first_image[pending])
         framed = framed_on(
             self.budget,
-            self._stage,
+            self.stage,
             self.config,
             self._draws,
             position=position[pending],
             held=some,
-            sites=[self._stage.sites[s].name for s in site.tolist()],
+            sites=[self.stage.sites[s].name for s in site.tolist()],
         )
         kinds: dict[tuple[int, str, bool, bool], list[int]] = {}
         for i, kind in enumerate(zip(site.tolist(), framed, some.background.tolist(), movable.tolist(), strict=True)):
             kinds.setdefault(kind, []).append(i)
         for (s, name, background, may_move), indices in kinds.items():
-            model, mine = self._stage.everything[name], pending[indices]
+            model, mine = self.stage.everything[name], pending[indices]
             companions, distractors = guests_at(
-                self._stage.sites[s].name, self._stage, self.config, background=background
+                self.stage.sites[s].name, self.stage, self.config, background=background
             )
             group = Group(
-                site=self._stage.sites[s],
+                site=self.stage.sites[s],
                 model=model,
                 guests=(replace(companions, weights=self._companion_weights(s)), distractors),
                 background=background,
@@ -153,7 +153,7 @@ class Planner:
     def _companion_weights(self, site: int) -> Float[np.ndarray, " m"]:
         """1 for each vehicle that is planned on a scenery, in the order of the config."""
         planned = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, site]).tolist()}
-        return np.array([float(name in planned) for name in self._stage.models])
+        return np.array([float(name in planned) for name in self.stage.models])
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
         """The same as lines of a plan file, and their number."""

@@ -22,10 +22,10 @@ from planning.check import check_rows
 from planning.config import parse_config
 from planning.loading import load_planned_assets, refuse_changed
 from planning.plan_file import Plan, read_plan
+from planning.planner import Planner
 from planning.preview import Artist
 from planning.row import Row
 from planning.schema import Config
-from planning.source import Source
 from planning.summary import summarise
 from planning.write import write_plan
 from render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
@@ -46,7 +46,7 @@ NAMES = {"t72", "car", "hills"}
 
 
 def config(*, images: int = 1, vehicles: int = 1, distractors: int = 0, background_share: float = 0.0) -> Config:
-    """A config for a plan of a row or two, since each costs a check of all limits."""
+    """A config for a plan of a row or two, since each is planned again."""
     return small_config(
         assets={
             "vehicles": [{"path": "t72.blend", "category": "tank"}],
@@ -96,13 +96,13 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> list[list[bytes]]:
 
 
 @lru_cache(maxsize=8)
-def source_of(header: str) -> Source | None:
+def planner_of(header: str) -> Planner | None:
     """What a plan with this config is checked against, None if it names other assets.
 
     As long as the config is left alone, it is built once.
     """
     config = parse_config(json.loads(header), path=Path("plan.jsonl"))
-    return Source.of(config, ASSETS) if names_of(config) == NAMES else None
+    return Planner(config, ASSETS) if names_of(config) == NAMES else None
 
 
 def objects(value: Any) -> list[Any]:
@@ -156,13 +156,13 @@ def used(path: Path) -> None:
 def all_uses(plan: Plan, path: Path) -> list[str]:
     """What is said by each use of a plan that can be opened."""
     rows: list[Row] = []
-    sources: list[Source | None] = []
+    planners: list[Planner | None] = []
     return [
         refusal(rows.extend, plan),
         refusal(load_planned_assets, plan),
         refusal(refuse_changed, plan, ASSETS),
-        refusal(lambda: sources.append(source_of(json.dumps(plan.header.config)))),
-        *(line for source in sources if source for line in posed_uses(plan, source, rows)),
+        refusal(lambda: planners.append(planner_of(json.dumps(plan.header.config)))),
+        *(line for planner in planners if planner for line in posed_uses(plan, planner, rows)),
         refusal(summarise, plan),
         refusal(Outline, plan),
         refusal(plan_key, path),
@@ -175,14 +175,14 @@ def names_of(config: Config) -> set[str]:
     return {entry.name for entry in config.assets.entries}
 
 
-def posed_uses(plan: Plan, source: Source, rows: list[Row]) -> list[str]:
+def posed_uses(plan: Plan, planner: Planner, rows: list[Row]) -> list[str]:
     """What is said by the check, and by previews."""
-    return [refusal(check_rows, plan, source), *(refusal(draw, plan, source, row) for row in rows[:1])]
+    return [refusal(check_rows, plan, planner), *(refusal(draw, plan, planner, row) for row in rows[:1])]
 
 
-def draw(plan: Plan, source: Source, row: Row) -> None:
+def draw(plan: Plan, planner: Planner, row: Row) -> None:
     """A preview."""
-    Artist(plan, ASSETS, stage=source.stage).picture(row, width=8)
+    Artist(plan, ASSETS, stage=planner.stage).picture(row, width=8)
 
 
 plans = st.integers(0, len(CONFIGS) - 1)

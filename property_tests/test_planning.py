@@ -16,6 +16,7 @@ from geometry.rays import RayCaster
 from geometry.transforms import apply
 from placement.terrain import Terrain
 from planning.planner import Planner
+from planning.relabel import relabeled
 from planning.row import encode_rows
 from render.annotations import Segmenter
 from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
@@ -122,6 +123,8 @@ def test_every_row_keeps_every_limit(config):
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
+        labels_follow_from_the_poses(row, relabeled(row, config, planner.stage))
+        guests_keep_their_distance(row, config)
 
 
 def budget_is_met(rows, budget):
@@ -129,6 +132,31 @@ def budget_is_met(rows, budget):
     images = Counter(row.vehicle for row in rows if not row.background)
     assert [images[name] for name in budget.vehicles] == budget.images.tolist()
     assert sum(row.background for row in rows) == budget.backgrounds
+
+
+def labels_follow_from_the_poses(row, again):
+    """Each row alone gives the labels that were planned in batches."""
+    for one, other in zip(row.planned, again.planned, strict=True):
+        assert (one.label, one.bounds) == (other.label, other.bounds)
+        for key in ("visible_fraction", "truncated_fraction", "air_contrast", "slope_deg", "gap", "penetration"):
+            assert getattr(one, key) == pytest.approx(getattr(other, key), abs=2 * ROUNDED), key
+
+
+def guests_keep_their_distance(row, config):
+    """Companions and distractors are as far from the target as drawn, and no vertex is in another vehicle's box."""
+    limits = config.placement
+    for kind, (low, high) in (("companions", limits.companion_distance), ("distractors", limits.distractor_distance)):
+        for vehicle in getattr(row, kind):
+            away = math.dist(vehicle.world_from_vehicle[:2, 3], row.world_from_vehicle[:2, 3])
+            assert low - 1e-6 <= away <= high + 1e-6
+    for one in row.planned:
+        for other in row.planned:
+            if one is not other:
+                points = apply(other.world_from_vehicle, SHAPES[other.vehicle].vertices_at(other.articulation))
+                points = apply(np.linalg.inv(one.world_from_vehicle), points)
+                hull = SHAPES[one.vehicle].mesh.vertices[:8]
+                low, high = hull.min(axis=0), hull.max(axis=0)
+                assert not ((points > low) & (points < high)).all(axis=1).any()
 
 
 def labels_are_what_is_seen(row, config):

@@ -9,11 +9,9 @@ from assets.skylight import SkyLight
 from camera.response import ALBEDO, CARD, displayed, white_balance
 from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
-from planning.check import check_plan
 from planning.exposure import card
 from planning.planner import plan
 from planning.weather import Weather
-from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)
@@ -64,25 +62,6 @@ def test_a_sky_without_light_has_the_longest_exposure():
 def test_the_sky_as_backdrop_begins_at_the_horizon_of_its_hdri():
     assert {row.horizon_deg for row in rows()} == {None}
     assert {(row.hdri, row.horizon_deg) for row in rows(backdrop="sky")} == {("noon", 1.0), ("dusk", 12.5)}
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("exposure_ev", 3.0), ("white_balance_k", 50.0), ("horizon_deg", 3.0), ("horizon_deg", None)]
-)
-def test_another_exposure_white_balance_or_backdrop_is_found(tmp_path, key, value):
-    config = small_config(light={"backdrop": "sky"}, budget={"images_per_class": 2})
-    made = write_plan(config, lit(), tmp_path / "plan.jsonl")
-    assert check_plan(made, lit()) == []
-    lines = [replace(row, **({key: value} if row.index == 1 else {})) for row in made]
-    (tmp_path / "plan.jsonl").write_bytes(_file(made, lines))
-    (finding,) = check_plan(made, lit())
-    assert finding.startswith(f"image 1: breaks {key}")
-
-
-def _file(made, lines):
-    from planning.row import encode, encode_rows
-
-    return encode(made.header) + encode_rows(lines)
 
 
 @pytest.mark.parametrize("exposure", ["bright", 33, True, [0, 1]])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from geometry.errors import ConfigError
-from planning.check import check_plan
 from planning.config import parse_config
 from planning.paint import Coat, PaintEntry, paint_doubts, paint_notes, previewed
 from planning.plan_file import read_plan
@@ -142,18 +141,6 @@ def edited(made, path, change):
     change(header, rows)
     path.write_text("".join(json.dumps(line) + "\n" for line in (header, *rows)))
     return read_plan(path)
-
-
-def test_a_colour_that_was_not_drawn_is_found(made, assets, tmp_path):
-    assert check_plan(made, assets) == []
-    first = next(row.index for row in made if row.paint and row.shot == 0)
-
-    def change(_, rows):
-        rows[first]["paint"][0]["value"] += 1e-6
-
-    found = check_plan(edited(made, tmp_path / "plan.jsonl", change), assets)
-    assert f"image {first}: breaks paint, which is not what was drawn" in found
-    assert any(f"image {first + 1}: breaks what the shots" in line for line in found)
 
 
 def test_the_summary_counts_coats(made):

@@ -1,4 +1,4 @@
-"""Plans know how high a vehicle's belly is, and so does their check."""
+"""Plans know how high a vehicle's belly is."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import pytest
 
 from assets.library import Assets
 from geometry.meshes import Mesh, merge
-from planning.check import check_plan
 from planning.stage import make_stage
 from planning.write import write_plan
 from tests.planning_assets import box, hills, small_assets, small_config, vehicle
@@ -30,7 +29,7 @@ def on_rails():
     )
 
 
-def test_a_plan_and_its_check_measure_the_same_underside(tmp_path):
+def test_gaps_are_measured_to_the_underside(tmp_path):
     config = small_config(
         assets={"vehicles": [{"path": "t72.blend", "category": "tank"}], "sceneries": [{"path": "hills.blend"}]},
         budget={"images_per_class": 24, "images_per_position": 1},
@@ -38,7 +37,6 @@ def test_a_plan_and_its_check_measure_the_same_underside(tmp_path):
     scenery = hills("hills", height=2.0, size=120.0, cells=60, trees=0)
     assets = Assets({"t72": on_rails()}, {"t72": "tank"}, {"hills": scenery}, ("noon",))
     made = write_plan(config, assets, tmp_path / "plan.jsonl")
-    assert check_plan(made, assets) == []
     # Rigid rails on this ground: something is in the air, and not the belly.
     gap = [row.gap for row in made]
     assert 0.02 < np.median(gap) < BELLY

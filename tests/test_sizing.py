@@ -10,14 +10,11 @@ from assets.library import Assets
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from geometry.transforms import apply
-from planning.check import check_plan
-from planning.plan_file import read_plan
 from planning.planner import Planner, plan
-from planning.row import encode, encode_rows
-from planning.write import make_header
+from planning.row import encode_rows
 from tests.planning_assets import small_assets, small_config
 
-# Of the wanted size: what the plan promises, and `hulldown check` allows.
+# Of the wanted size: what the plan promises.
 RELATIVE = 1e-9
 MEASURES = {
     "height": lambda w, h: h / 1080,
@@ -80,18 +77,3 @@ def test_a_size_that_no_distance_gives_is_counted(assets):
     )  # fmt: skip
     rows = list(plan(config, assets))
     assert sum(row.rejected.get("size", 0) for row in rows) > 0
-
-
-@pytest.mark.parametrize("measure", MEASURES)
-def test_the_check_recomputes_the_size(assets, tmp_path, measure):
-    config = config_of(size_measure=measure, target_fraction=[0.1, 0.2])
-    path, rows = tmp_path / "plan.jsonl", list(plan(config, assets))
-    header = make_header(config, assets, path, images=6)
-    path.write_bytes(b"".join(map(encode, [header, *rows])))
-    assert check_plan(read_plan(path), assets) == []
-    header.config["camera"]["target_fraction"] = [0.3, 0.4]
-    path.write_bytes(b"".join(map(encode, [header, *rows])))
-    findings = check_plan(read_plan(path), assets)
-    assert len(findings) == 6
-    assert "share of the image that the box fills is 0.1" in findings[0]
-    assert findings[0].endswith("allowed are 0.3 to 0.4")

@@ -17,10 +17,8 @@ from geometry.transforms import rigid, rotation_about, rotation_z
 from placement.clearance import Obstacles
 from placement.rejection import Rejection
 from placement.terrain import Terrain
-from planning.check import check_plan
 from planning.planner import plan
 from planning.stage import make_stage
-from planning.write import write_plan
 from tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
 
 TANK = vehicle("t72")
@@ -124,14 +122,6 @@ def test_what_fords_stands_in_water_as_deep_as_it_may():
     depth = np.array([0.3 - row.world_from_vehicle[2, 3] for row in rows])
     assert depth.max() <= 1.1  # of the origin; a foot may be higher
     assert (depth > 0.3).sum() > 5
-
-
-def test_check_knows_water(tmp_path):
-    made = write_plan(config_for(VALLEYS, images=40), assets_of(VALLEYS), tmp_path / "plan.jsonl")
-    assert check_plan(made, assets_of(VALLEYS)) == []
-    found = check_plan(made, assets_of(with_water(VALLEYS, sheet((-80, -80), (80, 80), 4.5))))
-    assert any("depth in water is" in line and "allowed are 0 to 0" in line for line in found)
-    assert any("breaks the camera's place (water)" in line for line in found)
 
 
 def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():

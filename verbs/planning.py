@@ -177,7 +177,7 @@ def _check(arguments: argparse.Namespace) -> int:
         print_json(findings)
     else:
         show_list(findings)
-    say(f"{len(plan)} images checked, {len(findings)} limits broken")
+    say(f"{len(plan)} images checked, {len(findings)} findings")
     return FOUND if findings else DONE
 
 
@@ -258,8 +258,8 @@ def add(verb: AddVerb) -> None:
     add_read_limits(sub)
 
     sub = verb(
-        "check", _check, "recompute every limit of a plan",
-        "Reads a plan and the assets it names; prints a line for each limit of the plan's own config that is broken.",
+        "check", _check, "compare a plan with its config",
+        "Reads a plan and the assets it names; plans again, and prints a line for each field that differs.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
     add_read_limits(sub)

@@ -1,0 +1,175 @@
+"""`hulldown check`: a plan against the plan that its config gives, and labels against poses."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from geometry.errors import ConfigError
+from planning.check import check_plan, check_rows
+from planning.config import parse_config
+from planning.plan_file import read_plan
+from planning.planner import Planner
+from planning.preview import Artist
+from planning.relabel import relabeled
+from planning.row import PlannedVehicle, Row, encode, fields
+from planning.write import write_plan
+from tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
+
+ASSETS = small_assets(distractors=True)
+PAINT = [{"materials": ["*"], "hue_deg": [-9, 9]}]
+CONFIG = small_config(
+    seed=3,
+    assets={
+        "vehicles": [{**entry, "paint": PAINT} for entry in VEHICLE_ENTRIES],
+        "distractors": [{**entry, "paint": PAINT} for entry in DISTRACTOR_ENTRIES],
+    },
+    budget={"images_per_class": 8, "images_per_position": 2, "background_share": 0.2},
+    placement={"vehicles_per_image": 2, "companion_distance": [9, 30], "distractors_per_image": [1, 2]},
+    camera={"visible_fraction": [0.2, 1.0]},
+    weather={"fog": 0.2, "rain": 0.2, "snow": 0.2, "dust": 0.2},
+)
+# Values that no row of the plan has.
+OTHERS = {
+    "vehicle": "leo2", "category": "plane", "articulation": {"turret": 0.123}, "bbox": [1.0, 2.0, 3.0, 4.0],
+    "bbox_amodal": [1.0, 2.0, 3.0, 4.0], "label": "ignored", "bounds": [[-1.0] * 3, [1.0] * 3], "paint": [],
+    "file_name": "images/other.png", "scenery": "moon", "hdri": "moon", "horizon_deg": 3.0, "background": None,
+    "companions": [], "distractors": [], "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
+}  # fmt: skip
+# The file's own reader refuses another index, image number, or class.
+READER = {"index", "image_id", "category"}
+FOLLOWS = {"bbox", "bbox_amodal", "visible_fraction", "truncated_fraction", "slope_deg", "gap", "penetration", "label",
+           "bounds", "air_contrast"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def planner():
+    """It plans once for all tests."""
+    planner = Planner(CONFIG, ASSETS)
+    planner.rows = cache(planner.rows)
+    return planner
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return write_plan(CONFIG, ASSETS, tmp_path_factory.mktemp("made") / "plan.jsonl")
+
+
+def edited(made, path, change):
+    header, *rows = map(json.loads, made.path.read_bytes().splitlines())
+    change(header, rows)
+    path.write_text("".join(json.dumps(each) + "\n" for each in (header, *rows)))
+    return read_plan(path)
+
+
+def other(row, key):
+    """Another value of a field."""
+    if key.startswith("world_from"):
+        return [[1.0, 0.0, 0.0, row[key][0][3] + 1e-3], *np.eye(4).tolist()[1:]]
+    if key == "background":
+        return not row[key]
+    if key == "category":
+        return None
+    if key in OTHERS:
+        return OTHERS[key]
+    return row[key] + (1 if isinstance(row[key], int) else 1e-5 if row[key] < 0.5 else -1e-5)
+
+
+def test_a_plan_is_what_its_config_gives(made, planner):
+    seen = []
+    assert check_rows(made, planner, progress=lambda done, n: seen.append((done, n))) == []
+    assert seen[-1] == (len(made), len(made))
+
+
+def test_labels_are_those_of_the_poses(made, planner):
+    for row in made:
+        again = relabeled(row, CONFIG, planner.stage)
+        for one, two in zip(row.planned, again.planned, strict=True):
+            assert (one.label, one.bounds, one.paint) == (two.label, two.bounds, two.paint)
+            for key in FOLLOWS - {"label", "bounds", "bbox", "bbox_amodal"}:
+                assert getattr(one, key) == pytest.approx(getattr(two, key), abs=2e-9), key
+            assert one.bbox == (two.bbox and pytest.approx(two.bbox, abs=2e-6))
+            assert one.bbox_amodal == (two.bbox_amodal and pytest.approx(two.bbox_amodal, abs=2e-6))
+
+
+@pytest.mark.parametrize("whose", ["", "companions", "distractors"])
+def test_every_changed_field_is_found(made, planner, tmp_path, whose):
+    """One field of one row after the other, in rounds of as many fields as there are rows."""
+    keys = [key for key in fields(PlannedVehicle if whose else Row) if key not in READER]
+    rows = [row.index for row in made if not whose or getattr(row, whose)]
+    for start in range(0, len(keys), len(rows)):
+        some = dict(zip(rows, keys[start : start + len(rows)], strict=False))
+
+        def change(_, lines, some=some):
+            for i, key in some.items():
+                at = lines[i][whose][0] if whose else lines[i]
+                at[key] = other(at, key)
+
+        findings = check_rows(edited(made, tmp_path / "plan.jsonl", change), planner)
+        for i, key in some.items():
+            name = f"number of {key}" if key in ("companions", "distractors") else key
+            mine = f"image {i}: {f'{whose}[0].' if whose else ''}{name} is "
+            wanted = "its poses give" if key in FOLLOWS else "planned is"
+            assert any(line.startswith(mine) and wanted in line for line in findings), (mine, findings)
+        assert {int(line.split()[1].rstrip(":")) for line in findings} == set(some)
+
+
+def test_a_moved_vehicle_with_its_own_labels_differs_from_the_plan_only(made, planner, tmp_path):
+    row = next(row for row in made if not row.background and row.scenery == "hills")
+    pose = row.world_from_vehicle.copy()
+    pose[2, 3] += 0.05
+
+    def moved(_, lines):
+        lines[row.index]["world_from_vehicle"] = pose.tolist()
+
+    plan = edited(made, tmp_path / "plan.jsonl", moved)
+    found = check_rows(plan, planner)
+    assert any("world_from_vehicle is" in line and "planned is" in line for line in found)
+    assert any("gap is" in line and "its poses give" in line for line in found)
+    assert any("bbox is" in line and "its poses give" in line for line in found)
+    again = json.loads(encode(relabeled(plan[row.index], CONFIG, planner.stage)))
+    found = check_rows(
+        edited(made, tmp_path / "plan.jsonl", lambda _, lines: lines.__setitem__(row.index, again)), planner
+    )
+    assert found
+    assert all("planned is" in line for line in found)
+
+
+@pytest.mark.parametrize(
+    ("section", "changes", "message"),
+    [
+        ("budget", {"images_per_class": 9}, "20 images, the budget is 22"),
+        ("light", {"exposure": 4.0}, "exposure_ev is"),
+    ],
+)
+def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
+    plan = edited(made, tmp_path / "plan.jsonl", lambda header, _: header["config"][section].update(changes))
+    findings = check_plan(plan, ASSETS)
+    assert any(message in line for line in findings), findings[:20]
+
+
+def test_findings_are_listed_up_to_a_limit(made, planner, tmp_path, monkeypatch):
+    monkeypatch.setattr("planning.check.MOST", 3)
+    plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row.update(tries=99) for row in rows])
+    findings = check_rows(plan, planner)
+    assert len(findings) == 4
+    assert findings[-1] == f"and {len(made) - 3} more"
+
+
+@pytest.mark.parametrize("whose", ["", "companions", "distractors"])
+def test_a_part_that_its_vehicle_lacks_is_one_line(made, planner, tmp_path, whose):
+    number = next(row.index for row in made if not whose or getattr(row, whose))
+
+    def change(_, rows):
+        (rows[number][whose][0] if whose else rows[number])["articulation"]["crane"] = 0.5
+
+    plan = edited(made, tmp_path / "plan.jsonl", change)
+    (finding,) = check_rows(plan, planner)
+    assert finding.startswith(f"image {number}: {f'{whose}[0].' if whose else ''}articulation is")
+    with pytest.raises(ConfigError, match=rf"plan\.jsonl: image {number}: part 'crane' is not known to the plan"):
+        Artist(plan, ASSETS).picture(list(plan)[number], width=8)
+
+
+def test_the_header_has_the_whole_config(made):
+    assert parse_config(made.header.config) == CONFIG
