@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from tests.detections import loaded, random_case
 from tests.test_matching import assert_official
-from training.average_precision import official
-from training.bootstrap import wilson
+from training.average_precision import average_precision
+from training.bootstrap import share_interval
 from training.matching import match, overlapping
 from training.metrics import confusion, figures, outcomes, sums_by
 from training.tide import errors
@@ -101,7 +101,7 @@ def test_a_detector_that_repeats_the_labels_is_perfect(case):
     figure = figures(sums(coco, found, 0.5)[0])
     assert {float(figure[key]) for key in ("precision", "recall", "f1", "mean_iou")} == {1.0}
     assert set(errors(labels, predictions, pairs, matching).loss.values()) == {0.0}
-    assert np.isclose(official(labels, predictions).summary["ap"], 1.0)
+    assert np.isclose(average_precision(labels, predictions).summary["ap"], 1.0)
 
 
 @given(CASES)
@@ -112,9 +112,9 @@ def test_fixing_all_that_is_false_or_missed_never_lowers_ap(case):
         assert not loss[cause] < -1e-12
 
 
-@given(st.integers(0, 1000), st.integers(1, 1000))
-def test_wilsons_interval_holds_its_share(part, whole):
-    part = min(part, whole)
-    low, high = wilson(np.array([float(part)]), np.array([float(whole)]))[:, 0]
-    assert 0 <= low <= part / whole + 1e-12
-    assert part / whole - 1e-12 <= high <= 1
+@given(st.integers(0, 1000), st.integers(1, 1000), st.floats(0.0, 0.5), st.integers(1, 300))
+def test_an_interval_holds_its_figure(part, whole, error, freedom):
+    value = min(part, whole) / whole
+    low, high = share_interval(value, error, freedom=freedom, trials=whole)
+    assert 0 <= low <= value + 1e-12
+    assert value - 1e-12 <= high <= 1

@@ -3,11 +3,20 @@ import pytest
 
 from tests.detections import dataset, loaded, random_case, results
 from tests.test_matching import official as official_matching
-from training.average_precision import SUMMARY, at_one_iou, official
-from training.bootstrap import difference_intervals, figure_intervals, interval, resampled_sums, resamples, wilson
+from training.average_precision import IOUS, RECALLS, SUMMARY, resampled_averages, weighted_averages
+from training.average_precision import average_precision as official
+from training.bootstrap import (
+    combined_error,
+    difference_interval,
+    figure_intervals,
+    ratio_error,
+    resampled_sums,
+    resamples,
+    share_interval,
+    standard_error,
+)
 from training.matching import match, overlapping
-from training.metrics import confusion, curves, figures, outcomes, sums_by
-from training.resampled_precision import IOUS, drawn_averages, weighted_averages
+from training.metrics import confusion, curves, figures, outcomes, sums_at_best, sums_by
 from training.tide import CAUSES, errors, mean_ap
 
 
@@ -120,7 +129,7 @@ def test_confusion_agrees_with_the_counts(seed):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_ap50_on_arrays_is_pycocotools_own(seed):
+def test_ap50_on_arrays_is_the_librarys(seed):
     labels, predictions, _, matching, _ = judged(*random_case(seed))
     wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
     mine = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
@@ -131,11 +140,11 @@ def averages(labels, predictions, position, weights):
     """AP, AP50 and AP75 of each class where each position counts as often as `weights` says."""
     pairs = overlapping(labels, predictions)
     matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
-    return drawn_averages(labels, predictions, matchings, position, weights)
+    return resampled_averages(labels, predictions, matchings, position=position, weights=weights.astype(float))
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_average_precision_on_arrays_is_pycocotools_own_of_each_class(seed):
+def test_average_precision_on_arrays_is_the_librarys_of_each_class(seed):
     labels, predictions = loaded(*random_case(seed, crowds=0.5))
     mine = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
     theirs = official(labels, predictions)
@@ -167,7 +176,10 @@ def test_recalls_that_rounding_puts_on_an_edge_are_those_of_a_division(labels):
     true &= np.cumsum(true) <= labels
     every = np.ones((1, len(true)), dtype=bool)
     found = weighted_averages(true[None], every, np.ones((1, len(true))), np.array([float(labels)]))
-    assert found[0, 0] == at_one_iou(true, float(labels))
+    tp = np.cumsum(true)
+    highest = np.maximum.accumulate((tp / np.arange(1, len(true) + 1))[::-1])[::-1]
+    at = np.searchsorted(tp / labels, RECALLS)
+    assert found[0, 0] == pytest.approx(np.append(highest, 0.0)[at].mean(), abs=1e-14)
 
 
 def test_average_precision_is_what_the_summary_says_and_of_each_class():
@@ -250,42 +262,102 @@ def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
     assert [CAUSES[c] for c in errors(labels, predictions, pairs, matching).cause if c >= 0] == ["duplicate"]
 
 
+def counted(found):
+    """`SUMS` of positions with one label each, and false alarms in none."""
+    found = np.asarray(found, dtype=float)
+    return np.stack([found, 0 * found, 1 - found, 0.8 * found, found, 0 * found], axis=1)
+
+
+def recall_interval(sums):
+    return figure_intervals(sums, resampled_sums(sums))["recall"]
+
+
 def test_the_interval_of_recall_is_about_as_wide_as_theory_says():
     """1,079 independent labels, 64 % found: a standard error of 0.0146."""
-    sums = np.zeros((1079, 6))
-    sums[:688, 0], sums[688:, 2] = 1, 1
-    low, high = figure_intervals(resampled_sums(sums))["recall"]
+    low, high = recall_interval(counted(np.arange(1079) < 688))
     assert (high - low) / (2 * 1.96) == pytest.approx(0.0146, rel=0.06)
     assert low < 688 / 1079 < high
 
 
+def test_five_labels_that_were_all_found_may_be_half_of_all():
+    low, high = recall_interval(counted(np.ones(5)))
+    assert (low, high) == (pytest.approx(0.39, abs=0.01), 1.0)
+    low, high = recall_interval(counted(np.zeros(5)))
+    assert (low, high) == (0.0, pytest.approx(0.61, abs=0.01))
+
+
+def test_four_positions_are_too_few_for_an_interval():
+    sums = counted([1, 1, 0, 1])
+    assert all(np.isnan(ends).all() for ends in figure_intervals(sums, resampled_sums(sums)).values())
+
+
+@pytest.mark.parametrize(("part", "whole"), [(3, 17), (50, 80), (12, 400)])
+def test_of_independent_labels_the_interval_is_wilsons_but_for_students_quantile(part, whole):
+    from scipy.stats import binomtest
+
+    low, high = recall_interval(counted(np.arange(whole) < part))
+    expected = binomtest(part, whole).proportion_ci(method="wilson")
+    assert (low, high) == (pytest.approx(expected.low, abs=0.02), pytest.approx(expected.high, abs=0.03))
+    assert high - low >= 0.97 * (expected.high - expected.low)
+
+
 def test_shots_of_one_position_widen_the_interval():
     """The same labels in positions of ten that are found or missed together: three times as wide."""
-    found = np.arange(1000) < 640
-    each, tens = np.zeros((1000, 6)), np.zeros((100, 6))
-    each[:, 0], each[:, 2] = found, ~found
-    tens[:, 0], tens[:, 2] = found.reshape(100, 10).sum(1), (~found).reshape(100, 10).sum(1)
-    narrow, wide = (np.ptp(figure_intervals(resampled_sums(sums))["recall"]) for sums in (each, tens))
+    each = counted(np.arange(1000) < 640)
+    tens = each.reshape(100, 10, 6).sum(axis=1)
+    narrow, wide = (np.ptp(recall_interval(sums)) for sums in (each, tens))
     assert wide / narrow == pytest.approx(np.sqrt(10), rel=0.12)
 
 
-def test_two_predictions_of_one_dataset_are_compared_position_by_position():
-    """One more label found in every tenth position and nothing lost: surely better, though the intervals overlap."""
+def test_the_delta_method_is_the_bootstrap():
     rng = np.random.default_rng(0)
-    before = np.zeros((400, 6))
-    before[:, 0] = rng.random(400) < 0.5
-    before[:, 2] = 1 - before[:, 0]
-    after = before.copy()
-    gained = np.flatnonzero(before[:, 2])[:20]
-    after[gained, 0], after[gained, 2] = 1, 0
-    first, second = resampled_sums(before), resampled_sums(after)
-    low, high = difference_intervals(first, second)["recall"]
-    assert 0 < low < 20 / 400 < high
-    alone = figure_intervals(first)["recall"], figure_intervals(second)["recall"]
-    assert alone[0][1] > alone[1][0]
+    whole = 1.0 + rng.poisson(2.0, 300)
+    part = rng.binomial(whole.astype(int), 0.6).astype(float)
+    again = resampled_sums(np.stack([part, whole], axis=1))
+    resampled = standard_error(again[:, 0] / again[:, 1], 300)
+    assert ratio_error(part, whole) == pytest.approx(resampled, rel=0.06)
 
 
-def test_drawings_are_as_many_as_there_are_positions(monkeypatch):
+def paired(changes, labels=100):
+    error = np.std(np.append(changes, np.zeros(labels - len(changes)))) / np.sqrt(labels)
+    return difference_interval(np.sum(changes) / labels, error, freedom=labels - 1, labels=labels)
+
+
+def test_a_difference_is_shown_where_enough_labels_changed():
+    """One more label found in every tenth position and nothing lost is shown; one gained label is not."""
+    low, high = paired(np.ones(20))
+    assert 0 < low < 0.2 < high
+    assert paired(np.ones(1))[0] < 0
+    assert paired(np.zeros(0))[0] == -paired(np.zeros(0))[1] != 0
+
+
+def test_seeds_that_differ_widen_an_interval():
+    error, freedom = combined_error(0.03, 0.04, test_freedom=100, seed_freedom=2)
+    assert error == pytest.approx(0.05)
+    assert 2 < freedom < 6
+    alone, many = combined_error(0.03, 0.0, test_freedom=100, seed_freedom=0)
+    assert (alone, many) == (pytest.approx(0.03), pytest.approx(100))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_resample_chooses_its_own_threshold(seed):
+    coco, found = random_case(seed)
+    labels, predictions, _, matching, _ = judged(coco, found)
+    weights = np.concatenate([np.ones((1, 12)), np.eye(12)[:3] * 2])
+    chosen = sums_at_best(labels, predictions, matching, position=np.arange(12), weights=weights)
+    for k, weight in enumerate(weights):
+        best = -1.0
+        for threshold in np.unique(predictions.score):
+            seen = outcomes(labels, predictions, matching, threshold)
+            each = sums_by(
+                labels, predictions, matching, seen, of_detection=predictions.image, of_label=labels.image, groups=12
+            )
+            best = max(best, float(np.nan_to_num(figures(weight @ each)["f1"])))
+        got = figures(chosen[k].sum(axis=0))["f1"]
+        assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)
+
+
+def test_resamples_are_as_large_as_what_they_are_drawn_from(monkeypatch):
     monkeypatch.setattr("training.bootstrap.DRAWN_AT_ONCE", 100)
     drawn = list(resamples(7, times=50))
     assert len(drawn) > 1
@@ -293,15 +365,6 @@ def test_drawings_are_as_many_as_there_are_positions(monkeypatch):
     assert np.concatenate(drawn).shape == (50, 7)
 
 
-def test_an_interval_of_nothing_is_nan():
-    assert np.isnan(interval(np.full((10, 2), np.nan))).all()
-
-
-def test_wilsons_interval_is_scipys():
-    from scipy.stats import binomtest
-
-    for part, whole in [(0, 1), (3, 7), (50, 50), (12, 400)]:
-        low, high = wilson(np.array([float(part)]), np.array([float(whole)]))[:, 0]
-        expected = binomtest(part, whole).proportion_ci(method="wilson")
-        assert (low, high) == pytest.approx((expected.low, expected.high))
-    assert np.isnan(wilson(np.zeros(1), np.zeros(1))).all()
+def test_an_error_of_nothing_is_nan():
+    assert np.isnan(standard_error(np.full((10, 2), np.nan), 20)).all()
+    assert np.isnan(share_interval(np.nan, np.nan, freedom=5)).all()

@@ -42,7 +42,7 @@ def looked(labels, share, *, seed):
     return found + alarms
 
 
-def finished_study(pictures, folder, out, **keys):
+def finished_study(pictures, folder, out, *, skill=SKILL, **keys):
     """A study's folder as `run` leaves it, of detectors that need no training."""
     study = settled(pictures, folder, arms=ARMS, fractions=[1.0, 0.5, 0.25], **keys)
     write_manifest(study, out)
@@ -54,7 +54,7 @@ def finished_study(pictures, folder, out, **keys):
         (path / "run.json").write_text(
             json.dumps({"model": "small", "status": "finished", "figures": {"seconds": 1.0}})
         )
-        share = SKILL[run.arm, run.fraction] + 2 * run.seed
+        share = skill[run.arm, run.fraction] + 2 * run.seed
         for which, labels in judged.items():
             found = looked(labels, share, seed=run.seed)
             predictions_path(out, study.manifest, run, which).write_text(json.dumps(found))
@@ -108,7 +108,22 @@ def test_worth_is_read_off_the_real_curve(study):
     assert 4 < found["photographs"] < 12
     assert found["interval"][0] <= found["photographs"] <= found["interval"][1]
     assert "are worth" in found["words"]
-    assert worth["mixed at 100 %", "recall"]["photographs"] == pytest.approx(0.0, abs=1e-6)
+    # At 100 % the two arms are equal: nothing is shown, so nothing is claimed.
+    assert not [key for key in worth if key[0] == "mixed at 100 %"]
+
+
+def test_where_nothing_is_found_synthetic_images_have_no_worth(pictures, tmp_path):
+    finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], skill=dict.fromkeys(SKILL, 0))
+    assert write_report(tmp_path / "out")["worth"] == []
+
+
+def test_what_is_better_than_all_photographs_is_worth_an_open_number(pictures, tmp_path):
+    skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
+    finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], skill=skill)
+    found = write_report(tmp_path / "out")["worth"]
+    (open_above,) = [one for one in found if (one["name"], one["measure"]) == ("mixed at 100 %", "recall")]
+    assert open_above["photographs"] is None
+    assert "open above" in open_above["words"]
 
 
 def test_bins_are_mixed_minus_real(study):

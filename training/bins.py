@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from training.bootstrap import wilson
+from training.bootstrap import ratio_error, share_interval
 from training.fields import Field
 from training.labels import Labels
 from training.matching import Matching
@@ -29,7 +29,7 @@ class BinFigures:
     labels, found
         (b,) how many there are, and how many were found.
     recall, recall_interval
-        (b,), (2, b) with Wilson's interval of 95 %.
+        (b,), (2, b) with the 95 % interval; nan with too few positions to tell.
     precision, precision_interval
         The same of the detections in a bin; nan where that is not defined.
     detections
@@ -50,15 +50,20 @@ class BinFigures:
 
 
 def figures_of(
-    field: Field, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes
-) -> BinFigures:
-    """Recall, precision where it is defined, and mean IoU in every bin."""
+    field: Field, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
+    position: Int[np.ndarray, " n"],
+) -> BinFigures:  # fmt: skip
+    """Recall, precision where it is defined, and mean IoU in every bin; `position` is that of each image."""
     n = len(field.bins)
+    positions = int(position.max()) + 1 if len(position) else 0
 
-    def count(group: np.ndarray, among: np.ndarray) -> np.ndarray:
-        return np.bincount(group[among & (group >= 0)], minlength=n)
+    def count(group: np.ndarray, image: np.ndarray, among: np.ndarray) -> Float[np.ndarray, "positions b"]:
+        kept = among & (group >= 0)
+        cell = position[image[kept]] * n + group[kept]
+        return np.bincount(cell, minlength=positions * n).reshape(positions, n).astype(np.float64)
 
-    there, found = count(field.of_label, ~labels.crowd), count(field.of_label, seen.found)
+    there = count(field.of_label, labels.image, ~labels.crowd)
+    found = count(field.of_label, labels.image, seen.found)
     overlap = np.zeros(len(labels.label))
     overlap[seen.found] = matching.iou[matching.detection[seen.found]]
     known = field.of_label >= 0
@@ -66,20 +71,30 @@ def figures_of(
     if field.of_detection is None:
         detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
     else:
-        detections = count(field.of_detection, seen.true | seen.false)
-        true = count(field.of_detection, seen.true)
-        precision, ends = ratio(true, detections), wilson(true.astype(np.float64), detections.astype(np.float64))
+        counted = count(field.of_detection, predictions.image, seen.true | seen.false)
+        true = count(field.of_detection, predictions.image, seen.true)
+        detections = counted.sum(axis=0).astype(np.int64)
+        precision, ends = _share(true, counted)
+    recall, recall_ends = _share(found, there)
     return BinFigures(
         field=field,
-        labels=there,
-        found=found,
-        recall=ratio(found, there),
-        recall_interval=wilson(found.astype(np.float64), there.astype(np.float64)),
+        labels=there.sum(axis=0).astype(np.int64),
+        found=found.sum(axis=0).astype(np.int64),
+        recall=recall,
+        recall_interval=recall_ends,
         detections=detections,
         precision=precision,
         precision_interval=ends,
-        mean_iou=ratio(total, found),
+        mean_iou=ratio(total, found.sum(axis=0)),
     )
+
+
+def _share(
+    part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
+) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2 b"]]:
+    """A ratio of sums over positions, with its interval."""
+    value, trials = ratio(part.sum(axis=0), whole.sum(axis=0)), whole.sum(axis=0)
+    return value, share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
 
 
 def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) -> list[str]:
@@ -90,7 +105,8 @@ def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) 
     rows = []
     for one in found:
         total = float(ratio(one.found.sum(), one.labels.sum()))
-        for b in np.flatnonzero((one.labels >= enough) & (one.recall < total)):
+        told = (one.labels >= enough) & (one.recall < total) & ~np.isnan(one.recall_interval[0])
+        for b in np.flatnonzero(told):
             low, high = one.recall_interval[:, b]
             words = (
                 f"{one.field.title} {one.field.bins[b]}: {one.found[b]} of {one.labels[b]} found, recall "

@@ -1,4 +1,4 @@
-"""Everything that is to be said about the detections of one detector, and about the difference between two."""
+"""Evaluate one detector on a dataset, and compare two."""
 
 from __future__ import annotations
 
@@ -7,19 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from training.average_precision import AveragePrecision, official
+from training.average_precision import (
+    AVERAGES,
+    IOUS,
+    AveragePrecision,
+    average_precision,
+    class_mean,
+    resampled_averages,
+)
 from training.bins import BinFigures, figures_of
-from training.bootstrap import difference_intervals, figure_intervals, interval, resampled_sums
+from training.bootstrap import (
+    difference_interval,
+    figure_intervals,
+    resampled_sums,
+    resamples,
+    share_interval,
+    standard_error,
+)
 from training.fields import fields
 from training.labels import Labels
 from training.matching import Matching, Pairs, match, overlapping
-from training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_by
+from training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_at_best, sums_by
 from training.predictions import Predictions
-from training.resampled_precision import AVERAGES, IOUS, resampled_averages
 from training.tide import BACKGROUND, Errors, errors
 
 FOREGROUND = 0.5  # the IoU of AP50 and of the causes of errors, whatever that of the counts
-MOST_RESAMPLED = 100_000  # detections up to which AP gets intervals: its resampling goes through all, 2,000 times
+AP_RESAMPLES = 400  # a standard error needs no more, and each goes through all detections
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +44,8 @@ class Threshold:
     value
         Scores of at least this count.
     source
-        ``"given"``, ``"validation"`` (the best F1 on another set) or ``"test"`` (the best F1 on the set itself, which
-        flatters).
+        ``"given"``, ``"validation"`` (the best F1 on another set) or ``"test"``: the best F1 on the set itself, which
+        makes every figure at the threshold too good. Each resample then chooses its own.
     """
 
     value: float
@@ -51,16 +64,16 @@ class Evaluation:
         The operating point; its IoU is the matching's.
     matching, seen
         What became of each detection and label.
-    positions
-        How many independent positions the images show.
-    sums
-        (c, 6) `metrics.SUMS` of each class.
+    position_sums
+        (positions, c, 6) `metrics.SUMS` of each class in each position.
+    label_positions
+        (positions, c) labels of each class in each position, crowds left out.
     resampled
-        (r, c, 6) the same of every drawing of positions.
+        (r, c, 6) `metrics.SUMS` of each class in every resample of positions.
     average
-        AP and AR by pycocotools.
+        AP and AR.
     averages_resampled
-        (r, c, 3) `resampled_precision.AVERAGES` of every drawing; None beyond `MOST_RESAMPLED` detections.
+        (r, c, 3) `average_precision.AVERAGES` of every resample.
     errors
         Causes, at an IoU of 0.5.
     curves
@@ -79,30 +92,37 @@ class Evaluation:
     threshold: Threshold
     matching: Matching
     seen: Outcomes
-    positions: int
-    sums: Float[np.ndarray, "c 6"]
+    position_sums: Float[np.ndarray, "positions c 6"]
+    label_positions: Int[np.ndarray, "positions c"]
     resampled: Float[np.ndarray, "r c 6"]
     average: AveragePrecision
-    averages_resampled: Float[np.ndarray, "r c 3"] | None
+    averages_resampled: Float[np.ndarray, "r c 3"]
     errors: Errors
     curves: Curves
     class_curves: tuple[Curves, ...]
     confusion: Int[np.ndarray, "k k"]
     bins: list[BinFigures]
 
-    def intervals(self) -> dict[str, Float[np.ndarray, "2"]]:
-        """Of all figures, over all classes."""
-        found = figure_intervals(self.resampled.sum(axis=1))
-        if self.averages_resampled is not None:
-            found |= _named(interval(_mean(self.averages_resampled)))
-        return found
+    @property
+    def positions(self) -> int:
+        """How many independent positions the images show."""
+        return len(self.position_sums)
 
-    def class_intervals(self, label: int) -> dict[str, Float[np.ndarray, "2"]]:
-        """Of all figures of one class."""
-        found = figure_intervals(self.resampled[:, label])
-        if self.averages_resampled is not None:
-            found |= _named(interval(self.averages_resampled[:, label]))
-        return found
+    @property
+    def sums(self) -> Float[np.ndarray, "c 6"]:
+        """`metrics.SUMS` of each class."""
+        return self.position_sums.sum(axis=0)
+
+    def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
+        """Of all figures, over all classes or of one."""
+        one = slice(None) if label is None else slice(label, label + 1)
+        found = figure_intervals(self.position_sums[:, one].sum(axis=1), self.resampled[:, one].sum(axis=1))
+        average, labels = self.average, self.label_positions[:, one].sum(axis=1)
+        value = [average.summary[key] if label is None else getattr(average, key)[label] for key in AVERAGES]
+        positions = int((labels > 0).sum())
+        error = standard_error(class_mean(self.averages_resampled[:, one]), positions)
+        ends = share_interval(value, error, freedom=positions - 1, trials=labels.sum())
+        return found | {key: ends[:, k] for k, key in enumerate(AVERAGES)}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,15 +162,25 @@ def evaluate(labels: Labels, predictions: Predictions, *, threshold: Threshold, 
     seen = outcomes(labels, predictions, matching, threshold.value)
     position = labels.positions()
     positions = int(position.max()) + 1 if len(position) else 0
-    sums = sums_by(
+    of_label = position[labels.image] * classes + labels.label
+    position_sums = sums_by(
         labels,
         predictions,
         matching,
         seen,
         of_detection=position[predictions.image] * classes + predictions.label,
-        of_label=position[labels.image] * classes + labels.label,
+        of_label=of_label,
         groups=positions * classes,
     ).reshape(positions, classes, 6)
+    label_positions = np.bincount(of_label[~labels.crowd], minlength=positions * classes).reshape(positions, classes)
+    if threshold.source == "test" and positions:
+        chosen = [
+            sums_at_best(labels, predictions, matching, position=position, weights=weights)
+            for weights in resamples(positions)
+        ]
+        resampled = np.concatenate(chosen)
+    else:
+        resampled = resampled_sums(position_sums)
     return Evaluation(
         labels=labels,
         predictions=predictions,
@@ -158,16 +188,19 @@ def evaluate(labels: Labels, predictions: Predictions, *, threshold: Threshold, 
         threshold=threshold,
         matching=matching,
         seen=seen,
-        positions=positions,
-        sums=sums.sum(axis=0),
-        resampled=resampled_sums(sums),
-        average=official(labels, predictions),
+        position_sums=position_sums,
+        label_positions=label_positions,
+        resampled=resampled,
+        average=average_precision(labels, predictions),
         averages_resampled=_averages(labels, predictions, pairs, position),
         errors=errors(labels, predictions, pairs, at_half),
         curves=curves(labels, predictions, matching),
         class_curves=tuple(curves(labels, predictions, matching, label=c) for c in range(classes)),
         confusion=confusion(labels, predictions, pairs, matching, seen),
-        bins=[figures_of(field, labels, predictions, matching, seen) for field in fields(labels, predictions)],
+        bins=[
+            figures_of(field, labels, predictions, matching, seen, position=position)
+            for field in fields(labels, predictions)
+        ],
     )
 
 
@@ -187,33 +220,33 @@ def compare(first: Evaluation, second: Evaluation) -> Comparison:
     """
     if first.labels is not second.labels:
         raise ValueError(f"second: expected an evaluation on {first.labels.path}, got {second.labels.path}")
+    positions = int((first.label_positions.sum(axis=1) > 0).sum())
+    labels = int(first.label_positions.sum())
+    value, error = {}, {}
     before, after = (figures(one.sums.sum(axis=0)) for one in (first, second))
-    difference = {key: float(after[key] - before[key]) for key in before}
-    ends = difference_intervals(first.resampled.sum(axis=1), second.resampled.sum(axis=1))
-    difference |= {key: second.average.summary[key] - first.average.summary[key] for key in AVERAGES}
-    if first.averages_resampled is not None and second.averages_resampled is not None:
-        ends |= _named(interval(_mean(second.averages_resampled) - _mean(first.averages_resampled)))
-    return Comparison(first.predictions.name, second.predictions.name, difference, ends)
+    again = [figures(one.resampled.sum(axis=1)) for one in (first, second)]
+    for key in before:
+        value[key] = float(after[key] - before[key])
+        error[key] = standard_error(again[1][key] - again[0][key], positions)
+    averages = standard_error(class_mean(second.averages_resampled) - class_mean(first.averages_resampled), positions)
+    for k, key in enumerate(AVERAGES):
+        value[key] = second.average.summary[key] - first.average.summary[key]
+        error[key] = averages[k]
+    ends = {key: difference_interval(value[key], error[key], freedom=positions - 1, labels=labels) for key in value}
+    return Comparison(first.predictions.name, second.predictions.name, value, ends)
 
 
 def _averages(
     labels: Labels, predictions: Predictions, pairs: Pairs, position: Int[np.ndarray, " n"]
-) -> Float[np.ndarray, "r c 3"] | None:
-    """AP, AP50 and AP75 of every drawing of positions."""
-    if len(predictions.score) > MOST_RESAMPLED:
-        return None
+) -> Float[np.ndarray, "r c 3"]:
+    """AP, AP50 and AP75 of every resample of positions."""
+    positions = int(position.max()) + 1 if len(position) else 0
+    if not positions:
+        return np.full((AP_RESAMPLES, len(predictions.class_names), len(AVERAGES)), np.nan)
     among = pairs.where(pairs.iou >= IOUS[0])
     matchings = [match(labels, predictions, among, iou=iou) for iou in IOUS]
-    return resampled_averages(labels, predictions, matchings, position)
-
-
-def _mean(each: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r 3"]:
-    """The mean over classes that have labels, as COCO takes it; nan where none has."""
-    known = ~np.isnan(each)
-    counts = known.sum(axis=1)
-    total = np.where(known, each, 0.0).sum(axis=1)
-    return np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
-
-
-def _named(ends: Float[np.ndarray, "2 3"]) -> dict[str, Float[np.ndarray, "2"]]:
-    return {key: ends[:, k] for k, key in enumerate(AVERAGES)}
+    parts = [
+        resampled_averages(labels, predictions, matchings, position=position, weights=weights)
+        for weights in resamples(positions, times=AP_RESAMPLES)
+    ]
+    return np.concatenate(parts)

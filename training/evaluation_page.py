@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dataset.page import chart, charts, folded, gallery, items, link, page, section, table, words
-from training.bootstrap import RESAMPLES
+from training.average_precision import AVERAGES
 from training.cases import MOST, Cases, facets
 from training.evaluate import Comparison, Evaluation
 from training.evaluation_charts import differences, losses, over_thresholds, precision_recall, recall_bins
@@ -80,7 +80,8 @@ def comparison_page(
     """The page about several files of detections of one dataset; `folders` is where each one's own page is."""
     first = evaluations[0]
     rows = [
-        [title, *(_with_interval(one["overall"], key) for one in reports.values())] for key, title in FIGURES.items()
+        [_title(key, *reports.values()), *(_with_interval(one["overall"], key) for one in reports.values())]
+        for key in FIGURES
     ]
     changes = [
         [f"{FIGURES[key]}: {one.second} minus {one.first}", _signed(one.difference[key]), _change(one, key)]
@@ -119,15 +120,15 @@ def operating_point(one: Evaluation) -> list[str]:
 
 def _figures(report: Mapping[str, Any]) -> str:
     columns = {"all classes": report["overall"], **report["per_class"]}
-    rows = [[title, *(_with_interval(one, key) for one in columns.values())] for key, title in FIGURES.items()]
+    rows = [[_title(key, report), *(_with_interval(one, key) for one in columns.values())] for key in FIGURES]
     return table(["", *columns], rows)
 
 
 def _sure(one: Evaluation) -> str:
     apart = "one an image" if one.positions == len(one.labels.images) else "shots of one place are drawn together"
     return (
-        f"In brackets: 95 % intervals by {RESAMPLES:,} drawings of the {one.positions} positions ({apart}). They hold "
-        "what another test set of this size and kind would give, not what another training would."
+        f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They hold what another "
+        "test set of this size and kind would give, not what another training would."
     )
 
 
@@ -177,8 +178,8 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
         if told
         else words("No bin with ten labels or more lies below the whole."),
         words(
-            "Whiskers are Wilson's 95 % intervals, which take labels for independent; the dashed line is the recall of "
-            "all. A click on a bin's name in a table shows its thumbnails."
+            "Whiskers are 95 % intervals; a bin seen in fewer than five positions has none. The dashed line is the "
+            "recall of all. A click on a bin's name in a table shows its thumbnails."
         ),
         charts(
             *(
@@ -218,13 +219,21 @@ def _looks(one: Evaluation, looks: Cases) -> list[str]:
     return [*parts, gallery(looks.tiles(), facets(one)) if looks.cases else words("There is nothing to show.")]
 
 
+def _title(key: str, *reports: Mapping[str, Any]) -> str:
+    """What a figure is called; it carries its own warning where the threshold was chosen on the set itself."""
+    chosen = key not in AVERAGES and any(one["threshold_source"] == "test" for one in reports)
+    return f"{FIGURES[key]}, at a threshold chosen on this set" if chosen else FIGURES[key]
+
+
 def _with_interval(record: Mapping[str, Any], key: str) -> str:
     return _ranged(record[key], record["intervals"].get(key))
 
 
 def _ranged(value: float | int | None, ends: Sequence[float | None] | None) -> str:
-    if ends is None or None in ends or value is None:
+    if ends is None or value is None:
         return _number(value)
+    if None in ends:
+        return f"{_number(value)} (too few positions to tell)"
     return f"{_number(value)} ({_number(ends[0])} to {_number(ends[1])})"
 
 

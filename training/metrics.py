@@ -19,6 +19,7 @@ from training.predictions import Predictions
 
 SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # what adds up over images
 FIGURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
+SHARES = ("precision", "recall", "f1")  # those of what is counted; the others are means
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,16 +107,15 @@ def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, 
     >>> [round(100 * float(found[key]), 1) for key in ("precision", "recall", "f1")]
     [93.4, 63.8, 75.8]
     """
-    tp, fp, fn, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
-    return {
-        "precision": ratio(tp, tp + fp),
-        "recall": ratio(tp, tp + fn),
-        "f1": ratio(2.0 * tp, 2.0 * tp + fp + fn),
-        "mean_iou": ratio(iou, tp),
-        "mean_confidence": ratio(sure_tp + sure_fp, tp + fp),
-        "mean_confidence_tp": ratio(sure_tp, tp),
-        "mean_confidence_fp": ratio(sure_fp, fp),
-    }
+    tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
+    parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
+    return {key: ratio(part, whole) for part, (key, whole) in zip(parts, denominators(sums).items(), strict=True)}
+
+
+def denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
+    """What each of `FIGURES` is a share or a mean of."""
+    tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
+    return dict(zip(FIGURES, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp), strict=True))
 
 
 def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
@@ -185,3 +185,45 @@ def confusion(
     ]
     cells = np.concatenate(rows) * (classes + 1) + np.concatenate(columns)
     return np.bincount(cells, minlength=(classes + 1) ** 2).reshape(classes + 1, classes + 1)
+
+
+def sums_at_best(
+    labels: Labels,
+    predictions: Predictions,
+    matching: Matching,
+    *,
+    position: Int[np.ndarray, " n"],
+    weights: Float[np.ndarray, "r positions"],
+) -> Float[np.ndarray, "r c 6"]:
+    """`SUMS` of each class in each resample of positions, at the threshold of the best F1 in that resample.
+
+    Parameters
+    ----------
+    labels, predictions, matching
+        What was found, whatever its score.
+    position
+        (n,) of each image.
+    weights
+        How often each position is in each resample.
+    """
+    classes = len(predictions.class_names)
+    rows = np.flatnonzero(~matching.ignored)
+    rows = rows[np.argsort(-predictions.score[rows], kind="stable")]
+    score, label, true = predictions.score[rows], predictions.label[rows], matching.box[rows] >= 0
+    last = np.flatnonzero(np.append(score[1:] != score[:-1], True)[: len(rows)])  # of each threshold
+    iou, where = np.where(true, matching.iou[rows], 0.0), position[predictions.image[rows]]
+    wanted = np.flatnonzero(~labels.crowd)
+    result = np.zeros((len(weights), classes, len(SUMS)))
+    for k, weight in enumerate(weights):
+        per_class = np.bincount(labels.label[wanted], weights=weight[position[labels.image[wanted]]], minlength=classes)
+        counts = weight[where]
+        if len(last):
+            f1 = ratio(2.0 * np.cumsum(counts * true)[last], np.cumsum(counts)[last] + per_class.sum())
+            best = last[np.argmax(np.nan_to_num(f1))] + 1
+            right, wrong = (counts * true)[:best], (counts * ~true)[:best]
+            columns = (right, wrong, None, right * iou[:best], right * score[:best], wrong * score[:best])
+            for column, values in enumerate(columns):
+                if values is not None:
+                    result[k, :, column] = np.bincount(label[:best], weights=values, minlength=classes)
+        result[k, :, 2] = per_class - result[k, :, 0]
+    return result

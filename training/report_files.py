@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from training.average_precision import AVERAGES
 from training.bins import BinFigures, worst
 from training.evaluate import Comparison, Evaluation
 from training.metrics import FIGURES, figures
-from training.resampled_precision import AVERAGES
 from training.tide import CAUSES
 
 DIGITS = 6
 COUNTS = ("tp", "fp", "fn")
-COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "iou")
+COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 CURVE_POINTS = 200
 
 
@@ -44,7 +44,7 @@ def report(one: Evaluation) -> dict[str, Any]:
         "per_class": {
             name: {
                 **_record(one, one.sums[c], {key: getattr(one.average, key)[c] for key in AVERAGES}),
-                "intervals": plain(one.class_intervals(c)),
+                "intervals": plain(one.intervals(c)),
             }
             for c, name in enumerate(names)
         },
@@ -110,6 +110,7 @@ def _record(one: Evaluation, sums: Float[np.ndarray, "6"], averages: Mapping[str
         **plain(figures(sums)),
         **plain(dict(averages)),
         "threshold": one.threshold.value,
+        "threshold_source": one.threshold.source,
         "iou": one.matching.iou_threshold,
     }
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from training.average_precision import at_one_iou
+from training.average_precision import weighted_averages
 from training.labels import Labels
 from training.matching import Matching, Pairs
 from training.predictions import Predictions
@@ -159,6 +159,7 @@ def mean_ap(
     order = order[counted[order]]
     each = []
     for c in np.flatnonzero(wanted > 0 if classes is None else classes):
-        mine = true[order][label[order] == c]
-        each.append(at_one_iou(mine, float(wanted[c])) if wanted[c] > 0 else float(mine.all()))
+        right = true[order][label[order] == c][None]
+        once, labels = np.ones(right.shape), np.array([float(wanted[c])])
+        each.append(weighted_averages(right, once > 0, once, labels)[0, 0] if wanted[c] > 0 else float(right.all()))
     return float(np.mean(each)) if each else float("nan")

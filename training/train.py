@@ -31,7 +31,7 @@ from training.run_folder import RunFolder, opened
 from training.settings import Settings
 from training.small import SmallDetector, SmallModule, save_small, small_size
 from training.sources import Source, check_pictures, read_sources
-from training.validate import average_precision
+from training.validate import validation_figures
 
 Judge: TypeAlias = Callable[[Detector], Mapping[str, float]]  # AP, AP50 and AP75 of a detector
 # The detector, what its weights file holds, the rows of metrics.csv and those of validation.csv but the last.
@@ -127,7 +127,7 @@ def train(
         with quiet():
             fitted = (_fit_small if small else _fit_detr)(
                 settings, classes, examples, folder, weights=weights, device=chosen, checkpoint_every=checkpoint_every,
-                judge=partial(average_precision, source=held_back[0]) if held_back else None,
+                judge=partial(validation_figures, source=held_back[0]) if held_back else None,
                 workers=_workers() if workers is None else workers, progress=partial(progress, "training"), say=say,
             )  # fmt: skip
         detector, saved, rows, validated = fitted
@@ -135,7 +135,7 @@ def train(
             torch.save(saved, file)
         run["figures"] = _figures(rows, settings, time.monotonic() - started)
         if held_back:
-            found = average_precision(detector, held_back[0], progress=partial(progress, "validating"))
+            found = validation_figures(detector, held_back[0], progress=partial(progress, "validating"))
             run["figures"]["valid"] = found
             validated = [*validated, [rows[-1][0], found["ap"], found["ap50"], found["ap75"]]]
         folder.write_metrics(rows, validated)

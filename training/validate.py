@@ -1,26 +1,25 @@
-"""Average precision of a detector on a dataset, by pycocotools: a figure for the report, which decides nothing."""
+"""Average precision of a detector on a dataset during training: a figure for the report that decides nothing."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Callable
 
 import numpy as np
-from pycocotools.coco import COCO
-from pycocotools.cocoeval import COCOeval
 
 from dataset.picture_files import read_pixels
+from training.average_precision import AVERAGES, average_precision
 from training.detector import Detector
+from training.labels import Labels
+from training.predictions import Predictions
 from training.sources import Source
 
 BATCH = 8
 
 
-def average_precision(
+def validation_figures(
     detector: Detector, source: Source, *, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> dict[str, float]:
-    """``ap`` (IoU 0.5 to 0.95), ``ap50`` and ``ap75`` over all classes, as COCO defines them.
+    """`AVERAGES` of a detector over all classes; 0 where nothing is defined.
 
     Parameters
     ----------
@@ -31,39 +30,38 @@ def average_precision(
     progress
         Told (pictures done, all).
     """
-    results = []
+    found = []
     for start in range(0, len(source), BATCH):
         indices = range(start, min(start + BATCH, len(source)))
         pictures = [
             read_pixels(source.folder / source.file_names[i], (int(source.sizes[i, 0]), int(source.sizes[i, 1])))
             for i in indices
         ]
-        for i, found in zip(indices, detector.detect(pictures), strict=True):
-            results += [
-                {"image_id": i + 1, "category_id": int(label) + 1, "bbox": xywh.tolist(), "score": float(score)}
-                for xywh, score, label in zip(found.xywh, found.score, found.label, strict=True)
-            ]
+        found += detector.detect(pictures)
         progress(indices.stop, len(source))
-    if not results:
-        return {"ap": 0.0, "ap50": 0.0, "ap75": 0.0}
-    truth = COCO()
-    owner = np.repeat(np.arange(len(source)), np.diff(source.starts))
-    truth.dataset = {
-        "info": {},
-        "images": [{"id": i + 1} for i in range(len(source))],
-        "categories": [{"id": i + 1, "name": name} for i, name in enumerate(detector.classes)],
-        "annotations": [
-            {
-                "id": k + 1, "image_id": int(i) + 1, "category_id": int(label) + 1, "bbox": xywh.tolist(),
-                "area": float(xywh[2] * xywh[3]), "iscrowd": 0,
-            }
-            for k, (i, label, xywh) in enumerate(zip(owner, source.label, source.xywh, strict=True))
-        ],
-    }  # fmt: skip
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
-        truth.createIndex()
-        evaluation = COCOeval(truth, truth.loadRes(results), "bbox")
-        evaluation.evaluate()
-        evaluation.accumulate()
-        evaluation.summarize()
-    return {key: float(value) for key, value in zip(("ap", "ap50", "ap75"), evaluation.stats, strict=False)}
+    ids = np.arange(1, len(detector.classes) + 1)
+    labels = Labels(
+        path=source.folder,
+        folder=source.folder,
+        image_id=np.arange(len(source)),
+        class_id=ids,
+        class_names=detector.classes,
+        image=np.repeat(np.arange(len(source)), np.diff(source.starts)),
+        label=source.label,
+        xywh=source.xywh,
+        area=source.xywh[:, 2] * source.xywh[:, 3],
+        crowd=np.zeros(len(source.label), dtype=bool),
+        images=[{}] * len(source),
+        annotations=[{}] * len(source.label),
+    )
+    predictions = Predictions(
+        name="validation",
+        class_id=ids,
+        class_names=detector.classes,
+        image=np.repeat(np.arange(len(source)), [len(one.score) for one in found]),
+        label=np.concatenate([one.label for one in found]),
+        xywh=np.concatenate([one.xywh for one in found]),
+        score=np.concatenate([one.score for one in found]),
+    )
+    summary = average_precision(labels, predictions).summary
+    return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}

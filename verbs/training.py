@@ -99,7 +99,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         print_json(found)
     for name, one in found.get("runs", {found.get("predictions"): found}).items():
         figures = (f"{key} {_figure(one['overall'][key])}" for key in ("precision", "recall", "f1", "ap50"))
-        say(f"{name}: {', '.join(figures)}")
+        chosen = " (threshold chosen on this very set)" if one["threshold_source"] == "test" else ""
+        say(f"{name}: {', '.join(figures)}{chosen}")
     say(f"look at {arguments.output / 'report.html'}")
     return DONE
 

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from training.bootstrap import interval, resampled_sums
+from training.average_precision import AVERAGES, class_mean
+from training.bootstrap import combined_error, difference_interval, ratio_error, share_interval, standard_error
 from training.evaluate import Evaluation
-from training.metrics import SUMS, figures, ratio
-from training.resampled_precision import AVERAGES
+from training.metrics import SHARES, SUMS, figures, ratio
 from training.study.config import Arm
 from training.study.manifest import PlannedRun
 
@@ -43,7 +44,7 @@ class Judged:
     values
         Each of `COUNTS` and `MEASURES`.
     resampled
-        Measure -> (r,) of every drawing of test pictures; what has no drawings is missing.
+        Measure -> (r,) of every resample of the test positions.
     """
 
     run: PlannedRun
@@ -102,13 +103,12 @@ def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
     """A run with its figures."""
     sums = evaluation.sums.sum(axis=0)
     resampled = dict(figures(evaluation.resampled.sum(axis=1)))
-    if evaluation.averages_resampled is not None:
-        for k, key in enumerate(AVERAGES):
-            resampled[key] = _mean_over_classes(evaluation.averages_resampled[:, :, k])
+    averages = class_mean(evaluation.averages_resampled)
+    resampled |= {key: averages[:, k] for k, key in enumerate(AVERAGES)}
     values = {key: float(sums[SUMS.index(key)]) for key in COUNTS}
     values |= {key: float(value) for key, value in figures(sums).items() if key in MEASURES}
     values |= {key: float(evaluation.average.summary[key]) for key in ("ap50", "ap")}
-    return Judged(run, evaluation, values, {key: resampled[key] for key in MEASURES if key in resampled})
+    return Judged(run, evaluation, values, {key: resampled[key] for key in MEASURES})
 
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
@@ -127,27 +127,19 @@ def mean(cell: Cell, measure: str) -> float:
     return float(np.mean([one.values[measure] for one in cell.judged.values()]))
 
 
-def drawings(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"] | None:
-    """The mean over seeds that are drawn again, of every drawing of test pictures; None where there are none.
-
-    Parameters
-    ----------
-    cell, measure
-        Of what.
-    seeds
-        Those to draw from; two cells with the same seeds get the same drawings.
-    """
-    if any(measure not in cell.judged[seed].resampled for seed in seeds):
-        return None
-    each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
-    drawn = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
-    return each[drawn, np.arange(each.shape[1])].mean(axis=0)
+def resampled_means(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
+    """A measure in every resample of the test positions, the mean over some seeds."""
+    return np.mean([cell.judged[seed].resampled[measure] for seed in seeds], axis=0)
 
 
 def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
-    """The interval of a measure; nan where there is none."""
-    found = drawings(cell, measure, sorted(cell.judged))
-    return np.full(2, np.nan) if found is None else interval(found)
+    """The interval of a measure: what another test set and, with several seeds, other trainings would give."""
+    seeds = sorted(cell.judged)
+    values = np.array([cell.judged[seed].values[measure] for seed in seeds])
+    positions, labels = _test_size(cell)
+    error, freedom = _errors(resampled_means(cell, measure, seeds), values, positions)
+    trials = labels if measure in (*SHARES, *AVERAGES) else np.inf
+    return share_interval(values.mean(), error, freedom=freedom, trials=trials)
 
 
 def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
@@ -155,10 +147,28 @@ def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
     seeds = sorted(set(first.judged) & set(second.judged))
     if not seeds:
         return None
-    value = float(np.mean([second.judged[s].values[measure] - first.judged[s].values[measure] for s in seeds]))
-    before, after = (drawings(cell, measure, seeds) for cell in (first, second))
-    ends = np.full(2, np.nan) if before is None or after is None else interval(after - before)
-    return Difference(value, ends)
+    values = np.array([second.judged[s].values[measure] - first.judged[s].values[measure] for s in seeds])
+    positions, labels = _test_size(first)
+    again = resampled_means(second, measure, seeds) - resampled_means(first, measure, seeds)
+    error, freedom = _errors(again, values, positions)
+    return Difference(float(values.mean()), difference_interval(values.mean(), error, freedom=freedom, labels=labels))
+
+
+def _test_size(cell: Cell) -> tuple[int, int]:
+    """Positions with labels, and labels, of the test pictures."""
+    labels = next(iter(cell.judged.values())).evaluation.label_positions.sum(axis=1)
+    return int((labels > 0).sum()), int(labels.sum())
+
+
+def _errors(again: Float[np.ndarray, " r"], values: Float[np.ndarray, " seeds"], positions: int) -> tuple[Any, Any]:
+    """Standard error and degrees of freedom of a mean over seeds, from resampled test positions and from the seeds."""
+    several = len(values) > 1
+    return combined_error(
+        standard_error(again, positions),
+        values.std(ddof=1) / np.sqrt(len(values)) if several else 0.0,
+        test_freedom=positions - 1,
+        seed_freedom=len(values) - 1,
+    )
 
 
 def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
@@ -202,12 +212,15 @@ class Worth:
 
 
 def worth(real: Sequence[Cell], cell: Cell, measure: str) -> Worth | None:
-    """What a cell's synthetic images are worth in photographs; None where too little is known.
+    """What a cell's synthetic images are worth in photographs; None where no difference shows that.
+
+    Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
+    must be shown to differ from the real arm with as many photographs, and the interval of its worth must not hold 0.
 
     Parameters
     ----------
     real
-        The cells of the real arm, at least two.
+        The cells of the real arm.
     cell
         Of an arm with synthetic images.
     measure
@@ -215,18 +228,33 @@ def worth(real: Sequence[Cell], cell: Cell, measure: str) -> Worth | None:
     """
     seeds = sorted(set(cell.judged).intersection(*(set(one.judged) for one in real)))
     ordered = sorted(real, key=lambda one: one.photographs)
-    curves = [drawings(one, measure, seeds) for one in (*ordered, cell)] if len(real) > 1 and seeds else [None]
-    known = [curve for curve in curves if curve is not None]
-    if len(known) < len(curves):
+    if len(ordered) < 2 or not seeds:
+        return None
+    helps = difference(ordered[0], ordered[-1], measure)
+    same = next((one for one in ordered if one.fraction == cell.fraction), None)
+    against = None if same is None else difference(same, cell, measure)
+    if (
+        helps is None
+        or not helps.ends[0] > 0.0
+        or (cell.fraction is not None and (against is None or not against.shown))
+    ):
         return None
     counts = np.array([one.photographs for one in ordered])
     values = np.array([[np.mean([one.judged[s].values[measure] for s in seeds])] for one in (*ordered, cell)])
     own = cell.photographs if cell.fraction is not None else 0.0
     at = needed(counts, values[:-1], values[-1])[0] - own
-    of_drawings = needed(counts, np.stack(known[:-1]), known[-1]) - own
-    # Where a drawing needs more than there are, it is infinite: ends are drawings themselves, never between two.
-    ends = np.quantile(of_drawings, [0.025, 0.975], method="inverted_cdf")
-    return Worth(cell, measure, float(at), ends, float(counts[-1] - own))
+    again = np.stack([_with_seeds(one, measure, seeds) for one in (*ordered, cell)])
+    in_resamples = needed(counts, again[:-1], again[-1]) - own
+    # Where a resample needs more than there are, it is infinite: ends are resamples themselves, never between two.
+    ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
+    return Worth(cell, measure, float(at), ends, float(counts[-1] - own)) if ends[0] > 0.0 or ends[1] < 0.0 else None
+
+
+def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
+    """A measure in every resample of test positions and of seeds; cells with the same seeds have the same resamples."""
+    each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
+    drawn = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
+    return each[drawn, np.arange(each.shape[1])].mean(axis=0)
 
 
 def needed(
@@ -303,8 +331,10 @@ def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
         sums = np.stack(
             [np.bincount(cell_of, weights=weight, minlength=size) for weight in (*hits, np.ones(len(cell_of)))], axis=1
         ).reshape(evaluation.positions, len(field.bins), 3)
-        again, total = resampled_sums(sums), sums.sum(axis=0)
-        change = interval(ratio(again[:, :, 1] - again[:, :, 0], again[:, :, 2]))
+        total = sums.sum(axis=0)
+        gained = sums[:, :, 1] - sums[:, :, 0]
+        value, there = ratio(gained.sum(axis=0), total[:, 2]), (sums[:, :, 2] > 0).sum(axis=0)
+        change = difference_interval(value, ratio_error(gained, sums[:, :, 2]), freedom=there - 1, labels=total[:, 2])
         recalls = ratio(total[:, :2], total[:, 2:])
         found += [
             BinDifference(
@@ -315,9 +345,3 @@ def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
             if total[b, 2] > 0
         ]  # fmt: skip
     return found
-
-
-def _mean_over_classes(each: Float[np.ndarray, "r c"]) -> Float[np.ndarray, " r"]:
-    """As COCO takes it: over the classes that have labels; nan where none has."""
-    known = ~np.isnan(each)
-    return ratio(np.where(known, each, 0.0).sum(axis=1), known.sum(axis=1))

@@ -40,8 +40,8 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
         return f"{second.name} minus {first.name}: {title} is not defined, where nothing was detected."
     if np.isnan(found.ends).any():
         return (
-            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, without an interval: nothing says how sure "
-            "that is."
+            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions to tell how "
+            "sure that is."
         )
     ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
     if found.shown:
@@ -56,6 +56,8 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
 def worth_words(found: Worth) -> str:
     """What synthetic images are worth in photographs."""
     name, title = found.cell.name, TITLES[found.measure]
+    if np.isinf(found.images) and found.most <= 0:
+        return f"By {title} {name} is better than all photographs alone: what that is worth is open above."
     if np.isinf(found.images):
         much = f"more than the {found.most:.0f} further photographs that there are"
     elif found.images < 0:
@@ -87,12 +89,9 @@ def sureness(seeds: int, images: int, compared: int) -> str:
     trainings = (
         "There is one seed only, so that they say nothing of what another training would give."
         if seeds == 1
-        else f"The {seeds} seeds are drawn again too, as far as so few say what another training would give."
+        else f"How far the {seeds} seeds differ is in them too."
     )
-    told = (
-        f"Intervals are the middle 95 % of 2,000 drawings of the positions that the {images} test pictures show. "
-        f"{trainings}"
-    )
+    told = f"Intervals are of 95 %, from resampling the positions that the {images} test pictures show. {trainings}"
     if not compared:
         return told
     return (

@@ -1,0 +1,136 @@
+"""How often 95 % intervals hold the truth, by simulation; `python -m tests.test_coverage` prints the table of the docs."""
+
+import numpy as np
+import pytest
+
+from training.average_precision import weighted_averages
+from training.bootstrap import difference_interval, figure_intervals, resampled_sums, share_interval, standard_error
+from training.metrics import figures
+
+POSITIONS = (5, 10, 20, 60, 200)
+TIMES = 300  # resamples
+SHOTS = 1.0  # labels of a position beyond the first, on average
+# Recall, how much shots of a position agree, false alarms in a position.
+SCENES = ((0.5, 0.0, 0.3), (0.5, 0.3, 0.3), (0.8, 0.3, 0.3), (0.95, 0.0, 0.3), (0.95, 0.3, 0.3))
+# Recall, agreement, and how many misses become finds and finds misses.
+CHANGES = ((0.7, 0.3, 0.05, 0.02), (0.7, 0.0, 0.1, 0.0), (0.8, 0.3, 0.2, 0.1), (0.9, 0.3, 0.1, 0.02))
+
+
+def found_in(rng, labels, recall, agreement):
+    if agreement == 0.0:
+        return rng.binomial(labels, recall)
+    each = 1.0 / agreement - 1.0
+    return rng.binomial(labels, rng.beta(recall * each, (1.0 - recall) * each, labels.shape))
+
+
+def sums_of(rng, labels, tp, fp):
+    iou = 0.8 * tp + np.sqrt(tp) * rng.normal(0.0, 0.08, tp.shape) + tp * rng.normal(0.0, 0.03, tp.shape)
+    return np.stack([tp, fp, labels - tp, iou, 0.7 * tp, 0.4 * fp], axis=-1).astype(float)
+
+
+def percentile(resampled):
+    return np.nanquantile(resampled, [0.025, 0.975])
+
+
+def of_figures(n, simulations):
+    """(figure, scene) shares of intervals that hold the truth: ours, and percentiles beside them."""
+    rng = np.random.default_rng([n, 0])
+    held, known = np.zeros((2, 4, len(SCENES))), np.zeros((4, len(SCENES)))
+    for s, (recall, agreement, alarms) in enumerate(SCENES):
+        per = 1.0 + SHOTS
+        truth = figures(np.array([per * recall, alarms, per * (1 - recall), 0.8 * per * recall, 0, 0]))
+        for _ in range(simulations):
+            labels = 1 + rng.poisson(SHOTS, n)
+            sums = sums_of(rng, labels, found_in(rng, labels, recall, agreement), rng.poisson(alarms, n))
+            again = resampled_sums(sums, times=TIMES)
+            ends, drawn = figure_intervals(sums, again), figures(again)
+            for k, key in enumerate(("recall", "precision", "f1", "mean_iou")):
+                if not np.isnan(ends[key]).any():
+                    known[k, s] += 1
+                    for way, (low, high) in enumerate((ends[key], percentile(drawn[key]))):
+                        held[way, k, s] += low <= truth[key] <= high
+    return held / np.maximum(known, 1)
+
+
+def of_differences(n, simulations):
+    """The same of the difference of recall of two detectors."""
+    rng = np.random.default_rng([n, 1])
+    held = np.zeros((2, len(CHANGES)))
+    for s, (recall, agreement, gain, loss) in enumerate(CHANGES):
+        truth = (1.0 - recall) * gain - recall * loss
+        for _ in range(simulations):
+            labels = 1 + rng.poisson(SHOTS, n)
+            before = found_in(rng, labels, recall, agreement)
+            after = before + rng.binomial(labels - before, gain) - rng.binomial(before, loss)
+            total = labels.sum()
+            again = resampled_sums(np.stack([after - before, labels], axis=1).astype(float), times=TIMES)
+            drawn = again[:, 0] / again[:, 1]
+            value, error = (after - before).sum() / total, standard_error(drawn, n)
+            ends = difference_interval(value, error, freedom=n - 1, labels=total)
+            for way, (low, high) in enumerate((ends, percentile(drawn))):
+                held[way, s] += low <= truth <= high
+    return held / simulations
+
+
+def ranked(rng, n, scene):
+    """Labels of each position, and for each detection, by falling score, whether it is true and its position."""
+    recall, agreement, alarms = scene
+    labels = 1 + rng.poisson(SHOTS, n)
+    tp, fp = found_in(rng, labels, recall, agreement), rng.poisson(2 * alarms, n)
+    score = np.concatenate([rng.beta(4, 2, tp.sum()), rng.beta(2, 4, fp.sum())])
+    true = np.repeat([True, False], [tp.sum(), fp.sum()])
+    position = np.concatenate([np.repeat(np.arange(n), tp), np.repeat(np.arange(n), fp)])
+    order = np.argsort(-score)
+    return labels, true[order], position[order]
+
+
+def ap50(labels, true, position, weights):
+    once = np.ones((1, len(true)), dtype=bool)
+    return weighted_averages(true[None], once, weights[:, position], weights @ labels)[:, 0]
+
+
+def of_ap50(n, simulations):
+    """The same of AP50 of one class."""
+    rng = np.random.default_rng([n, 2])
+    held = np.zeros((2, len(SCENES)))
+    for s, scene in enumerate(SCENES):
+        truth = ap50(*ranked(rng, 30_000, scene), np.ones((1, 30_000)))[0]
+        for k in range(simulations):
+            labels, true, position = ranked(rng, n, scene)
+            drawn = np.random.default_rng(k).multinomial(n, np.ones(n) / n, size=TIMES)
+            value, *again = ap50(labels, true, position, np.concatenate([np.ones((1, n)), drawn]))
+            error = standard_error(np.array(again), n)
+            ends = share_interval(value, error, freedom=n - 1, trials=labels.sum())
+            for way, (low, high) in enumerate((ends, percentile(np.array(again)))):
+                held[way, s] += low <= truth <= high
+    return held / simulations
+
+
+def lowest(n, simulations):
+    """Of each figure the share in the scene that it is lowest in: of our intervals, and of percentiles."""
+    single, paired, average = of_figures(n, simulations), of_differences(n, simulations), of_ap50(n, simulations // 4)
+    return [
+        (*single[way].min(axis=1).tolist(), float(average[way].min()), float(paired[way].min())) for way in (0, 1)
+    ]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n", POSITIONS)
+def test_intervals_hold_the_truth_about_as_often_as_they_say(n):
+    """A share of 400 that is 0.95 in truth is seldom below 0.91."""
+    assert min(lowest(n, 400)[0]) > 0.91
+
+
+@pytest.mark.parametrize("n", [5, 20])
+def test_a_small_simulation_shows_what_percentiles_would_miss(n):
+    ours, percentiles = of_differences(n, 60)
+    assert ours.min() > 0.85
+    assert percentiles.min() < 0.8
+
+
+if __name__ == "__main__":
+    print("| positions | recall | precision | F1 | mean IoU | AP50 | difference of recall |")
+    print("|---:|---:|---:|---:|---:|---:|---:|")
+    for positions in POSITIONS:
+        shares = zip(*lowest(positions, 1000), strict=True)
+        print(f"| {positions} | " + " | ".join(f"{ours:.2f} ({other:.2f})" for ours, other in shares) + " |")
