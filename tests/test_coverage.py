@@ -1,4 +1,4 @@
-"""How often 95 % intervals hold the truth, by simulation; `python -m tests.test_coverage` prints the table of the docs."""
+"""How often 95 % intervals hold the truth; `python -m tests.test_coverage` simulates the table of the docs."""
 
 import numpy as np
 import pytest
@@ -109,9 +109,7 @@ def of_ap50(n, simulations):
 def lowest(n, simulations):
     """Of each figure the share in the scene that it is lowest in: of our intervals, and of percentiles."""
     single, paired, average = of_figures(n, simulations), of_differences(n, simulations), of_ap50(n, simulations // 4)
-    return [
-        (*single[way].min(axis=1).tolist(), float(average[way].min()), float(paired[way].min())) for way in (0, 1)
-    ]
+    return [(*single[way].min(axis=1).tolist(), float(average[way].min()), float(paired[way].min())) for way in (0, 1)]
 
 
 @pytest.mark.thorough

@@ -1,7 +1,8 @@
 """Average precision: of a test set by faster-coco-eval, and of resampled test sets on arrays.
 
-faster-coco-eval equals pycocotools on 10,000 random sets with crowds, ties, areas, and empty classes, in a sixth of its
-time. No library resamples positions: that takes the matches of every image, which `training.matching` has as arrays.
+faster-coco-eval equals pycocotools on thousands of random sets with crowds, ties, areas, and empty classes, in a sixth
+of its time. No library resamples positions: that takes the match of every detection, which
+`training.matching` has.
 
 References
 ----------
