@@ -207,10 +207,14 @@ class PlanWriter:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-            self._file = self._open()
         except filelock.Timeout:
             raise ConfigError("another process is writing this plan", path=self.path, remedy="wait for it") from None
         except OSError as error:
+            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
+        try:
+            self._file = self._open()
+        except OSError as error:
+            self._unlock()
             raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
 
     def _open(self) -> BinaryIO:
@@ -265,7 +269,10 @@ class PlanWriter:
         self._file.close()
         if self.rows == 0:
             self.partial.unlink(missing_ok=True)
-        # Before it is released: from then on a file of that name is another process's.
+        self._unlock()
+
+    def _unlock(self) -> None:
+        # Deleted before it is released: from then on a file of that name is another process's.
         Path(self._lock.lock_file).unlink(missing_ok=True)
         self._lock.release()
 

@@ -88,11 +88,6 @@ def make_header(
 ) -> Header:
     """The plan's first line."""
     none = AssetFile("")
-
-    def origin(scenery: str) -> tuple[float, float, float]:
-        x, y, z = assets.sceneries[scenery].origin.tolist()
-        return x, y, z
-
     vehicles = {name: assets.vehicle_files.get(name, none) for name in assets.vehicles}
     sceneries = {name: assets.scenery_files.get(name, none) for name in assets.sceneries}
     hdris = {name: assets.hdri_files.get(name, none) for name in assets.hdris}
@@ -153,16 +148,11 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
         for block in blocks:
             yield planner.lines(*block)
         return
-    global _planner
-    # Forked workers share the hierarchies that are already built; spawned ones build their own.
-    fork = sys.platform == "linux"
-    _planner = planner if fork else None
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("fork" if fork else "spawn"),
-        initializer=_begin,
-        initargs=() if fork else (planner.config, planner.assets, planner.strict, planner.pairs),
-    )
+    # Not forked from this process: what its threads lock, such as the progress bar's and Embree's, would stay locked.
+    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+    context.set_forkserver_preload([__name__])
+    made_from = (planner.config, planner.assets, planner.strict, planner.pairs)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=made_from)
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
         for block in blocks:
@@ -173,21 +163,17 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
             yield running.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
-        _planner = None
 
 
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(
-    config: Config | None = None, assets: Assets | None = None, strict: bool = False, pairs: Pairs | None = None
-) -> None:
+def _begin(config: Config, assets: Assets, strict: bool, pairs: Pairs) -> None:
     global _planner
     # Ctrl-C is the parent's to handle; the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if config and assets:
-        _planner = Planner(config, assets, strict=strict, pairs=pairs)
+    _planner = Planner(config, assets, strict=strict, pairs=pairs)
 
 
 def _end_with_parent() -> None:

@@ -177,5 +177,5 @@ def test_few_tries_leave_companions_out_before_the_position_is_given_up():
 def test_trials_are_no_positions_of_a_plan():
     planner = Planner(small_config(), BASE)
     assert planner.budget.n_positions < 2**40
-    again = make_pairs(planner.config, planner.budget, planner._stage, planner._draws, strict=False)
+    again = make_pairs(planner.config, planner.budget, planner.stage, planner._draws, strict=False)
     assert again.weights.tolist() == planner.pairs.weights.tolist()

@@ -312,6 +312,17 @@ def test_two_processes_do_not_write_one_plan(tmp_path):
         PlanWriter(path, header())
 
 
+def test_a_plan_that_cannot_be_opened_leaves_no_lock(tmp_path):
+    path = tmp_path / "plan.jsonl"
+    path.with_name("plan.jsonl.partial").mkdir()
+    with pytest.raises(ConfigError, match="cannot be written"):
+        PlanWriter(path, header())
+    path.with_name("plan.jsonl.partial").rmdir()
+    assert os.listdir(tmp_path) == []
+    with PlanWriter(path, header()) as writer:
+        assert writer.rows == 0
+
+
 LEGAL = ["images/1.png", "images/a/b c.png", "images/é.v2.png", "images/constant.png"]
 ILLEGAL = [
     *("images/./1.png", "images//1.png", "./images/1.png", "images/../images/1.png", "/images/1.png", "../1.png"),
