@@ -62,9 +62,16 @@ def shown(path: Path, standing: list[str]) -> list[str]:
     ("options", "expected"),
     [
         pytest.param(Options(), [], id="names"),
-        pytest.param(Options(include=("cloud terrain",)), ["Cloud terrain"], id="object in include"),
+        pytest.param(
+            Options(include=("cloud terrain",)), ["Cloud terrain"], id="object in include", marks=pytest.mark.thorough
+        ),
         pytest.param(Options(include=("terrain_n",)), ["Terrain_N"], id="object in include, mesh called like a sky"),
-        pytest.param(Options(exclude=("terrain_n",)), ["Terrain_N"], id="object in exclude, mesh called like a sky"),
+        pytest.param(
+            Options(exclude=("terrain_n",)),
+            ["Terrain_N"],
+            id="object in exclude, mesh called like a sky",
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_what_is_planned_is_what_is_rendered(tmp_path: Path, options: Options, expected: list[str]) -> None:

@@ -77,6 +77,11 @@ print(json.dumps(done))
 needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
 
 
+def few(cases: tuple[str, ...], always: str) -> list:
+    """Parameters of which `make test` takes one, and `make thorough` all."""
+    return [case if case == always else pytest.param(case, marks=pytest.mark.thorough) for case in cases]
+
+
 @pytest.fixture
 def names(tmp_path: Path) -> dict[str, object]:
     folders = {name: tmp_path / name for name in ("IN", "OUT", "SEEN")}
@@ -180,7 +185,7 @@ def contents(folder: Path) -> set[str]:
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize("case", WRITES_WHEN_OPENED)
+@pytest.mark.parametrize("case", few(WRITES_WHEN_OPENED, "particles"))
 def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -> None:
     """Otherwise the tests below would show nothing."""
     before = cleaned(blends)
@@ -191,7 +196,7 @@ def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -
 
 @pytest.mark.blender
 @needs_landlock
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", few(CASES, "particles"))
 def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str) -> None:
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
@@ -202,8 +207,11 @@ def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str)
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize("confinement", ["on", "off"])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "confinement"),
+    [("fluid", "on"), *((case, "off") for case in CASES)]
+    + [pytest.param(case, "on", marks=pytest.mark.thorough) for case in CASES if case != "fluid"],
+)
 def test_reading_them_writes_nothing(
     blends: Path, tmp_path: Path, case: str, confinement: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

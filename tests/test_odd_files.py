@@ -63,7 +63,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("font_packed", "font.woff2, which is a FIFO, no file"),
     ],
 )
-@pytest.mark.parametrize("kind", ["vehicle", "scenery"])
+@pytest.mark.parametrize("kind", ["vehicle", pytest.param("scenery", marks=pytest.mark.thorough)])
 def test_an_odd_file_is_one_line(odd: Path, tmp_path: Path, case: str, line: str, kind: str) -> None:
     assert line in refused(odd / f"{case}.blend", tmp_path, kind=kind)
 
@@ -198,7 +198,7 @@ def test_a_compressed_bomb_ends_at_the_limit_of_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize("kind", ["vehicle", "scenery"])
+@pytest.mark.parametrize("kind", ["scenery", pytest.param("vehicle", marks=pytest.mark.thorough)])
 def test_a_pattern_that_makes_everything_ground_ends_at_the_limit_of_memory(
     odd: Path, tmp_path: Path, kind: str
 ) -> None:
@@ -211,9 +211,10 @@ def test_a_pattern_that_makes_everything_ground_ends_at_the_limit_of_memory(
 @pytest.mark.parametrize(
     ("accessor", "buffer"),
     [
-        ({"bufferView": 0, "count": 2**27}, 12 * 2**27),  # a buffer that is a hole on disk
+        # a buffer that is a hole on disk
+        pytest.param({"bufferView": 0, "count": 2**27}, 12 * 2**27, marks=pytest.mark.thorough),
         ({"count": 2**27}, 36),  # zeros without a buffer
-        ({"count": 10**13}, 36),
+        pytest.param({"count": 10**13}, 36, marks=pytest.mark.thorough),
     ],
 )
 def test_a_gltf_bomb_is_one_line(tmp_path: Path, accessor: dict, buffer: int) -> None:

@@ -4,7 +4,6 @@ import json
 import re
 
 import numpy as np
-import pandas
 import pytest
 from PIL import Image
 from selenium.webdriver.common.by import By
@@ -203,6 +202,8 @@ def test_tables_have_one_length_and_name_what_is_known(folder):
     assert dataset.picture(3).getpixel((20, 9)) != dataset.picture(3, labels=False).getpixel((20, 9))
 
 
-def test_pandas_and_polars_take_the_tables(folder):
+def test_pandas_takes_the_tables(folder):
+    import pandas  # takes seconds
+
     table = pandas.DataFrame(Dataset.read(folder).labels)
     assert table.groupby("category")["box_size"].count().to_dict() == {"tank": 8, "truck & <trailer>": 6}

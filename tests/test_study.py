@@ -18,7 +18,7 @@ from tests.test_train import in_child
 from tests.training_pictures import edit, make_dataset
 from training.study.arms import Run, arm_draws, budget_of, study_runs
 from training.study.config import load_study
-from training.study.manifest import read_manifest, settle
+from training.study.manifest import read_manifest, settle, write_manifest
 from training.study.runs import Options, predictions_path, read_failures, run_one, run_study
 
 ROOT = Path(__file__).parents[1]
@@ -82,7 +82,11 @@ def tree(out):
     ("keys", "kills"),
     [
         ({}, [("mixed-100", "training", 3), ("mixed-50", "looking", 8)]),
-        ({"train": NANO, "fractions": [1.0]}, [("real", "training", 1), ("mixed", "training", 1)]),
+        pytest.param(
+            {"train": NANO, "fractions": [1.0]},
+            [("real", "training", 1), ("mixed", "training", 1)],
+            marks=pytest.mark.thorough,
+        ),
     ],
     ids=["small", "nano"],
 )
@@ -211,7 +215,7 @@ def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path
     assert read_failures(tmp_path / "broken") == {}
 
 
-def test_a_run_in_a_process_of_its_own_finishes_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
+def test_a_run_in_a_process_of_its_own_finishes(pictures, tmp_path):
     study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
     [run] = study.manifest.runs
     said = []
@@ -221,8 +225,14 @@ def test_a_run_in_a_process_of_its_own_finishes_fails_with_its_reason_and_ends_w
     assert (f"{run.name} (1 of 1): training", 6, 6) in said
     assert (f"{run.name} (1 of 1): looking at test", 8, 8) in said
 
+
+@pytest.mark.thorough
+def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
+    study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
+    [run] = study.manifest.runs
+    write_manifest(study, tmp_path / "out")
     weights = tmp_path / "out" / "runs" / run.folder / "weights.pt"
-    weights.unlink()
+    weights.parent.mkdir(parents=True)
     (weights.parent / "config.json").write_text("{}")
     failed = run_study(study, tmp_path / "out", options=Options("cpu", 0)).failed
     assert "the run in this folder has" in failed[run.name]

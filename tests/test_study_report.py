@@ -134,10 +134,13 @@ def test_bins_are_mixed_minus_real(study):
         assert row["difference"] == pytest.approx(row["recall"][1] - row["recall"][0], abs=2e-6)
 
 
-def test_the_same_study_gives_the_same_report(pictures, study, tmp_path):
+def test_the_same_study_gives_the_same_report_by_the_command(pictures, study, tmp_path, capsys):
     _, report = study
     finished_study(pictures, tmp_path, tmp_path / "again", seeds=[0, 1])
-    again = write_report(tmp_path / "again")
+    assert main(["study", "report", str(tmp_path / "again"), "--json"]) == 0
+    again = json.loads((tmp_path / "again" / "report.json").read_text())
+    assert json.loads(capsys.readouterr().out)["summary"] == report["summary"]
+    report = json.loads((study[0] / "report.json").read_text())
     assert {**again, "times": {}} == {**report, "times": {}}
     for name in ("over_photographs.svg", "real_25.png", "report.md"):
         assert (tmp_path / "again" / name).read_bytes() == (study[0] / name).read_bytes()
@@ -193,20 +196,14 @@ def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
 
 
-def test_the_command_reports(study, capsys):
-    out, report = study
-    assert main(["study", "report", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["summary"] == report["summary"]
-
-
 def test_charts_of_the_papers_own_figures():
     """What they show was looked at; here, that all of it is drawn, and the same twice."""
     for fraction, arms in PAPER.items():
         values = {arm: {key: (value, None) for key, value in found.items()} for arm, found in arms.items()}
         figure = beside(f"{100 * fraction:g} %", values)
-        assert svg(figure) == svg(beside(f"{100 * fraction:g} %", values))
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [arms["real"]["precision"], arms["mixed"]["f1"]] == [bars[6], bars[11]]
+    assert svg(figure) == svg(beside(f"{100 * fraction:g} %", values))
     counts = np.array([420 * fraction for fraction in sorted(PAPER)])
     lines = []
     for arm in ("real", "mixed"):

@@ -58,8 +58,16 @@ def weights(run: Path) -> dict:
     return torch.load(run / "weights.pt", weights_only=True)
 
 
-@pytest.mark.parametrize(("settings", "kills"), [(small(budget=95), (6, 10)), (nano(), (6, 10))], ids=["small", "nano"])
-def test_a_run_killed_twice_ends_as_one_left_alone(pictures, tmp_path, settings, kills):
+@pytest.mark.parametrize(
+    ("settings", "kills"),
+    [
+        (small(budget=95), (6, 10)),
+        (nano(budget=12), (5,)),
+        pytest.param(nano(), (6, 10), marks=pytest.mark.thorough),
+    ],
+    ids=["small", "nano once", "nano"],
+)
+def test_a_run_that_is_killed_ends_as_one_left_alone(pictures, tmp_path, settings, kills):
     data = {"demo": pictures}
     assert train_and_die(data, tmp_path / "alone", settings, workers=0) == 0
     measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weight
@@ -75,7 +83,7 @@ def test_a_run_killed_twice_ends_as_one_left_alone(pictures, tmp_path, settings,
     losses = [[line.split(",")[:3] for line in table] for table in tables]
     assert losses[0] == losses[1]
     curve = (tmp_path / "killed" / "validation.csv").read_text().splitlines()
-    assert len(curve) == 11
+    assert len(curve) == (7 if settings.budget == 12 else 11)
     assert int(curve[-1].split(",")[0]) == len(losses[0]) - 1
     run = json.loads((tmp_path / "killed" / "run.json").read_text())
     assert run["status"] == "finished"

@@ -191,12 +191,14 @@ def test_faces_of_the_ground_that_wear_water_are_water(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("drop", "gone"),
     [
-        pytest.param(("Kiste.001",), {"Kiste.001"}, id="one of several alike"),
-        pytest.param(("Oak",), {"Oak"}, id="what is scattered"),
+        pytest.param(("Kiste.001",), {"Kiste.001"}, id="one of several alike", marks=pytest.mark.thorough),
+        pytest.param(("Oak",), {"Oak"}, id="what is scattered", marks=pytest.mark.thorough),
         pytest.param(("bed of oaks",), {"Bed of oaks", "Oak"}, id="what scatters, and so what it scatters"),
-        pytest.param(("spot1",), set(), id="one of two instances"),
+        pytest.param(("spot1",), set(), id="one of two instances", marks=pytest.mark.thorough),
         pytest.param(("collection:kept",), {"Teich"}, id="a collection that is instanced"),
-        pytest.param(("mesh:Cube*",), {"Kiste", "Kiste.001", "Kiste.002", "Oak"}, id="meshes"),
+        pytest.param(
+            ("mesh:Cube*",), {"Kiste", "Kiste.001", "Kiste.002", "Oak"}, id="meshes", marks=pytest.mark.thorough
+        ),
     ],
 )
 def test_what_is_dropped_is_neither_planned_nor_rendered(folder: Path, drop: tuple[str, ...], gone: set[str]) -> None:
