@@ -41,7 +41,7 @@ from verbs.terminal import (
 
 # Errors of the file system that are no bugs: a full disk, missing rights, a file in place of a folder or the reverse.
 REFUSALS = (
-    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM),
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
     *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
 )
 

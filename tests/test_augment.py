@@ -152,9 +152,9 @@ def test_a_wrong_change_of_the_table_is_named(changes, message):
 def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path, monkeypatch, kept_bytes):
     _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
     draws = make_draws([12], 30, seed=5)
-    examples = [DrawnExamples(sources, draws, (64, 48), TABLE)]
+    examples = [DrawnExamples(sources, draws, (64, 48), TABLE, masks=True)]
     monkeypatch.setattr(data, "KEPT_BYTES", kept_bytes)
-    examples.append(DrawnExamples(sources, draws, (64, 48), TABLE))
+    examples.append(DrawnExamples(sources, draws, (64, 48), TABLE, masks=True))
     forwards = [examples[0][k] for k in range(30)]
     for k in range(29, -1, -1):
         again = examples[1][k]

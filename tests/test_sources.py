@@ -231,6 +231,7 @@ def test_the_learning_rate_follows_the_steps_of_the_budget():
     assert all(a >= b for a, b in pairwise(cosine[20:]))
 
 
+@pytest.mark.thorough
 def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_place(tmp_path):
     from training.detr import starting_weights
 

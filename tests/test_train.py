@@ -10,7 +10,7 @@ import torch
 
 from geometry.errors import HulldownError
 from tests.training_pictures import make_dataset
-from training.detector import load_detector
+from training.predict import load_detector
 from training.settings import load_settings
 from training.train import train
 

@@ -187,6 +187,9 @@ class Recorder(pl.Callback):
             self._saved = time.monotonic()
 
     def _save(self, trainer: pl.Trainer) -> None:
+        if not trainer.is_global_zero:
+            trainer.save_checkpoint(self._checkpoint)  # takes part, and writes nothing
+            return
         with replacing(self._checkpoint) as file:
             trainer.save_checkpoint(file.name)
         self._on_checkpoint(self.rows)

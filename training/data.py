@@ -49,10 +49,14 @@ class DrawnExamples(Dataset[Example]):
         Width and height that the network sees; pictures are squeezed into it, as RF-DETR has it.
     table
         The augmentation; an empty one for none.
+    masks
+        Whether boxes follow their masks when a picture is turned; one rule for all sources.
     """
 
-    def __init__(self, sources: Sequence[Source], draws: Draws, size: tuple[int, int], table: Table) -> None:
-        self.sources, self.draws, self.size = sources, draws, size
+    def __init__(
+        self, sources: Sequence[Source], draws: Draws, size: tuple[int, int], table: Table, *, masks: bool
+    ) -> None:
+        self.sources, self.draws, self.size, self.masks = sources, draws, size, masks
         self.augment = Augmenter(table, height=size[1])
         self._kept: dict[tuple[int, int], Sample] = {}
         self._room = KEPT_BYTES
@@ -69,7 +73,7 @@ class DrawnExamples(Dataset[Example]):
         key = int(self.draws.source[k]), int(self.draws.image[k])
         if key in self._kept:
             return self._kept[key]
-        sample = at_work_size(self.sources[key[0]].sample(key[1]), self.size)
+        sample = at_work_size(self.sources[key[0]].sample(key[1], masks=self.masks), self.size)
         arrays = [sample.picture, *(mask for mask in sample.masks if mask is not None)]
         needed = sum(array.nbytes for array in arrays)
         if needed <= self._room:

@@ -1,8 +1,12 @@
-"""What finds objects in pictures, whichever network does it; loaded from a run or a checkpoint."""
+"""What a detector is, and what its files hold."""
 
 from __future__ import annotations
 
+import argparse
 import json
+import pickle
+import struct
+import types
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +16,13 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from geometry.errors import HulldownError
-from training.extra import require_extra
 
 RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
+# What unpickling damaged bytes, or fitting them into a network, raises.
+DAMAGED = (
+    *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
+    *(pickle.UnpicklingError, struct.error),
+)
 
 
 class DetectorError(HulldownError):
@@ -56,42 +64,6 @@ class Detector(Protocol):
         """What is in each of some RGB pictures, of any sizes; all go through the network at once."""
 
 
-def load_detector(path: Path | str, device: str = "auto") -> Detector:
-    """The detector of a run folder, or of an RF-DETR checkpoint.
-
-    Parameters
-    ----------
-    path
-        A folder that `hulldown train` has finished, or a checkpoint file of RF-DETR (.pth, .pt, .ckpt).
-    device
-        ``"auto"``: a GPU if there is one; or a name that PyTorch knows, such as ``"cpu"`` or ``"cuda:1"``.
-
-    Raises
-    ------
-    DetectorError
-        If it is neither, the run is not finished, or the device does not exist.
-    """
-    require_extra()
-    path = Path(path)
-    if not path.is_dir():
-        from training.detr import load_checkpoint
-
-        return load_checkpoint(path, device=chosen_device(device))
-    run = read_run(path)
-    if run.get("status") != "finished":
-        raise DetectorError(
-            f"training is {run.get('status')}, not finished", path=path, remedy="run the same `hulldown train` again"
-        )
-    weights = path / WEIGHTS_NAME
-    if run["model"] == "small":
-        from training.small import load_small
-
-        return load_small(weights, device=chosen_device(device))
-    from training.detr import load_checkpoint
-
-    return load_checkpoint(weights, device=chosen_device(device))
-
-
 def read_run(folder: Path) -> dict[str, Any]:
     """What run.json of a run folder says.
 
@@ -118,20 +90,25 @@ def read_weights(path: Path) -> dict[str, Any]:
     Raises
     ------
     DetectorError
-        If there is none, or it is no such file.
+        If there is no such file, or it isn't a weights file.
     """
     import torch
 
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
+        with torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
+            found = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise DetectorError("no such file", path=path, remedy="name a run folder or a checkpoint") from None
-    except Exception as error:  # whatever PyTorch finds wrong with a file, the file is wrong
-        line = str(error).strip().split("\n")[0]
-        raise DetectorError(f"is no weights file ({line})", path=path, remedy="name another") from None
+    except DAMAGED as error:
+        raise DetectorError(f"is no weights file ({first_line(error)})", path=path, remedy="name another") from None
     if not isinstance(found, dict):
         raise DetectorError("is no weights file of a detector", path=path, remedy="name another")
     return found
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of an error's text."""
+    return str(error).strip().split("\n")[0][:200] or type(error).__name__
 
 
 def chosen_device(device: str) -> Any:
@@ -150,6 +127,7 @@ def chosen_device(device: str) -> Any:
         chosen = torch.device(device)
         torch.empty(0, device=chosen)
     except (RuntimeError, AssertionError) as error:
-        line = str(error).strip().split("\n")[0]
-        raise DetectorError(f"device {device!r} cannot be used ({line})", remedy="name auto or cpu") from None
+        raise DetectorError(
+            f"device {device!r} cannot be used ({first_line(error)})", remedy="name auto or cpu"
+        ) from None
     return chosen

@@ -25,7 +25,7 @@ from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
 
 from training.data import Example, network_pictures
-from training.detector import Detections, DetectorError, read_weights
+from training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from training.extra import quiet
 from training.settings import Settings, rate_factor
 
@@ -34,6 +34,7 @@ with quiet():  # it warns of what its own dependencies will lose
     from rfdetr import RFDETR
     from rfdetr.assets.coco_classes import COCO_CLASSES
     from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
+    from rfdetr.models.weights import load_pretrain_weights
     from rfdetr.training.callbacks.best_model import BestModelCallback
     from rfdetr.training.callbacks.ema import RFDETREMACallback
     from rfdetr.training.module_data import RFDETRDataModule
@@ -70,8 +71,8 @@ def starting_weights(settings: Settings) -> Path | None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         download_pretrain_weights(str(path))
-    except Exception as error:  # no network, no room, a proxy's page: all end here
-        reason = f"{type(error).__name__}: {error}".split("\n")[0][:120]
+    except (OSError, ValueError, RuntimeError) as error:  # no network, no room, a proxy's page
+        reason = f"{type(error).__name__}: {first_line(error)}"[:120]
     else:
         reason = "nothing came"
     if not path.is_file():
@@ -80,6 +81,38 @@ def starting_weights(settings: Settings) -> Path | None:
             remedy=f"put {name} into {path.parent}, or give --weights FILE or --weights none",
         )
     return path
+
+
+def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> None:
+    """Refuse weights that don't fit the network that the settings ask for, by fitting them into one.
+
+    Raises
+    ------
+    DetectorError
+        If they are of another model, or a part of them has another shape.
+    """
+    _check_kind(path, read_weights(path))
+    cpu = torch.device("cpu")
+    with quiet():
+        # The network is built without the file first: what goes wrong then isn't the file's fault.
+        bare, full = (
+            detr_configs(settings, classes, 1, weights=weights, device=cpu, folder=path.parent)
+            for weights in (None, path)
+        )
+        network = detr_module(*bare).model
+        try:
+            load_pretrain_weights(network, full[0])
+        except DAMAGED as error:
+            raise DetectorError(
+                f"does not fit {settings.model} ({first_line(error)})", path=path, remedy="name weights of that model"
+            ) from None
+
+
+def _check_kind(path: Path, found: dict[str, Any]) -> None:
+    """Refuse a file of tensors that isn't RF-DETR's."""
+    state = found.get("model", found.get("state_dict"))
+    if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
+        raise DetectorError("holds no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
 
 
 def check_resolution(settings: Settings) -> None:
@@ -284,12 +317,14 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     """
     if not path.is_file():
         raise DetectorError("no such run folder or checkpoint", path=path, remedy="name one")
+    _check_kind(path, read_weights(path))
     try:
         with quiet():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
-    except Exception as error:  # whatever RF-DETR finds wrong with a file, the file is wrong
-        reason = str(error).strip().split("\n")[0][:200]
-        raise DetectorError(f"is no checkpoint of RF-DETR ({reason})", path=path, remedy="name another") from None
+    except (RuntimeError, ValueError, KeyError) as error:  # a shape or an entry of the file
+        raise DetectorError(
+            f"is no checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
+        ) from None
     context = model.model
     logits = int(context.model.class_embed.weight.shape[0])
     names = context.class_names

@@ -17,7 +17,8 @@ from jaxtyping import UInt8
 from dataset.picture_files import read_pixels
 from geometry.errors import HulldownError
 from geometry.files import open_in_place, replacing
-from training.detector import WEIGHTS_NAME, Detections, load_detector
+from training.detector import WEIGHTS_NAME, Detections, Detector, DetectorError, chosen_device, read_run
+from training.extra import require_extra
 from training.labels import Labels, read_labels
 from training.predictions import INFO_SUFFIX
 
@@ -48,6 +49,42 @@ class Predicted:
     unknown: tuple[str, ...]
 
 
+def load_detector(path: Path | str, device: str = "auto") -> Detector:
+    """The detector of a run folder, or of an RF-DETR checkpoint.
+
+    Parameters
+    ----------
+    path
+        A folder that `hulldown train` has finished, or a checkpoint file of RF-DETR (.pth, .pt, .ckpt).
+    device
+        ``"auto"``: a GPU if there is one; or a name that PyTorch knows, such as ``"cpu"`` or ``"cuda:1"``.
+
+    Raises
+    ------
+    DetectorError
+        If it is neither, the run is not finished, or the device does not exist.
+    """
+    require_extra()
+    path = Path(path)
+    if not path.is_dir():
+        from training.detr import load_checkpoint
+
+        return load_checkpoint(path, device=chosen_device(device))
+    run = read_run(path)
+    if run.get("status") != "finished":
+        raise DetectorError(
+            f"training is {run.get('status')}, not finished", path=path, remedy="run the same `hulldown train` again"
+        )
+    weights = path / WEIGHTS_NAME
+    if run["model"] == "small":
+        from training.small import load_small
+
+        return load_small(weights, device=chosen_device(device))
+    from training.detr import load_checkpoint
+
+    return load_checkpoint(weights, device=chosen_device(device))
+
+
 def predict(
     run: Path | str,
     dataset: Path | str,
@@ -68,7 +105,7 @@ def predict(
     output
         The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too.
     device
-        See `training.detector.load_detector`.
+        See `load_detector`.
     batch
         Images that go through the network at once.
     progress

@@ -35,6 +35,7 @@ class Settings(BaseModel):
     drop: float = Field(0.8, gt=0.0, le=1.0, description="share of the steps after which it is a tenth")
     shares: dict[str, float] = Field({}, description="source -> its part of the draws")
     augmentation: dict[str, Any] = Field({}, description="line of Table 1 -> its probability and numbers")
+    masks: bool | None = Field(None, description="boxes of turned pictures follow masks; default: if all have one")
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")

@@ -54,7 +54,7 @@ def augmentation_sheet(
     chosen = np.unique(np.linspace(0, len(source) - 1, min(rows, len(source))).round().astype(int))
     pictures = []
     for row, i in enumerate(chosen.tolist()):
-        sample = at_work_size(source.sample(i), WORK_SIZE)
+        sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
         changed = [augment(sample, hash_of(seed, i, k)) for k in range(TIMES)]
         pictures += [_drawn(one, names) for one in (sample, *changed)]
         if progress is not None:

@@ -18,7 +18,7 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from training.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
 from training.data import Example, network_pictures
-from training.detector import Detections, DetectorError, read_weights
+from training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from training.settings import Settings, rate_factor
 
 RESOLUTION = 256  # pixels of the longer side
@@ -89,10 +89,15 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
         raise DetectorError(
             "holds no small model of this version of hulldown", path=path, remedy="train again in another folder"
         )
-    width, height = found["size"]
-    network = CentreNetwork(len(found["classes"]))
-    network.load_state_dict(found["model"])
-    return SmallDetector(network, tuple(found["classes"]), (width, height), device)
+    try:
+        (width, height), classes = found["size"], tuple(found["classes"])
+        network = CentreNetwork(len(classes))
+        network.load_state_dict(found["model"])
+    except DAMAGED as error:
+        raise DetectorError(
+            f"does not fit the small model ({first_line(error)})", path=path, remedy="train again in another folder"
+        ) from None
+    return SmallDetector(network, classes, (width, height), device)
 
 
 class SmallModule(pl.LightningModule):

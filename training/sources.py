@@ -13,12 +13,12 @@ import numpy as np
 import orjson
 from jaxtyping import Float, Int
 
-from annotate.masks import decode
+from annotate.masks import decode, run_lengths
 from dataset.clipping import clipped_boxes
 from dataset.document import read_coco
 from dataset.picture_files import read_picture, read_pixels, size_problem
 from dataset.records import check_usable
-from geometry.errors import DatasetError
+from geometry.errors import ConfigError, DatasetError
 from training.augment import Sample
 
 READERS = 4  # threads that look at pictures before training
@@ -63,8 +63,13 @@ class Source:
     def __len__(self) -> int:
         return len(self.file_names)
 
-    def sample(self, i: int) -> Sample:
-        """Picture i with what is on it.
+    @property
+    def masked(self) -> bool:
+        """Whether every box has a mask."""
+        return None not in self.segmentations
+
+    def sample(self, i: int, *, masks: bool = True) -> Sample:
+        """Picture i with what is on it, with or without masks.
 
         Raises
         ------
@@ -73,9 +78,9 @@ class Source:
         """
         boxes = slice(self.starts[i], self.starts[i + 1])
         width, height = (int(n) for n in self.sizes[i])
-        masks = tuple(None if s is None else decode(s, width, height) for s in self.segmentations[boxes])
-        return Sample(read_pixels(self.folder / self.file_names[i], (width, height)), self.xywh[boxes],
-                      self.label[boxes], masks)  # fmt: skip
+        decoded = (None if s is None or not masks else decode(s, width, height) for s in self.segmentations[boxes])
+        pixels = read_pixels(self.folder / self.file_names[i], (width, height))
+        return Sample(pixels, self.xywh[boxes], self.label[boxes], tuple(decoded))
 
 
 def read_sources(
@@ -110,6 +115,28 @@ def read_sources(
                 path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
             )  # fmt: skip
     return tuple(known), tuple(_source(name, Path(folders[name]), coco, known) for name, coco in cocos.items())
+
+
+def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
+    """Whether boxes follow masks when a picture is turned: one rule for everything that is compared.
+
+    A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
+    would get smaller boxes than renders.
+
+    Parameters
+    ----------
+    asked
+        None: where every box of every source has a mask.
+
+    Raises
+    ------
+    ConfigError
+        If masks are asked for and a box has none.
+    """
+    lacking = [source.name for source in sources if not source.masked]
+    if asked and lacking:
+        raise ConfigError(f"masks = true: {lacking[0]} has boxes without one", remedy="leave masks out")
+    return not lacking if asked is None else asked
 
 
 def check_pictures(sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None) -> dict[str, str]:
@@ -155,6 +182,14 @@ def _checked(folder: Path) -> dict[str, Any]:
             raise DatasetError(
                 f"{where}: image {annotation['image_id']} does not exist", path=folder, remedy="delete it"
             )
+        if annotation.get("segmentation") and not annotation.get("iscrowd"):
+            image = images[annotation["image_id"]]
+            try:
+                run_lengths(annotation["segmentation"], image["width"], image["height"])
+            except ValueError as error:
+                raise DatasetError(
+                    f"{image['file_name']}: {where}: {error}", path=folder, remedy="correct or remove it"
+                ) from None
     coco["annotations"] = clipped_boxes(coco["annotations"], images, folder=folder, clip=False)
     return coco
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import io
 import math
 import os
 import platform
@@ -18,19 +19,19 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 
-from geometry.errors import ConfigError
+from geometry.errors import ConfigError, HulldownError
 from geometry.files import replacing
 from training.augment import changed_table
 from training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
 from training.centre_points import CentreNetwork
 from training.data import Batches, DrawnExamples, loader
-from training.detector import RUN_NAME, Detector, DetectorError, chosen_device
+from training.detector import DAMAGED, RUN_NAME, Detector, DetectorError, chosen_device, first_line
 from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
 from training.extra import quiet
 from training.run_folder import RunFolder, opened
 from training.settings import Settings
 from training.small import SmallDetector, SmallModule, save_small, small_size
-from training.sources import Source, check_pictures, read_sources
+from training.sources import Source, check_pictures, follow_masks, read_sources
 from training.validate import validation_figures
 
 Judge: TypeAlias = Callable[[Detector], Mapping[str, float]]  # AP, AP50 and AP75 of a detector
@@ -95,6 +96,11 @@ def train(
     classes, sources = read_sources(data)
     shares = source_shares([source.name for source in sources], settings.shares)
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
+    settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
+    if weights is not None and settings.weights is not None:
+        from training.detr import check_weights
+
+        check_weights(weights, settings, classes)
     digests = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
     resolution = settings.resolution or 0
     size = small_size(resolution) if small else (resolution, resolution)
@@ -122,7 +128,7 @@ def train(
             raise ValueError(f"drawn: expected {settings.budget} draws, got {len(draws)}")
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write_json(RUN_NAME, run)
-        examples = DrawnExamples(sources, draws, size, table)
+        examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
         started = time.monotonic()
         with quiet():
             fitted = (_fit_small if small else _fit_detr)(
@@ -131,8 +137,10 @@ def train(
                 workers=_workers() if workers is None else workers, progress=partial(progress, "training"), say=say,
             )  # fmt: skip
         detector, saved, rows, validated = fitted
+        content = io.BytesIO()  # PyTorch hides the reason where a disk is full
+        torch.save(saved, content)
         with replacing(folder.weights) as file:
-            torch.save(saved, file)
+            file.write(content.getbuffer())
         run["figures"] = _figures(rows, settings, time.monotonic() - started)
         if held_back:
             found = validation_figures(detector, held_back[0], progress=partial(progress, "validating"))
@@ -236,12 +244,24 @@ _OURS: Mapping[str, Any] = {
 def _run(trainer: pl.Trainer, folder: RunFolder, module: pl.LightningModule, **data: Any) -> None:
     before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
     checkpoint = str(folder.checkpoint) if folder.checkpoint.exists() else None
+    if checkpoint:
+        held, wanted = (_shapes(state) for state in (_read_checkpoint(folder)["state_dict"], module.state_dict()))
+        if held != wanted:
+            raise _foreign(folder, "holds other weights")
     try:
         trainer.fit(module, ckpt_path=checkpoint, weights_only=True if checkpoint else None, **data)
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
+    except HulldownError as error:
+        # A loader's process hands its error over as text, behind its traceback.
+        _, raised, text = str(error).rpartition(f"{type(error).__module__}.{type(error).__qualname__}: ")
+        raise (HulldownError(text) if raised else error) from None
     finally:
         torch.use_deterministic_algorithms(before[0], warn_only=before[1])
+
+
+def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: getattr(value, "shape", None) for key, value in state.items()}
 
 
 def _parts(settings: Settings, device: torch.device) -> tuple[int, int]:
@@ -258,10 +278,31 @@ def _parts(settings: Settings, device: torch.device) -> tuple[int, int]:
 
 def _steps_done(folder: RunFolder) -> int:
     """Steps that the checkpoint holds, 0 without one."""
-    if not folder.checkpoint.exists():
-        return 0
-    found = torch.load(folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
-    return int(found["global_step"])
+    return int(_read_checkpoint(folder)["global_step"]) if folder.checkpoint.exists() else 0
+
+
+def _read_checkpoint(folder: RunFolder) -> dict[str, Any]:
+    """What the checkpoint holds.
+
+    Raises
+    ------
+    DetectorError
+        If it's damaged, or not of this training.
+    """
+    try:
+        found = torch.load(folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
+    except DAMAGED as error:
+        raise _foreign(folder, f"is damaged ({first_line(error)})") from None
+    parts = ("global_step", "state_dict", "callbacks", "loops", "optimizer_states", "lr_schedulers")
+    if not isinstance(found, dict) or any(part not in found for part in parts):
+        raise _foreign(folder, "is no checkpoint of a training")
+    if not isinstance(found["callbacks"], dict) or Recorder.__qualname__ not in found["callbacks"]:
+        raise _foreign(folder, "is of another training")
+    return found
+
+
+def _foreign(folder: RunFolder, problem: str) -> DetectorError:
+    return DetectorError(problem, path=folder.checkpoint, remedy="delete it, and training begins anew")
 
 
 def _recorder(
@@ -305,6 +346,7 @@ def _description(
         "batch": settings.batch,
         "accumulate": settings.accumulate,
         "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
+        "masks": settings.masks,
         "augmented": any(line.probability for line in changed_table(settings.augmentation).values()),
         "sources": {
             source.name: {

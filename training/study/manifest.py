@@ -18,7 +18,7 @@ from geometry.errors import ConfigError, DatasetError
 from geometry.files import replacing
 from training.draws import Draws, draws_text
 from training.settings import Settings
-from training.sources import Source, check_pictures, read_sources
+from training.sources import Source, check_pictures, follow_masks, read_sources
 from training.study.arms import Run, arm_draws, budget_of, study_runs
 from training.study.config import Arm, StudyConfig
 from training.subset import nested_subsets
@@ -120,6 +120,7 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
                       sha256=digests[name])
         for name, source in sources.items()
     }  # fmt: skip
+    masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     shares = _shares(config, sources["real"])
     runs, draws, warnings = [], {}, []
     for run in study_runs(config):
@@ -127,7 +128,8 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
         mine = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
         used = [sources[name] for name in run.sources]
         text = draws_text(mine, run.sources, [source.file_names for source in used])
-        settings = config.train.model_copy(update={"seed": run.seed, "budget": budget_of(run.arm, config.train.budget)})
+        budget = budget_of(run.arm, config.train.budget)
+        settings = config.train.model_copy(update={"seed": run.seed, "budget": budget, "masks": masks})
         planned = _planned(run, settings, mine, text, {name: digests[name] for name in run.sources}, len(photographs))
         runs.append(planned)
         draws[planned.folder] = text

@@ -1,0 +1,172 @@
+"""What a user's damaged or foreign files do to a training: one line, and nothing half-written."""
+
+import copy
+import os
+import resource
+import signal
+
+import pytest
+import torch
+
+from cli import main
+from geometry.errors import ConfigError, DatasetError, HulldownError
+from tests.test_train import in_child, nano, small, train_and_die
+from tests.training_pictures import edit, make_dataset
+from training.augment import NOTHING
+from training.centre_points import CentreNetwork
+from training.data import DrawnExamples
+from training.draws import make_draws
+from training.predict import load_detector
+from training.small import save_small
+from training.sources import follow_masks, read_sources
+from training.train import train
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    return make_dataset(tmp_path_factory.mktemp("pictures") / "set", 8)
+
+
+def small_weights(path):
+    torch.save(save_small(CentreNetwork(2), ("square", "disc"), (64, 32)), path)
+    return path
+
+
+def test_weights_of_the_other_model_are_refused_before_the_folder_is_made(pictures, tmp_path):
+    settings = nano(weights=str(small_weights(tmp_path / "small.pt")))
+    with pytest.raises(HulldownError, match=r"small\.pt: holds no weights of RF-DETR"):
+        train({"demo": pictures}, tmp_path / "run", settings=settings, device="cpu")
+    assert not (tmp_path / "run").exists()
+
+
+def test_weights_of_wrong_shapes_are_refused_before_the_folder_is_made(pictures, tmp_path):
+    state = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(3, 7)}
+    torch.save({"model": state, "args": {"class_names": ["a", "b"]}}, tmp_path / "shapes.pth")
+    settings = nano(weights=str(tmp_path / "shapes.pth"))
+    with pytest.raises(HulldownError, match=r"shapes\.pth: does not fit nano"):
+        train({"demo": pictures}, tmp_path / "run", settings=settings, device="cpu")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def stopped(pictures, tmp_path_factory):
+    """A run that was killed after its first checkpoint."""
+    run = tmp_path_factory.mktemp("stopped") / "run"
+    assert train_and_die({"demo": pictures}, run, small(), at=5, workers=0) == -signal.SIGKILL
+    assert (run / "checkpoint.ckpt").exists()
+    return run
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+def of_weights(path):
+    torch.save({"model": {}}, path)
+
+
+def of_another_network(path):
+    held = torch.load(path, weights_only=True)
+    changed = copy.copy(held)
+    changed["state_dict"] = {key: value.reshape(-1)[:0] for key, value in held["state_dict"].items()}
+    torch.save(changed, path)
+
+
+def of_another_trainer(path):
+    torch.save(torch.load(path, weights_only=True) | {"callbacks": {}}, path)
+
+
+@pytest.mark.parametrize("spoil", [truncated, empty, of_weights, of_another_network, of_another_trainer])
+def test_a_checkpoint_that_is_no_checkpoint_of_the_run_is_one_line(pictures, stopped, tmp_path, spoil):
+    path = stopped / "checkpoint.ckpt"
+    sound = path.read_bytes()
+    spoil(path)
+    try:
+        with pytest.raises(HulldownError, match=r"checkpoint\.ckpt: .*; delete it, and training begins anew"):
+            train({"demo": pictures}, stopped, settings=small(), device="cpu", workers=0)
+    finally:
+        path.write_bytes(sound)
+
+
+def test_small_weights_of_wrong_shapes_are_one_line(tmp_path):
+    (tmp_path / "run.json").write_text('{"model": "small", "status": "finished"}')
+    saved = save_small(CentreNetwork(3), ("square", "disc"), (64, 32))
+    torch.save(saved, tmp_path / "weights.pt")
+    with pytest.raises(HulldownError, match=r"weights\.pt: does not fit the small model"):
+        load_detector(tmp_path, "cpu")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", os.urandom(300)])
+def test_bytes_that_are_no_checkpoint_are_one_line(tmp_path, content):
+    (tmp_path / "weights.pth").write_bytes(content)
+    with pytest.raises(HulldownError, match=r"weights\.pth: is no weights file"):
+        load_detector(tmp_path / "weights.pth", "cpu")
+
+
+def test_a_polygon_of_three_numbers_is_named_before_training(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 4)
+    edit(dataset, lambda coco: coco["annotations"][1].update(segmentation=[[1, 2, 3]]))
+    with pytest.raises(DatasetError, match=r"0001\.png: annotation 2: segmentation: expected polygons"):
+        train({"demo": dataset}, tmp_path / "run", settings=small(), device="cpu")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_picture_deleted_while_it_is_trained_on_is_one_line(tmp_path, workers):
+    dataset = make_dataset(tmp_path / "set", 60)
+
+    def progress(what, done, total):
+        if what == "training" and done == 1:
+            for path in (dataset / "images").iterdir():
+                path.unlink()
+
+    with pytest.raises(HulldownError, match=r"^[^ ]*\.png: is missing; put it there") as caught:
+        train(
+            {"demo": dataset}, tmp_path / "run", settings=small(budget=400), device="cpu", workers=workers,
+            progress=progress,
+        )  # fmt: skip
+    assert "Traceback" not in str(caught.value)
+
+
+def test_a_full_disk_is_one_line_and_leaves_no_weights(pictures, tmp_path, capfd):
+    """A limit on the size of files stands for a full disk: both are errors of writing."""
+    run = tmp_path / "run"
+
+    def limited():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+        words = ["train", "--data", f"demo={pictures}", "-o", str(run), "--model", "small", "--budget", "8"]
+        os._exit(main([*words, "--resolution", "64", "--workers", "0", "--device", "cpu"]))
+
+    assert in_child(limited) == 2
+    assert capfd.readouterr().err.strip().endswith("weights.pt: File too large")
+    assert not [path.name for path in run.iterdir() if "weights" in path.name or path.name.endswith(".tmp")]
+
+
+def test_boxes_of_one_run_follow_one_rule(tmp_path):
+    """Photographs without masks and renders with them: no box follows its mask, so none is closer than another."""
+    with_masks = make_dataset(tmp_path / "renders", 4)
+    without = make_dataset(tmp_path / "photographs", 4, masks=False)
+    _, sources = read_sources({"renders": with_masks, "photographs": without})
+    assert [source.masked for source in sources] == [True, False]
+    assert follow_masks(None, sources[:1])
+    rule = follow_masks(None, sources)
+    assert not rule
+    draws = make_draws([4, 4], 12, seed=0)
+    examples = DrawnExamples(sources, draws, (96, 54), NOTHING, masks=rule)
+    assert all(mask is None for k in range(12) for mask in examples._sample(k).masks)
+    with pytest.raises(ConfigError, match="masks = true: photographs has boxes without one"):
+        follow_masks(True, sources)
+
+
+def test_every_arm_of_a_study_follows_the_rule_of_all(tmp_path):
+    from tests.test_study import settled
+
+    for seed, name in enumerate(("real", "synthetic", "test")):
+        make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")
+    study = settled(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0])
+    assert {run.settings.masks for run in study.manifest.runs} == {False}
