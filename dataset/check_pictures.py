@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -66,12 +68,33 @@ def check_pictures(
                     yield Finding("warning", name, f"is the same picture as {other}")
                 if progress is not None:
                     progress(done, len(images))
+    yield from _linked_elsewhere(folder, images)
     known = {place_of(str(image.get("file_name"))) for image in images}
     if (folder / "images").is_dir():
         present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
         if strays := sorted(present - known):
             more = f", like {len(strays) - 1} more" if len(strays) > 1 else ""
             yield Finding("warning", strays[0], f"belongs to no record{more}")
+
+
+def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Find pictures without a seal that are hard links to files outside of the dataset."""
+    links: dict[tuple[int, int], list[str]] = {}
+    counts: dict[tuple[int, int], int] = {}
+    for image in images:
+        name = image.get("file_name")
+        if not stays_inside(name):
+            continue
+        with contextlib.suppress(OSError):  # found elsewhere
+            status = (folder / name).stat()
+            file = (status.st_dev, status.st_ino)
+            counts[file] = status.st_nlink if stat.S_ISREG(status.st_mode) else 0
+            links.setdefault(file, []).append(name if image.get(PICTURE_KEY) is None else "")
+    found = [name for file, names in links.items() for name in names if name and counts[file] > len(set(names))]
+    if found:
+        more = f", like {len(found) - 1} more" if len(found) > 1 else ""
+        problem = f"is a hard link to a file outside of the dataset{more}: make sure that join or export made it"
+        yield Finding("warning", found[0], problem)
 
 
 def _check(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,13 +58,24 @@ def clipped_boxes(
                 kept.append(changed(annotation, bbox=box))
             elif not clip:
                 wrong.append(f"{where} has no area inside its image")
-    if wrong:
-        more = f" and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
-        remedy = "correct them, or clip them with --clip" if further else "correct or delete them"
-        boxes = "1 box" if len(wrong) == 1 else f"{len(wrong)} boxes"
-        problem = f"{boxes} cannot be used: {', '.join(wrong[:LISTED])}{more}"
-        raise DatasetError(problem, path=folder, remedy=remedy)
+    remedy = "correct them, or clip them with `hulldown export --clip`" if further else "correct or delete them"
+    refuse_all(wrong, "box", folder, remedy=remedy)
     return kept
+
+
+def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
+    """Raise one error that lists all problems, up to `LISTED`; none, no error.
+
+    Raises
+    ------
+    DatasetError
+        If there are any.
+    """
+    if wrong:
+        more = f", and {len(wrong) - LISTED} more; `hulldown verify` lists all" if len(wrong) > LISTED else ""
+        several = {"box": "boxes"}.get(what, f"{what}s")
+        counted = f"1 {what}" if len(wrong) == 1 else f"{len(wrong)} {several}"
+        raise DatasetError(f"{counted} cannot be used: {', '.join(wrong[:LISTED])}{more}", path=folder, remedy=remedy)
 
 
 def beyond(bbox: list[float], width: int, height: int) -> float:

@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from annotate.masks import extent
 from annotate.outlines import polygons
-from dataset.clipping import clipped_boxes
+from dataset.clipping import clipped_boxes, refuse_all
 from dataset.floors import ALL_LABELS, LabelFloors
 from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
 from dataset.records import by_image, read_usable
 from dataset.seals import changed
-from dataset.shares import Shares
+from dataset.shares import Shares, check_sound
 from dataset.split import SPLITS, share_out
 from dataset.unfinished import all_or_nothing
 from geometry.errors import DatasetError
@@ -74,8 +75,9 @@ def export(
     Raises
     ------
     DatasetError
-        If the dataset cannot be read, an image of it is missing or is a link that leads elsewhere, a mask is damaged,
-        the layout has no polygons, or `out` has something in it or cannot be written. Nothing is left in `out` then.
+        If the dataset cannot be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
+        masks or boxes cannot be used, the layout has no polygons, or `out` has something in it or cannot be written.
+        Nothing is left in `out` then.
     """
     if layout not in LAYOUTS:
         raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {layout!r}")
@@ -89,10 +91,13 @@ def export(
     of_images = [label for label in document["annotations"] if label["image_id"] in known]
     labels = by_image(images, clipped_boxes(of_images, known, folder=folder, clip=clip))
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
+    allowed = [Path(each) for each in allow_links]
+    _check_masks(labels, sizes, folder)
+    check_sound(folder, images, allowed)
     labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
     if polygons_within is not None:
         for image_id, mine in labels.items():
-            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within, folder) for label in mine]
+            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in mine]
     done = 0
 
     def tick() -> None:
@@ -102,18 +107,28 @@ def export(
             progress(done, len(images))
 
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
-    allowed = [Path(each) for each in allow_links]
     with all_or_nothing(Path(out)) as unfinished:
         LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
     return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
 
 
-def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float, folder: Path) -> Mapping[str, Any]:
+def _check_masks(
+    labels: Mapping[int, Sequence[Mapping[str, Any]]], sizes: Mapping[int, tuple[int, int]], folder: Path
+) -> None:
+    """Refuse masks that no tool can draw."""
+    wrong = []
+    for image_id, mine in labels.items():
+        for label in mine:
+            if label.get("segmentation"):
+                try:
+                    extent(label["segmentation"], *sizes[image_id])
+                except ValueError as error:
+                    wrong.append(f"annotation {label['id']}: {error}")
+    refuse_all(wrong, "mask", folder)
+
+
+def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float) -> Mapping[str, Any]:
     """A label with its mask as polygons; crowds keep run lengths, which is what COCO's readers expect of them."""
     if not annotation.get("segmentation") or annotation.get("iscrowd"):
         return annotation
-    try:
-        return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))
-    except ValueError as error:
-        where, remedy = f"annotation {annotation['id']}", "check it with `hulldown verify`"
-        raise DatasetError(f"{where}: {error}", path=folder, remedy=remedy) from None
+    return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin
+from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError
 from PIL.ExifTags import Base
 
 from geometry.errors import DatasetError
@@ -155,4 +155,7 @@ def _opened(content: bytes) -> ImageFile.ImageFile:
         return PngImagePlugin.PngImageFile(file)
     if content.startswith(b"\xff\xd8\xff"):
         return JpegImagePlugin.JpegImageFile(file)
-    return Image.open(file)
+    try:
+        return Image.open(file)
+    except UnidentifiedImageError:
+        raise ValueError("its format is unknown") from None

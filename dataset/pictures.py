@@ -11,6 +11,11 @@ from pathlib import Path
 from geometry.errors import DatasetError
 from geometry.files import stays_inside, sync_folder
 
+
+class LinkError(DatasetError):
+    """A link that leads out of its dataset."""
+
+
 PLACING_SUFFIX = ".joining"  # of a picture that is about to get its name
 
 
@@ -105,7 +110,7 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
     except RuntimeError:  # before Python 3.13
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from None
     if not any(real.is_relative_to(home.resolve()) for home in (folder, *allowed)):
-        raise DatasetError(
+        raise LinkError(
             f"is a link that leads out of its dataset, to {real}",
             path=path,
             remedy=f"if you trust it, allow that with --allow-links {real.parent}",

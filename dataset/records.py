@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -51,6 +52,19 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.problem}"
+
+
+def listed(findings: Iterable[Finding], *, most: int = 20) -> list[str]:
+    """Return findings as lines, of each kind at most so many, and how many more there are."""
+    kinds: Counter[tuple[str, str]] = Counter()
+    lines = []
+    for finding in findings:
+        kind = (finding.severity, re.sub(r"'[^']*'|[-+.\d]+", "", finding.problem))
+        kinds[kind] += 1
+        if kinds[kind] <= most:
+            lines.append(str(finding))
+    more = [(severity, kind, n - most) for (severity, kind), n in kinds.items() if n > most]
+    return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 
 def read_usable(folder: Path) -> dict[str, Any]:
@@ -155,6 +169,7 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
     images = {image["id"]: image for image in coco["images"]}
     categories = {category["id"] for category in coco["categories"]}
     seen: set[tuple[object, ...]] = set()
+    repeated: dict[str, list[int]] = {}
     for annotation in coco["annotations"]:
         where = f"annotation {annotation['id']}"
         if annotation["id"] < 1:
@@ -177,12 +192,15 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         if not problems:
             key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
-                yield Finding("warning", where, "repeats class and box of another one in the same image")
+                repeated.setdefault(_name(image), []).append(annotation["id"])
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
             yield from _ghosts(where, annotation)
         yield from (Finding("error", where, problem) for problem in check_space(annotation))
+    for name, ids in repeated.items():
+        such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
+        yield Finding("warning", f"{name}: {such} {ids[0]}", "repeats class and box of another one in the same image")
 
 
 def _slightly_outside(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:

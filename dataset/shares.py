@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from dataset.pictures import link_or_copy, own_picture
+from dataset.clipping import refuse_all
+from dataset.picture_files import read_picture, size_problem
+from dataset.pictures import LinkError, link_or_copy, own_picture
+from dataset.seals import PICTURE_KEY, digest
 from dataset.split import SPLITS
 from geometry.errors import DatasetError
+from geometry.files import open_regular
+
+DECODERS = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -40,14 +47,17 @@ class Item:
         return PurePosixPath(self.name).stem
 
     def link(self, folder: Path, name: str | None = None) -> None:
-        """Give the picture its name, or another one, in a folder too; errors of `Shares.of`."""
-        try:
-            link_or_copy(self.picture, folder / (name or self.name))
-        except OSError as error:
-            raise _unusable(self.source, error) from error
+        """Give the picture its name, or another one, in a folder too."""
+        link_or_copy(self.picture, folder / (name or self.name))
 
     def content(self) -> bytes:
-        """The picture's bytes; errors of `Shares.of`."""
+        """Return the picture's bytes.
+
+        Raises
+        ------
+        DatasetError
+            If it cannot be read any more.
+        """
         try:
             return self.picture.read_bytes()
         except OSError as error:
@@ -121,6 +131,42 @@ class Shares:
                 raise _unusable(source, error) from error
             yield Item(image, self.labels[key], names[key], picture, source)
             self.tick()
+
+
+def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> None:
+    """Refuse pictures that are missing, damaged, or of another size than their records state.
+
+    A picture whose bytes have the hash in its record is not decoded.
+
+    Raises
+    ------
+    DatasetError
+        Naming all such pictures, or the first link that leads out of the dataset.
+    """
+
+    def problem(image: Mapping[str, Any]) -> str | None:
+        name = image["file_name"]
+        try:
+            path = own_picture(folder, name, allowed)
+            if image.get(PICTURE_KEY) is not None:
+                with open_regular(path) as file:
+                    if digest(file.read()) == image[PICTURE_KEY]:
+                        return None
+            picture = read_picture(path)
+        except FileNotFoundError:
+            return f"{name} is missing"
+        except OSError as error:
+            return f"{name} cannot be read ({error.strerror})"
+        except LinkError:
+            raise
+        except DatasetError as error:
+            return f"{name} {error.problem}"
+        stated = (image["width"], image["height"])
+        return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
+
+    with ThreadPoolExecutor(DECODERS) as pool:
+        wrong = [found for found in pool.map(problem, images) if found is not None]
+    refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
 
 
 def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:

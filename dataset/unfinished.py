@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,7 +39,9 @@ def all_or_nothing(out: Path) -> Iterator[Path]:
     except BaseException as error:
         shutil.rmtree(out if made else unfinished, ignore_errors=True)
         if isinstance(error, OSError):
-            raise DatasetError(
-                f"cannot be written ({error.strerror})", path=out, remedy="choose a folder that you may write to"
-            ) from error
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            remedy = (
+                "free some space and run the same command again" if full else "choose a folder that you may write to"
+            )
+            raise DatasetError(f"cannot be written ({error.strerror})", path=out, remedy=remedy) from error
         raise

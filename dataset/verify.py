@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +24,6 @@ from dataset.journal import is_cut_off
 from dataset.planned import check_planned
 from dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from geometry.arrays import checked
-
-DECODERS = 4
 
 
 def verify(
@@ -133,10 +133,23 @@ def _check_loading(path: Path) -> Iterator[Finding]:
     if not path.exists():
         yield Finding("warning", path.name, "is not there yet: the run has not been closed; render again to finish it")
         return
+    repeated: Counter[str] = Counter()
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        record = dict(pairs)
+        if len(record) < len(pairs):
+            repeated.update({key for key, times in Counter(key for key, _ in pairs).items() if times > 1})
+        return record
+
+    with path.open(encoding="utf-8") as file:
+        dataset = json.load(file, object_pairs_hook=once)
+    for key, times in repeated.items():
+        yield Finding("error", path.name, f"{times} objects have the key {key!r} more than once: readers take the last")
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            loaded = COCO(str(path))
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
+            loaded = COCO()
+            loaded.dataset = dataset
+            loaded.createIndex()
             loaded.loadAnns(loaded.getAnnIds())
-    except Exception as error:
-        # Whatever stops pycocotools stops those who train with it.
+    except (KeyError, TypeError) as error:  # what it raises for records without ids it expects
         yield Finding("error", path.name, f"pycocotools cannot load it: {type(error).__name__}: {error}")

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -90,7 +91,9 @@ def exported(dataset, tmp_path_factory):
     def of(layout, within=None):
         if (layout, within) not in made:
             out = tmp_path_factory.mktemp(layout) / "out"
-            counts = export(dataset, out, layout=layout, polygons_within=within)
+            told = pytest.warns(UserWarning, match="6 pictures have no calib") if layout == "kitti" else nullcontext()
+            with told:
+                counts = export(dataset, out, layout=layout, polygons_within=within)
             assert sum(counts.values()) == 36
             assert min(counts.values()) > 0
             made[layout, within] = out
@@ -316,6 +319,9 @@ def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, label
             for line, (name, *_) in zip(lines, labels[picture.read_bytes()], strict=True)
         ]
         found.append((picture.read_bytes(), boxes))
+        if picture.suffix == ".jpg":
+            assert not (out / "calib" / f"{picture.stem}.txt").exists()
+            continue
         camera = dict(line.split(": ") for line in (out / "calib" / f"{picture.stem}.txt").read_text().splitlines())
         matrix = np.array(camera["P2"].split(), dtype=float).reshape(3, 4)
         assert matrix[0, 2] == WIDTH / 2

@@ -71,9 +71,9 @@ def test_a_link_inside_a_dataset_is_followed(foreign, tmp_path, made):
 @pytest.mark.parametrize("made", [exported, joined])
 def test_links_in_a_circle_and_pipes_are_one_line(foreign, tmp_path, made):
     (foreign / "images/1.png").symlink_to("1.png")
-    with pytest.raises(DatasetError, match=r"1\.png: cannot be .*(symbolic links|loop)"):
+    with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*(symbolic links|loop)"):
         made(foreign, tmp_path / "out")
     (foreign / "images/1.png").unlink()
     os.mkfifo(foreign / "images/1.png")
-    with pytest.raises(DatasetError, match=r"1\.png: cannot be .*no regular file"):
+    with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*no regular file"):
         made(foreign, tmp_path / "out")

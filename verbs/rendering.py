@@ -106,6 +106,7 @@ def _join(arguments: argparse.Namespace) -> int:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
+    from dataset.records import listed
     from dataset.verify import verify
 
     if arguments.masks and not arguments.plan:
@@ -134,7 +135,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json([dataclasses.asdict(finding) for finding in findings])
     else:
-        show_list([str(finding) for finding in findings])
+        show_list(listed(findings))
     errors = sum(finding.severity == "error" for finding in findings)
     masks = f", {checked} masks rendered" if arguments.masks else ""
     say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")

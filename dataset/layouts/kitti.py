@@ -9,6 +9,7 @@ readme of its object development kit, which defines the fields.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,15 @@ LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
 def write(shares: Shares, out: Path) -> None:
-    """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits."""
+    """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
+
+    Pictures whose field of view is not known, such as photographs, get no file in ``calib``.
+    """
     pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
         folder.mkdir(parents=True)
-    names, number = shares.class_names, 0
+    names, number, without = shares.class_names, 0, 0
     for split, items in shares:
         with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
@@ -41,8 +45,14 @@ def write(shares: Shares, out: Path) -> None:
                 item.link(pictures, stem + Path(item.name).suffix)
                 lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-                (cameras / f"{stem}.txt").write_text(_calibration(item.image), encoding="utf-8")
+                if (fov := _number(item.image, "fov_x_deg")) is not None:
+                    (cameras / f"{stem}.txt").write_text(_calibration(item.image, fov), encoding="utf-8")
+                else:
+                    without += 1
                 stems.write(f"{stem}\n")
+    if without:
+        pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
+        warnings.warn(f"{pictures_of} no calib file: their field of view is not known", stacklevel=2)
 
 
 def label_line(label: Mapping[str, Any], name: str) -> str:
@@ -73,9 +83,8 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
     )
 
 
-def _calibration(image: Mapping[str, Any]) -> str:
-    """The cameras' matrices; of pictures whose field of view is not known one that looks 90 degrees wide."""
-    fov = _number(image, "fov_x_deg") or 90.0
+def _calibration(image: Mapping[str, Any], fov: float) -> str:
+    """Return the cameras' matrices for a horizontal field of view in degrees."""
     focal = image["width"] / 2 / math.tan(math.radians(fov) / 2)
     matrix = [focal, 0.0, image["width"] / 2, 0.0, 0.0, focal, image["height"] / 2, 0.0, 0.0, 0.0, 1.0, 0.0]
     camera = " ".join(f"{each:.9g}" for each in matrix)

@@ -1,0 +1,129 @@
+"""Datasets with broken pictures, impossible masks, repeated keys, and links to other files."""
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from PIL import Image
+
+from dataset.export import LAYOUTS, export
+from dataset.records import listed
+from dataset.verify import verify
+from geometry.errors import DatasetError
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three photographs with a label each."""
+    made = tmp_path / "dataset"
+    made.mkdir()
+    images, annotations = [], []
+    for i in (1, 2, 3):
+        Image.new("RGB", (32, 24), (9 * i, 0, 0)).save(made / f"{i}.png")
+        images.append({"id": i, "file_name": f"{i}.png", "width": 32, "height": 24})
+        annotations.append({"id": i, "image_id": i, "category_id": 1, "bbox": [1, 1, 4, 4], "segmentation": []})
+    coco = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "tank"}]}
+    (made / "annotations.json").write_text(json.dumps(coco))
+    return made
+
+
+def edit(folder, change):
+    path = folder / "annotations.json"
+    coco = json.loads(path.read_text())
+    change(coco)
+    path.write_text(json.dumps(coco))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_broken_pictures_are_not_exported_and_all_are_named(folder, tmp_path, layout):
+    (folder / "1.png").write_bytes((folder / "1.png").read_bytes()[:60])
+    (folder / "2.png").write_text("no picture")
+    edit(folder, lambda coco: coco["images"][2].update(width=33))
+    with pytest.raises(DatasetError, match=r"3 pictures cannot be used: 1\.png .*2\.png .*3\.png is 32 x 24") as error:
+        export(folder, tmp_path / "out", layout=layout)
+    assert error.value.path == folder
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [[[1, 1]], [["a", 1, 2, 3, 4, 5]], {"size": [24, 32], "counts": "zzz"}, {"size": [9, 9], "counts": [81]},
+     {"size": [24, 32], "counts": [1, 2]}, 7],
+)  # fmt: skip
+@pytest.mark.parametrize("layout", ["coco", "voc"])
+def test_impossible_masks_are_not_exported(folder, tmp_path, mask, layout):
+    edit(folder, lambda coco: coco["annotations"][1].update(segmentation=mask))
+    with pytest.raises(DatasetError, match="1 mask cannot be used: annotation 2"):
+        export(folder, tmp_path / "out", layout=layout)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_full_disk_is_not_blamed_on_a_picture(folder, tmp_path, monkeypatch):
+    def full(source, target, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), source, None, target)
+
+    def no_links(source, target):
+        raise OSError(errno.EXDEV, os.strerror(errno.EXDEV), source, None, target)
+
+    monkeypatch.setattr(os, "link", no_links)
+    monkeypatch.setattr(shutil, "copyfile", full)
+    with pytest.raises(DatasetError, match=r"out: cannot be written \(No space left") as error:
+        export(folder, tmp_path / "out")
+    assert "free some space" in error.value.remedy
+
+
+def test_many_equal_annotations_are_one_finding(folder):
+    def repeat(coco):
+        coco["annotations"] += [{**coco["annotations"][0], "id": i} for i in range(4, 3004)]
+
+    edit(folder, repeat)
+    (finding,) = verify(folder)
+    assert "3000 annotations" in finding.where
+    assert len(str(finding)) < 200
+
+
+def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
+    edit(folder, lambda coco: coco.update(annotations=[
+        {**coco["annotations"][0], "id": i, "category_id": 9, "bbox": [i % 20, i // 20, 1, 1]} for i in range(1, 201)
+    ]))  # fmt: skip
+    lines = listed(verify(folder))
+    assert len(lines) == 21
+    assert "180 more" in lines[-1]
+
+
+def test_repeated_keys_are_found(folder):
+    path = folder / "annotations.json"
+    path.write_text(path.read_text().replace('"bbox": ', '"bbox": [9, 9, 1, 1], "bbox": '))
+    (finding,) = verify(folder)
+    assert (finding.severity, "'bbox'" in finding.problem, "3 objects" in finding.problem) == ("error", True, True)
+
+
+def test_hard_links_to_other_files_are_found_and_only_pictures_are_exported(folder, tmp_path):
+    other = tmp_path / "mine.png"
+    Image.new("RGB", (32, 24), (0, 80, 0)).save(other)
+    (folder / "2.png").unlink()
+    os.link(other, folder / "2.png")
+    (finding,) = verify(folder)
+    assert (finding.severity, finding.where, "hard link" in finding.problem) == ("warning", "2.png", True)
+    other.write_text("secret")
+    with pytest.raises(DatasetError, match=r"2\.png cannot be read as a picture"):
+        export(folder, tmp_path / "out")
+
+
+def test_masks_that_are_sound_are_exported(folder, tmp_path):
+    mask = [[1, 1, 5, 1, 5, 5]]
+    edit(folder, lambda coco: coco["annotations"][0].update(segmentation=mask))
+    assert sum(export(folder, tmp_path / "out").values()) == 3
+
+
+def test_a_terminal_that_only_knows_ascii_ends_no_command(folder, tmp_path):
+    (folder / "ü.png").write_bytes((folder / "1.png").read_bytes() + b" ")
+    edit(folder, lambda coco: coco["images"][0].update(file_name="ü.png", width=31))
+    command = [sys.executable, "-c", "import sys; from cli import main; sys.exit(main())", "verify", str(folder)]
+    done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr.count(b"Traceback")) == (1, 0)
+    assert rb"\xfc.png" in done.stdout
