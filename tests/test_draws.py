@@ -35,6 +35,11 @@ def test_no_two_streams_share_a_number():
     assert len(np.unique(flat)) == len(flat)
 
 
+def test_what_weighs_nothing_is_never_chosen():
+    assert choose([0.0, 1.0, 0.0], [0.0, 0.5, np.nextafter(1.0, 0.0)]).tolist() == [1, 1, 1]
+    assert choose([1.0, 1.0], [0.0, np.nextafter(0.5, 0.0), 0.5]).tolist() == [0, 0, 1]
+
+
 def test_seed_0_is_a_seed():
     assert not np.array_equal(Draws(0).bits(Purpose.PLACE, 0, 0, count=4), Draws(1).bits(Purpose.PLACE, 0, 0, count=4))
 

@@ -97,22 +97,23 @@ def test_cuts_go_through_all_four_sides_and_over_corners() -> None:
     assert set(past.sum(axis=1)) == {1, 2}
 
 
-def test_corner_cuts_are_as_frequent_as_their_area() -> None:
+def test_cuts_of_each_kind_are_as_frequent_as_their_area() -> None:
     # The reference: places uniform in the plane, of which those in a thin band of shares are kept.
-    size, extent = np.array([1000.0, 1000.0]), 300.0
+    size, extent = np.array([2000.0, 1000.0]), np.array([300.0, 500.0])
     rng = np.random.default_rng(0)
-    place = rng.uniform(-extent, 1000.0, (4_000_000, 2))
+    place = rng.uniform(-extent, size, (2_000_000, 2))
     inside = np.clip(np.minimum(place + extent, size) - np.maximum(place, 0), 0, None) / extent
-    band = np.abs(inside.prod(axis=1) - 0.4) < 0.005
-    expected = float((inside[band] < 1).all(axis=1).mean())
-    # A long lens sees a ball's box of eight corners as the same square wherever it is.
-    lens = Intrinsics(1000, 1000, math.radians(0.2))
-    square = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-1.5, 1.5)])
-    pose = np.tile(camera_pose([0, 0, 0], 10 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
-    framed = frame_target(pose, square[None], lens, rng=rng, truncated=(0.6, 0.6))
-    pixels = project(lens, framed.world_from_camera, square).pixels
-    out = (pixels.min(axis=1) < -0.1) | (pixels.max(axis=1) > 1000.1)
-    assert out.all(axis=1).mean() == pytest.approx(expected, abs=0.015)
+    cut = inside[np.abs(inside.prod(axis=1) - 0.4) < 0.005] < 1
+    # A long lens sees an upright rectangle as the same rectangle wherever it is.
+    lens = Intrinsics(2000, 1000, math.radians(0.2))
+    corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
+    pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
+    framed = frame_target(pose, corners[None], lens, rng=rng, truncated=(0.6, 0.6))
+    pixels = project(lens, framed.world_from_camera, corners).pixels
+    out = (pixels.min(axis=1) < -0.1) | (pixels.max(axis=1) > size + 0.1)
+    for kind in ([True, False], [False, True], [True, True]):
+        expected = float((cut == kind).all(axis=1).mean())
+        assert (out == kind).all(axis=1).mean() == pytest.approx(expected, abs=0.015)
 
 
 def test_a_target_larger_than_the_frame_fills_it_and_says_what_is_cut() -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from dataset.journal import Journal, read_journal
 from geometry.errors import DatasetError
+from tests.oracles.synced import synced_bytes
 
 
 def test_lines_come_back_in_order(tmp_path):
@@ -25,6 +26,14 @@ def test_a_line_is_on_disk_before_append_returns(tmp_path):
     with Journal(path) as journal:
         journal.append({"i": 1})
         assert path.read_bytes() == b'{"i":1}\n'
+
+
+def test_a_line_survives_a_crash_of_the_machine(tmp_path, monkeypatch):
+    synced, path = synced_bytes(monkeypatch), tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        for i in range(3):
+            journal.append({"i": i})
+            assert synced[path.stat().st_ino] == path.read_bytes()
 
 
 def test_a_closed_journal_writes_to_no_file_that_was_opened_since(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from render.png import without_notes
+from render.png import damage, without_notes
 
 
 def encoded(notes):
@@ -43,3 +43,12 @@ def test_a_cut_file_is_refused(cut):
 def test_something_else_is_refused():
     with pytest.raises(ValueError, match="expected a PNG file"):
         without_notes(b"GIF89a")
+
+
+def test_a_picture_has_the_size_that_was_asked_for(tmp_path):
+    path = tmp_path / "picture.png"
+    Image.new("RGB", (6, 4)).save(path)
+    assert damage(path, 6, 4) is None
+    assert damage(path, 4, 6) is not None
+    path.write_bytes(path.read_bytes()[:-20])
+    assert damage(path, 6, 4) is not None

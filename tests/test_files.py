@@ -1,0 +1,29 @@
+import pytest
+
+from geometry.files import replacing, stays_inside
+from tests.oracles.synced import synced_bytes
+
+
+def test_a_replaced_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    path, synced = tmp_path / "plan.json", synced_bytes(monkeypatch)
+    path.write_bytes(b"old")
+    with replacing(path) as file:
+        file.write(b"new")
+        file.flush()
+        assert path.read_bytes() == b"old"
+    assert path.read_bytes() == b"new"
+    assert synced[path.stat().st_ino] == b"new"
+
+
+def test_an_error_leaves_the_file_as_it_was(tmp_path):
+    path = tmp_path / "plan.json"
+    path.write_bytes(b"old")
+    with pytest.raises(TypeError), replacing(path) as file:
+        file.writelines([b"half", None])
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("plan.json", b"old")]
+
+
+@pytest.mark.parametrize("name", ["/a.png", "..", "a/../../b", "a\\..\\b", "C:a.png", "\\a.png", "a\0b", "", None])
+def test_names_that_leave_their_folder_on_some_system(name):
+    assert not stays_inside(name)
+    assert stays_inside("images/a b.png")
