@@ -151,7 +151,7 @@ class VehicleBoxes:
         world_from_vehicle: ArrayLike,
         world_from_camera: ArrayLike,
         intrinsics: Optics,
-        articulations: Sequence[Mapping[str, float]] | None = None,
+        articulations: Sequence[Mapping[str, float]] | Float[np.ndarray, "n p"] | None = None,
     ) -> Boxes:
         """Boxes of n poses at once.
 
@@ -162,7 +162,7 @@ class VehicleBoxes:
         intrinsics
             One for all, or one for each.
         articulations
-            One for each, part name -> radians; none: all parts at rest.
+            One for each, part name -> radians, or (n, p) angles; none: all parts at rest.
         """
         vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
         cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
@@ -173,7 +173,7 @@ class VehicleBoxes:
         for name, given in (("world_from_camera", cameras), ("intrinsics", each.f), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
-        angles = self.shape.angles(turned)
+        angles = turned if isinstance(turned, np.ndarray) else self.shape.angles(turned)
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))

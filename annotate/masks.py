@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,16 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
+from camera.intrinsics import Lenses
 from camera.projection import NEAR, Camera, directions
 from camera.target import PosedVehicle
 from camera.visibility import TOUCHING
 from camera.world import World
 from geometry.arrays import checked
+from geometry.transforms import rotate
 
 FIRST_LOOK = 256  # pixels at which a vehicle is looked for before all others
+MOST_RAYS = 1 << 18  # cast together
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
 FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
@@ -50,11 +53,59 @@ def vehicle_mask(
     return mask
 
 
-def shows_pixel(vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike, world: World) -> bool:
-    """Whether `vehicle_mask` has any pixel; a few of them, spread over the box, are looked at first."""
-    rows, columns = _pixels(camera, xywh)
-    step = len(rows) // FIRST_LOOK + 1
-    return any(len(_seen(vehicle, camera, world, rows[::k], columns[::k])) for k in sorted({step, 1}, reverse=True))
+def show_pixels(
+    subjects: Sequence[PosedVehicle],
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    lens: Lenses,
+    *,
+    xywh: Float[np.ndarray, "n 4"],
+    world: World,
+) -> Bool[np.ndarray, " n"]:
+    """Whether the `vehicle_mask` of what each camera looks at has any pixel; a few of them are looked at first.
+
+    Parameters
+    ----------
+    subjects
+        Vehicles in rows: one for each camera.
+    world_from_camera, lens
+        The cameras.
+    xywh
+        (n, 4) boxes of the subjects.
+    world
+        What may hide them.
+    """
+    shown = np.zeros(len(xywh), dtype=bool)
+    first = np.clip(np.ceil(xywh[:, :2] - 0.5), 0, lens.size).astype(int)
+    end = np.clip(np.floor(xywh[:, :2] + xywh[:, 2:] - 0.5) + 1, first, lens.size).astype(int)
+    width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
+    few = pixels // FIRST_LOOK + 1
+
+    def look(cameras: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
+        """At every step-th pixel of the boxes of these cameras."""
+        count = -(-pixels[cameras] // step)
+        row = np.repeat(np.arange(len(cameras)), count)
+        pixel = (np.arange(len(row)) - (np.cumsum(count) - count)[row]) * step[row]
+        camera = cameras[row]
+        uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
+        poses = world_from_camera[camera]
+        along = rotate(poses[:, :3, :3], directions(lens.rows(camera), uv[:, None]))[:, 0]
+        start, distance = poses[:, :3, 3] + NEAR * along, np.full(len(row), np.inf)
+        for subject in subjects:
+            met = subject.rows(cameras).cast(start, along, row=row)
+            distance = np.minimum(distance, met.distance)
+        seen = np.flatnonzero(np.isfinite(distance))
+        reach = distance[seen] - TOUCHING
+        hidden = world.rows(cameras).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
+        shown[camera[seen[~hidden]]] = True
+
+    for step in (few, np.ones_like(few)):
+        cameras = np.flatnonzero(~shown & (pixels > 0) & ((step is few) | (few > 1)))
+        # As many cameras together as have some hundred thousand rays between them.
+        block = np.cumsum(-(-pixels[cameras] // step[cameras])) // MOST_RAYS
+        for some in np.split(cameras, np.flatnonzero(np.diff(block)) + 1):
+            if len(some):
+                look(some, step[some])
+    return shown
 
 
 def _pixels(camera: Camera, xywh: ArrayLike | None) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:

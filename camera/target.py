@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from assets.vehicle import Articulation, VehicleShape
+from geometry.arrays import joined
 from geometry.cutouts import CutoutCaster, caster_of
 from geometry.hulls import extreme_points
 from geometry.meshes import Mesh
@@ -196,11 +197,7 @@ class PosedVehicle:
             if k != 1 and self.row is None:
                 raise ValueError(f"vehicle: expected one pose, or the row of each, got {k}")
             row = np.zeros(rays, dtype=np.int64)
-        camera = np.zeros(1, dtype=np.int64) if self.row is None else self.row
-        first, last = np.searchsorted(row, camera, "left"), np.searchsorted(row, camera, "right")
-        pose = np.repeat(np.arange(k), last - first)
-        begins = np.cumsum(last - first) - (last - first)
-        return pose, np.arange(len(pose)) - begins[pose] + first[pose]
+        return joined(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
 
     def _parts(self) -> list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]:
         return self.target.placed(self.world_from_vehicle, self.articulation)

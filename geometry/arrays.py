@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Int
 from numpy.typing import ArrayLike, DTypeLike
 
 
@@ -71,6 +72,14 @@ def whole(value: object, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")
     return int(value)
+
+
+def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
+    first, last = np.searchsorted(wanted, keys, "left"), np.searchsorted(wanted, keys, "right")
+    i = np.repeat(np.arange(len(keys)), last - first)
+    before = np.cumsum(last - first) - (last - first)
+    return i, np.arange(len(i)) - before[i] + first[i]
 
 
 def _matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:

@@ -101,6 +101,12 @@ class Obstacles:
         clear[known] = ~self._touch.touched(half, world_from_box).reshape(-1, len(boxes.half)).any(axis=1)
         return clear
 
+    def touched(
+        self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether each box touches or is inside an obstacle; see `SceneTouch.touched`."""
+        return self._touch.touched(half, world_from_box)
+
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Whether a ray from each point, upwards or level, meets no obstacle within `ROOM` metres.
 

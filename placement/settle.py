@@ -244,7 +244,7 @@ def settle_each(
     size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
     order = _by_neighbourhood(xy, size)
     blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
-    contacts = _stacked([footing.contact for footing in footings])
+    contacts = stacked([footing.contact for footing in footings])
 
     def work(rows: Int[np.ndarray, " b"]) -> Settled:
         return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
@@ -258,7 +258,7 @@ def settle_each(
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
 
 
-def _stacked(samples: Sequence[Samples]) -> Samples:
+def stacked(samples: Sequence[Samples]) -> Samples:
     """Samples of several vehicles as one; those that have fewer repeat their first."""
     most = max(len(one.xy) for one in samples)
     padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
+from annotate.boxes import Boxes
 from camera.framing import frame_target
-from camera.intrinsics import Lenses, Optics
+from camera.intrinsics import Lenses
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
-from camera.visibility import visible_fraction
+from camera.visibility import visibility_of
 from camera.weather import air_contrast
 from placement.rejection import Rejection
+from planning.columns import put
 from planning.draws import Draws, Purpose, RowStreams, between
+from planning.instances import Instances, hull_of
 from planning.labels import pixels_shown
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
 from planning.search_limits import AIR_CONTRAST, BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.sizing import fraction_of, sized_cameras
-from planning.stage import Placed, Site
+from planning.stage import Site
 
 PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
 
@@ -72,18 +77,19 @@ def no_views(n: int) -> Views:
 
 def try_cameras(
     site: Site,
-    target: Placed,
+    targets: Instances,
     config: Config,
     *,
     draws: Draws,
     image: Int[np.ndarray, " n"],
     attempt: Int[np.ndarray, " n"],
-    others: list[Placed],
+    others: Instances,
     visibility_m: Float[np.ndarray, " n"],
 ) -> Views:
     """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
 
-    Checks go from cheap to dear, and each is asked only of what passed those before.
+    Row i of the targets and of what stands beside them is image i. Checks go from cheap to dear, and each is asked
+    only of what passed those before.
     """
     n, limits, render = len(image), config.camera, config.render
     views = no_views(n)
@@ -100,20 +106,23 @@ def try_cameras(
 
     lens = lenses_of(render, views.fov_x)
     if limits.size_measure == "paper":
-        distance = lens.distance_for(target.model.smallest, fraction)
+        smallest = targets.fleet.size.min(axis=1)[targets.model]
+        distance = lens.distance_for(smallest, fraction)
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
-        every = np.arange(n)
-        sized, distance = sized_cameras(
-            target,
-            limits,
-            render,
-            lens=lens,
-            fraction=fraction,
-            azimuth=azimuth,
-            elevation=elevation,
-            framing=lambda: framing(every),
-        )
+        sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
+        for model, i in targets.by_model():
+            sized[i], distance[i] = sized_cameras(
+                targets.take(i),
+                hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
+                limits,
+                render=render,
+                lens=lens.rows(i),
+                fraction=fraction[i],
+                azimuth=azimuth[i],
+                elevation=elevation[i],
+                framing=partial(framing, i),
+            )
     faint = AIR_CONTRAST.rejections(air_contrast(visibility_m, distance), config)
     apart = DISTANCE.rejections(distance, config)
     views.rejection[:] = np.where(apart, apart, faint)
@@ -121,15 +130,15 @@ def try_cameras(
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
     if limits.size_measure == "paper":
-        poses = camera_pose(target.rows(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+        poses = camera_pose(targets.take(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
     else:
         poses = sized[rows]
-    vehicles = [vehicle.rows(rows) for vehicle in (target, *others)]
-    views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], vehicles, limits)
+    here = [targets.take(rows).in_own_rows(), others.beside(rows)[0]]
+    views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], here, limits)
 
     on = views.rejection[rows] == Rejection.NONE
     rows, poses = rows[on], poses[on]
-    aimed_at = target.rows(rows)
+    aimed_at = targets.take(rows).in_own_rows()
     lens = lens.rows(rows)
     if limits.size_measure == "paper":
         poses = frame_target(
@@ -143,7 +152,7 @@ def try_cameras(
     poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(aimed_at, poses, visibility_m[rows])
-    boxes = target.model.boxes.boxes(aimed_at.world_from_vehicle, poses, lens, aimed_at.articulation)
+    boxes = boxes_of(aimed_at, poses, lens)
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
     # A target that is out of the frame has no box: nan is not large enough.
@@ -156,13 +165,13 @@ def try_cameras(
         views.rejection[rows[~(np.abs(filled - fraction[rows]) <= SIZED * fraction[rows])]] = Rejection.SIZE
 
     framed = views.rejection[rows] == Rejection.NONE
-    rows = rows[framed]
+    rows, lens = rows[framed], lens.rows(framed)
     views.visible_fraction[rows] = visible_shares(
         site,
-        target.rows(rows),
-        [other.rows(rows) for other in others],
+        targets.take(rows).in_own_rows(),
+        others.beside(rows)[0],
         views.world_from_camera[rows],
-        intrinsics=lens.rows(framed),
+        intrinsics=lens,
         rays=limits.visibility_rays,
     )
     views.rejection[rows] = VISIBLE.rejections(views.visible_fraction[rows], config)
@@ -170,74 +179,87 @@ def try_cameras(
     rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
     shown = pixels_shown(
         site,
-        target.rows(rows),
-        [other.rows(rows) for other in others],
+        targets.take(rows).in_own_rows(),
+        others.beside(rows)[0],
         world_from_camera=views.world_from_camera[rows],
-        fov_x=views.fov_x[rows],
+        lens=lenses_of(render, views.fov_x[rows]),
         bbox=rounded("bbox", views.bbox[rows]),
-        config=config,
     )
     views.rejection[rows[~shown]] = PIXELS.below
     return views
 
 
-def views_of_companion(
+def views_of_others(
     site: Site,
-    vehicle: Placed,
-    others: list[Placed],
+    subjects: Instances,
+    others: Instances,
     *,
     cameras: Views,
     visibility_m: Float[np.ndarray, " n"],
     config: Config,
-) -> Views:
-    """What each of these cameras sees of another vehicle than its target; `visibility_m` is nan in clear air."""
+) -> tuple[Views, Bool[np.ndarray, " n"]]:
+    """What cameras see of other vehicles than their targets, and whether those with a class are on any pixel.
+
+    Row i of the subjects, and of what stands beside them, is camera i; `visibility_m` is nan in clear air.
+    """
     lens = lenses_of(config.render, cameras.fov_x)
-    boxes = vehicle.model.boxes.boxes(vehicle.world_from_vehicle, cameras.world_from_camera, lens, vehicle.articulation)
+    boxes = boxes_of(subjects, cameras.world_from_camera, lens)
     visible = visible_shares(
-        site,
-        vehicle,
-        others,
-        cameras.world_from_camera,
-        intrinsics=lens,
-        rays=config.camera.visibility_rays,
+        site, subjects, others, cameras.world_from_camera, intrinsics=lens, rays=config.camera.visibility_rays
     )
-    return replace(
+    classed = np.array([model.category is not None for model in subjects.fleet.models])
+    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
+    pixels[named] = pixels_shown(
+        site,
+        subjects.take(named).in_own_rows(),
+        others.beside(named)[0],
+        world_from_camera=cameras.world_from_camera[named],
+        lens=lens.rows(named),
+        bbox=rounded("bbox", boxes.xywh[named]),
+    )
+    seen = replace(
         cameras,
         bbox=boxes.xywh,
         bbox_amodal=boxes.amodal,
         truncated_fraction=boxes.truncated_fraction,
         visible_fraction=visible,
-        air_contrast=air_contrasts(vehicle, cameras.world_from_camera, visibility_m),
+        air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
+    return seen, pixels
+
+
+def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
+    """The boxes of n vehicles, each as its own camera sees it."""
+    n = len(instances)
+    boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
+    for model, i in instances.by_model():
+        angles = instances.model_angles(model, i)
+        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))
+    return boxes
 
 
 def air_contrasts(
-    vehicle: Placed, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
+    instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """What the air leaves of each vehicle's contrast, from the camera to the centre of its box."""
-    away = vehicle.centres - world_from_camera[:, :3, 3]
+    away = instances.centres - world_from_camera[:, :3, 3]
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
 
 def visible_shares(
     site: Site,
-    vehicle: Placed,
-    others: list[Placed],
+    subjects: Instances,
+    others: Instances,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
-    intrinsics: Optics,
+    intrinsics: Lenses,
     rays: int,
 ) -> Float[np.ndarray, " n"]:
-    """Visible share of each vehicle's outline; 0 where it is out of the frame."""
-    seen = visible_fraction(
-        vehicle.model.target,
-        vehicle.world_from_vehicle,
-        world_from_camera,
-        intrinsics=intrinsics,
-        articulation=vehicle.articulation,
-        world=site.world.with_vehicles([other.posed for other in others]),
-        rays=rays,
-    )
+    """Visible share of the outline of the subject of each camera; 0 where it is out of the frame."""
+    if not len(subjects):
+        return np.zeros(0)
+    world = site.world.with_vehicles(others.posed())
+    seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
     # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
     return np.nan_to_num(seen.fraction)
 
@@ -248,13 +270,13 @@ def lenses_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> Lenses:
 
 
 def camera_rejections(
-    site: Site, position: Float[np.ndarray, "n 3"], vehicles: list[Placed], limits: CameraSection
+    site: Site, position: Float[np.ndarray, "n 3"], instances: Sequence[Instances], limits: CameraSection
 ) -> UInt8[np.ndarray, " n"]:
-    """Whether a camera may be at these places: above ground, clear of it, of obstacles and of vehicles."""
+    """Whether a camera may be at these places: above ground, clear of it, of obstacles and of its row's vehicles."""
     return site.camera_room.rejections(
         position,
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[vehicle.posed for vehicle in vehicles],
+        vehicles=[vehicle for some in instances for vehicle in some.posed()],
         vehicle_clearance=limits.obstacle_clearance,
     )

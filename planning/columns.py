@@ -28,3 +28,10 @@ def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
     """Overwrite some of the rows with those of another table."""
     for field in fields(table):
         getattr(table, field.name)[rows] = getattr(values, field.name)
+
+
+def join(table: Table, more: Table) -> Table:
+    """The rows of one, and after them those of the other."""
+    return type(table)(
+        *(np.concatenate([getattr(table, field.name), getattr(more, field.name)]) for field in fields(table))
+    )

@@ -57,14 +57,14 @@ class Draws:
         self._key = np.random.SeedSequence(seed).generate_state(1, np.uint64)
 
     def uniform(
-        self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike, *, count: int
+        self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> Float[np.ndarray, "n {count}"]:
         """Numbers uniform in [0, 1), multiples of 2**-53.
 
         Parameters
         ----------
         purpose
-            What they are for.
+            What they are for: a `Purpose`, or (n,) of them.
         item, attempt
             (n,) counters from 0 on, or single numbers.
         count
@@ -73,17 +73,19 @@ class Draws:
         return _unit(self.bits(purpose, item, attempt, count=count))
 
     def bits(
-        self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike, *, count: int
+        self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> UInt64[np.ndarray, "n {count}"]:
         """The same as 64 random bits each."""
         return _numbers(self.states(purpose, item, attempt), count)
 
-    def states(self, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, " n"]:
+    def states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, " n"]:
         """Where the streams of these items and attempts begin."""
-        items, attempts = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(item, dtype=np.uint64)), np.asarray(attempt, dtype=np.uint64)
+        purposes, items, attempts = np.broadcast_arrays(
+            np.asarray(purpose, dtype=np.uint64),
+            np.atleast_1d(np.asarray(item, dtype=np.uint64)),
+            np.asarray(attempt, dtype=np.uint64),
         )
-        state = _mixed(self._key + np.array([int(purpose)], dtype=np.uint64) * _GOLDEN)
+        state = _mixed(self._key + purposes * _GOLDEN)
         state = _mixed(state + items * _GOLDEN)
         return _mixed(state + attempts * _GOLDEN)
 

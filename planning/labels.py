@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from annotate.masks import shows_pixel
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
+from annotate.masks import show_pixels
+from camera.intrinsics import Lenses
+from planning.instances import Instances
 from planning.row import Label, rounded
 from planning.schema import Config
-from planning.stage import Placed, Site
+from planning.stage import Site
 
 LONGEST_CUT = 0.8  # of a label's box that the frame cuts off, unless targets may lose more
 
@@ -86,19 +86,17 @@ def labels_of(
 
 def pixels_shown(
     site: Site,
-    vehicle: Placed,
-    others: list[Placed],
+    subjects: Instances,
+    others: Instances,
     *,
     world_from_camera: Float[np.ndarray, "n 4 4"],
-    fov_x: Float[np.ndarray, " n"],
+    lens: Lenses,
     bbox: Float[np.ndarray, "n 4"],
-    config: Config,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether each vehicle is at the centre of any pixel of its image: whether its mask has any."""
+    """Whether the subject of each camera is at the centre of any pixel of its image: whether its mask has any."""
     shown = np.zeros(len(bbox), dtype=bool)
-    for i in np.flatnonzero(~np.isnan(bbox[:, 0])).tolist():
-        row = np.array([i])
-        camera = Camera(Intrinsics(config.render.width, config.render.height, float(fov_x[i])), world_from_camera[i])
-        world = site.world.with_vehicles([other.rows(row).posed for other in others])
-        shown[i] = shows_pixel(vehicle.rows(row).posed, camera, xywh=bbox[i], world=world)
+    rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
+    world = site.world.with_vehicles(others.beside(rows)[0].posed())
+    subject = subjects.take(rows).in_own_rows().posed()
+    shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
     return shown

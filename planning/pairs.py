@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from geometry.errors import ConfigError
 from planning.air import draw_air
 from planning.budget import Budget
 from planning.draws import Draws
-from planning.group import Group, HopelessPosition, plan_group
 from planning.row import LeftOut
 from planning.schema import Config
-from planning.stage import Model, PlanStage, Site
+from planning.search import Block, HopelessPosition, plan_block
+from planning.stage import Fleet, Model, PlanStage, Site
 
 # A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a
 # place, each one without costs all tries. Their numbers are beyond those of any plan.
@@ -63,28 +63,30 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: Draws, *
         If a vehicle that has images has no scenery left.
     """
     weights, left_out = np.zeros((len(budget.vehicles), len(stage.sites))), []
-    for v, name in enumerate(budget.vehicles):
-        allowed = _allowed_weights(config, name, stage.sites)
-        wanted = bool(budget.images[v])
-        problem: ConfigError | None = None
-        if not wanted and config.placement.vehicles_per_image[1] == 1:
-            continue
-        for s in np.flatnonzero(allowed).tolist():
-            try:
-                _try_pair(stage.sites[s], stage.models[name], config, draws)
-            except ConfigError as error:
-                if strict and wanted:
-                    raise
-                problem = problem or error
-                left_out.append(LeftOut(vehicle=name, scenery=stage.sites[s].name, why=error.problem))
+    wanted = budget.images > 0
+    planned = np.flatnonzero(wanted | (config.placement.vehicles_per_image[1] > 1))
+    allowed = {v: _allowed_weights(config, budget.vehicles[v], stage.sites) for v in planned.tolist()}
+    problems: dict[tuple[int, int], ConfigError] = {}
+    for s, site in enumerate(stage.sites):
+        here = [v for v in planned.tolist() if allowed[v][s] > 0.0]
+        models = np.array([stage.fleet.index[budget.vehicles[v]] for v in here], dtype=np.int64)
+        for v, problem in zip(here, _problems(site, stage.fleet, models, config, draws), strict=True):
+            if problem:
+                problems[v, s] = problem
             else:
-                weights[v, s] = allowed[s]
-        if problem and wanted and not weights[v].any():
+                weights[v, s] = allowed[v][s]
+    for (v, s), problem in sorted(problems.items()):
+        if strict and wanted[v]:
             raise problem
+        left_out.append(LeftOut(vehicle=budget.vehicles[v], scenery=stage.sites[s].name, why=problem.problem))
+    for v in planned.tolist():
+        if wanted[v] and not weights[v].any():
+            raise next(problem for (one, _), problem in sorted(problems.items()) if one == v)
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     for site in stage.sites:
         for model in stage.distractors.values():
-            _refuse_too_large(site, model, config)
+            if problem := _too_large(site, model, config):
+                raise problem
     return Pairs(weights, np.array([listed.get(site.name, 1.0) for site in stage.sites]), tuple(left_out))
 
 
@@ -116,48 +118,53 @@ def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> F
     return weights
 
 
-def _try_pair(site: Site, model: Model, config: Config, draws: Draws) -> None:
-    """Find places for the pair's trial positions.
-
-    Raises
-    ------
-    ConfigError
-        If most of them find none.
-    """
-    _refuse_too_large(site, model, config)
-    one = np.ones(1, dtype=np.int64)
-    failed = False
-    for trial in range(1 + MORE_TRIALS):
-        number = _FIRST_TRIAL + trial * one
-        try:
-            trial_group = Group(
-                site=site,
-                model=model,
-                guests=(),
-                background=False,
-                empty=False,
-                position=number,
-                shots=one,
-                first_image=number,
-            )
-            air = draw_air(config.weather, draws=draws, image=number)
-            plan_group(trial_group, config, draws, visibility_m=air.visibility_m)
-        except HopelessPosition as error:
-            if failed:
-                raise ConfigError(error.problem, path=error.path, remedy=error.remedy) from None
-            failed = True
-        else:
-            if not failed:
-                return
+def _problems(
+    site: Site, fleet: Fleet, models: Int[np.ndarray, " v"], config: Config, draws: Draws
+) -> list[ConfigError | None]:
+    """For each of these vehicles why most of its trial positions on a site find no place, or None."""
+    found: list[ConfigError | None] = [_too_large(site, fleet.models[i], config) for i in models.tolist()]
+    fitting = np.array([i for i, problem in enumerate(found) if problem is None], dtype=np.int64)
+    failed = fitting[list(_try(site, fleet, models[fitting], config, draws, number=_FIRST_TRIAL))]
+    for trial in range(1, 1 + MORE_TRIALS):
+        tried = np.array([i for i in failed.tolist() if found[i] is None], dtype=np.int64)
+        for i, problem in _try(site, fleet, models[tried], config, draws, number=_FIRST_TRIAL + trial).items():
+            found[tried[i]] = problem
+    return found
 
 
-def _refuse_too_large(site: Site, model: Model, config: Config) -> None:
+def _try(
+    site: Site, fleet: Fleet, models: Int[np.ndarray, " n"], config: Config, draws: Draws, *, number: int
+) -> dict[int, HopelessPosition]:
+    """Which of these vehicles find no place at a trial position, and what was tried."""
+    n = len(models)
+    if not n:
+        return {}
+    trial = np.full(n, number)
+    block = Block(
+        site=site,
+        fleet=fleet,
+        extras={},
+        model=models,
+        background=np.zeros(n, dtype=bool),
+        empty=np.zeros(n, dtype=bool),
+        movable=np.ones(n, dtype=bool),
+        position=trial,
+        shots=np.ones(n, dtype=np.int64),
+        first_image=trial,
+    )
+    air = draw_air(config.weather, draws=draws, image=trial)
+    return plan_block(block, config, draws, visibility_m=air.visibility_m).problems
+
+
+def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:
+    """What is wrong with a vehicle that is longer than the area it is placed in."""
     room = config.placement.margin * (site.bounds[1] - site.bounds[0])
     length = max(model.shape.size_xyz[:2])
     if length > min(room):
-        raise ConfigError(
+        return ConfigError(
             f"vehicle {model.shape.name!r} is {length:.4g} m long; in {site.name!r} vehicles "
             f"are placed within {room[0]:.4g} x {room[1]:.4g} m",
             path=config.path,
             remedy="look at both with `hulldown inspect`, and set the scale or the file that is wrong",
         )
+    return None

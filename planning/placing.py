@@ -1,4 +1,4 @@
-"""One candidate per row for a vehicle's place on a site, settled and kept clear (paper, section 2.1.5)."""
+"""Candidates for places on a site, settled and kept clear: a batch of any vehicles (paper, section 2.1.5)."""
 
 from __future__ import annotations
 
@@ -6,22 +6,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from geometry.portable import arctan2
-from geometry.transforms import apply
-from placement.candidates import candidates
-from placement.clearance import clear_of_vehicles
-from placement.footprint import contact_samples
+from geometry.overlap import boxes_touch
+from geometry.transforms import apply, compose, invert_rigid, rigid
 from placement.rejection import Rejection
-from placement.settle import Settled, depth_below, settle
-from planning.draws import Draws, Purpose, RowStreams
+from placement.settle import Settled, SettleRules, depth_below, settle_each
+from planning.instances import Instances
 from planning.row import rounded
 from planning.schema import Config
 from planning.search_limits import FORDING, GAP, PENETRATION, SLOPE, VALID_SHARE
-from planning.stage import Model, Placed, Site
+from planning.stage import Site
 
-CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at
 ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
 
 
@@ -32,105 +28,102 @@ def unsettled(n: int) -> Settled:
     return Settled(poses, slope, tilt, share, margin, gap, penetration, rejection)
 
 
-def try_candidates(
-    site: Site,
-    model: Model,
-    config: Config,
-    *,
-    draws: Draws,
-    position: Int[np.ndarray, " n"],
-    attempt: Int[np.ndarray, " n"],
-    articulation: list[dict[str, float]],
-) -> Settled:
-    """Try `attempt` of each position: drawn, settled, and kept clear of obstacles."""
-    rng = RowStreams(draws, Purpose.PLACE, position, attempt)
-    xy, yaw = candidates(site.bounds, len(position), rng=rng, margin=config.placement.margin)
-    return settle_clear(site, model, config, xy=xy, yaw=yaw, articulation=articulation)
-
-
 def settle_clear(
-    site: Site,
-    model: Model,
-    config: Config,
-    *,
-    xy: Float[np.ndarray, "n 2"],
-    yaw: Float[np.ndarray, " n"],
-    articulation: list[dict[str, float]],
+    site: Site, instances: Instances, config: Config, *, xy: Float[np.ndarray, "n 2"], yaw: Float[np.ndarray, " n"]
 ) -> Settled:
-    """Vehicles settled at these places with these headings and clear of obstacles, or the rejections."""
+    """Vehicles settled at these places with these headings and clear of obstacles, or the rejections.
+
+    Parameters
+    ----------
+    site
+        Where.
+    instances
+        n vehicles, whose poses do not matter.
+    config
+        Whose limits hold.
+    xy, yaw
+        (n, 2) metres and (n,) radians.
+    """
     limits = config.placement
-    settled = settle(
-        site.terrain,
-        model.shape.size_xyz,
-        xy,
-        yaw,
-        rule=limits.rule,
-        n=limits.footprint,
+    rules = SettleRules(
+        limits.rule,
         max_slope=math.radians(SLOPE.highest(config)),
         min_share=VALID_SHARE.lowest(config),
         max_gap=GAP.highest(config),
         max_penetration=PENETRATION.highest(config),
-        footprint=model.undersides[limits.contact],
     )
+    settled = settle_each(site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
+    placed = replace(instances, world_from_vehicle=poses)
     rows = np.flatnonzero(rejection == Rejection.NONE)
-    placed = Placed(model, poses[rows], [articulation[i] for i in rows.tolist()])
-    rejection[rows] = FORDING.rejections(depth_in_water(site, placed, limits.contact), config)
-    dry = rejection[rows] == Rejection.NONE
-    rows, placed = rows[dry], placed.rows(np.flatnonzero(dry))
-    clear = clear_of_obstacles(site, placed, limits.obstacle_clearance)
+    rejection[rows] = FORDING.rejections(depth_in_water(site, placed.take(rows)), config)
+    rows = rows[rejection[rows] == Rejection.NONE]
+    clear = clear_of_obstacles(site, placed.take(rows), limits.obstacle_clearance)
     rejection[rows[~clear]] = Rejection.OBSTACLE
-    rows, placed = rows[clear], placed.rows(np.flatnonzero(clear))
-    rejection[rows[~sees_sky(site, placed)]] = Rejection.DARK
+    rows = rows[clear]
+    rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
 
 
-def settle_at(site: Site, model: Model, config: Config, world_from_vehicle: Float[np.ndarray, "n 4 4"]) -> Settled:
-    """Vehicles settled by the config's rule at the places and headings of these poses, whatever the limits say."""
-    limits, forward = config.placement, world_from_vehicle[:, :2, 0]
-    return settle(
-        site.terrain,
-        model.shape.size_xyz,
-        world_from_vehicle[:, :2, 3],
-        arctan2(forward[:, 1], forward[:, 0]),
-        rule=limits.rule,
-        n=limits.footprint,
-        max_slope=math.nextafter(math.pi / 2, 0.0),
-        min_share=0.0,
-        footprint=model.undersides[limits.contact],
-    )
-
-
-def depth_in_water(site: Site, placed: Placed, contact: str) -> Float[np.ndarray, " n"]:
+def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
     """How far in metres the underside of each vehicle lies below water, at most; 0 on dry ground."""
     if site.water is None:
-        return np.zeros(len(placed.world_from_vehicle))
-    samples = contact_samples(placed.model.undersides[contact], CONTACT)
-    return depth_below(site.water, placed.world_from_vehicle, samples)
+        return np.zeros(len(instances))
+    samples = instances.fleet.contacts.of(instances.model)
+    return depth_below(site.water, instances.world_from_vehicle, samples)
 
 
-def sees_sky(site: Site, placed: Placed) -> Bool[np.ndarray, " n"]:
+def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     """Whether any light of the sky comes down to the top of each vehicle."""
-    top = placed.model.centre + np.array([0.0, 0.0, placed.model.shape.size_xyz[2] / 2 + ABOVE])
-    return site.vehicle_room.open_above(apply(placed.world_from_vehicle, top[None])[:, 0])
+    fleet, model = instances.fleet, instances.model
+    top = fleet.centre[model].copy()
+    top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
+    return site.vehicle_room.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
 
 
-def clear_of_obstacles(site: Site, placed: Placed, clearance: float) -> Bool[np.ndarray, " n"]:
+def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
     """Whether no part of each vehicle comes near an obstacle."""
-    poses = placed.world_from_parts()
-    clear = np.ones(len(poses), dtype=bool)
-    for part, extent in enumerate(placed.model.extents):
-        rows = np.flatnonzero(clear)
-        clear[rows] = site.vehicle_room.clear(extent, poses[rows, part], clearance)
+    half, world_from_box = _boxes(instances, clearance)
+    clear = np.ones(len(instances), dtype=bool)
+    for box in range(half.shape[1]):
+        # Hulls first: most of what touches anything is already known then.
+        rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
+        clear[rows] = ~site.vehicle_room.touched(half[rows, box], world_from_box[rows, box])
     return clear
 
 
-def clear_of_vehicle(placed: Placed, other: Placed, clearance: float) -> Bool[np.ndarray, " n"]:
-    """Whether no part of each vehicle comes near a part of the other one of its row."""
-    mine, theirs = placed.world_from_parts(), other.world_from_parts()
-    clear = np.ones(len(mine), dtype=bool)
-    for a, extent in enumerate(placed.model.extents):
-        for b, their_extent in enumerate(other.model.extents):
-            clear &= clear_of_vehicles(extent, mine[:, a], their_extent, theirs[:, b, None], clearance)
+def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
+    """Whether no part of each vehicle comes near a part of the other one of its pair.
+
+    The clearance is kept to the sides of and above both, not below them.
+    """
+    clear = np.ones(len(instances), dtype=bool)
+    # What is farther apart than their spheres are wide needs no boxes.
+    reach = _reach(instances) + _reach(others) + 2.0 * clearance
+    away = instances.world_from_vehicle[:, :3, 3] - others.world_from_vehicle[:, :3, 3]
+    near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
+    mine, theirs = instances.take(near), others.take(near)
+    for one, other in ((mine, theirs), (theirs, mine)):
+        half, world_from_box = _boxes(one, clearance)
+        half_other, world_from_other = _boxes(other, 0.0)
+        for a in range(half.shape[1]):
+            for b in range(half.shape[1]):
+                here = (a < one.fleet.boxes[one.model]) & (b < other.fleet.boxes[other.model])
+                rows = np.flatnonzero(clear[near] & here)
+                box_from_other = compose(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
+                clear[near[rows]] = ~boxes_touch(half[rows, a], half_other[rows, b], box_from_other)
     return clear
+
+
+def _reach(instances: Instances) -> Float[np.ndarray, " n"]:
+    """How far the boxes of each reach from its origin, however its parts are turned."""
+    return instances.fleet.reach[instances.model]
+
+
+def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
+    """Half the sizes and the poses of the boxes of all parts, larger by the clearance to the sides and upwards."""
+    fleet, model = instances.fleet, instances.model
+    centre = fleet.box_centre[model] + [0.0, 0.0, clearance / 2]
+    world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), centre))
+    return fleet.half[model] + clearance * np.array([1.0, 1.0, 0.5]), world_from_box

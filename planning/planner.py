@@ -15,13 +15,13 @@ from assets.library import Assets
 from geometry.errors import ConfigError
 from planning.budget import Positions, make_budget
 from planning.draws import Draws, Purpose, choose
-from planning.group import Group, HopelessPosition, plan_group
-from planning.guests import framed_on, guests_at
+from planning.extras import Extras, extras_at, framed_on
 from planning.light import draw_lights, hdri_weights
 from planning.pairs import Pairs, make_pairs
 from planning.row import Row, encode_rows
 from planning.rows import rows_of
 from planning.schema import Config
+from planning.search import Block, HopelessPosition, before, plan_block
 from planning.stage import make_stage
 
 BLOCK = 2048  # positions planned together: enough of each vehicle and site that batches are worth their overhead
@@ -73,22 +73,22 @@ class Planner:
         while len(pending):
             # A position that finds no place on its scenery takes another one, until none is left.
             homeless = [pending[:0]]
-            for group, mine in self._groups(position, held, weights, pending, attempt):
+            for block, mine in self._blocks(position, held, weights, pending, attempt):
                 if hopeless:
-                    group = group.before(hopeless.position)
-                if not len(group.position):
+                    block = before(block, hopeless.position)
+                if not len(block.position):
                     continue
                 lights = draw_lights(
-                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=group.image
+                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=block.image
                 )
                 try:
-                    planned = plan_group(group, self.config, self._draws, visibility_m=lights.air.visibility_m)
+                    planned = plan_block(block, self.config, self._draws, visibility_m=lights.air.visibility_m)
                 except HopelessPosition as error:
-                    # Another group may hold an earlier one: what is said does not depend on how the work is cut.
+                    # Another block may hold an earlier one: what is said does not depend on how the work is cut.
                     hopeless = error
                     continue
-                rows += rows_of(group, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
-                homeless.append(mine[: len(group.position)][~planned.found])
+                rows += rows_of(block, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
+                homeless.append(mine[: len(block.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             problem = f"position {hopeless.position}: {hopeless.problem}"
@@ -96,48 +96,54 @@ class Planner:
         rows.sort(key=lambda row: row.index)
         return rows
 
-    def _groups(
+    def _blocks(
         self,
         position: Int[np.ndarray, " n"],
         held: Positions,
         weights: Float[np.ndarray, "n s"],
         pending: Int[np.ndarray, " p"],
         attempt: int,
-    ) -> Iterator[tuple[Group, Int[np.ndarray, " q"]]]:
-        """The pending positions as groups, with their indices; what is drawn for them loses its weight."""
+    ) -> Iterator[tuple[Block, Int[np.ndarray, " q"]]]:
+        """The pending positions by scenery, with their indices; what is drawn for them loses its weight."""
         site = self._sites(position[pending], weights[pending], attempt)
         weights[pending, site] = 0.0
         movable = weights[pending].any(axis=1) & (not self.strict)
+        stage = self.stage
         some = Positions(held.vehicle[pending], held.ordinal[pending], held.shots[pending], held.first_image[pending])
         framed = framed_on(
             self.budget,
-            self.stage,
+            stage,
             self.config,
             self._draws,
             position=position[pending],
             held=some,
-            sites=[self.stage.sites[s].name for s in site.tolist()],
+            sites=[stage.sites[s].name for s in site.tolist()],
         )
-        kinds: dict[tuple[int, str, bool, bool], list[int]] = {}
-        for i, kind in enumerate(zip(site.tolist(), framed, some.background.tolist(), movable.tolist(), strict=True)):
-            kinds.setdefault(kind, []).append(i)
-        for (s, name, background, may_move), indices in kinds.items():
-            model, mine = self.stage.everything[name], pending[indices]
-            companions, distractors = guests_at(
-                self.stage.sites[s].name, self.stage, self.config, background=background
+        model = np.array([stage.fleet.index[name] for name in framed])
+        classed = np.array([one.category is not None for one in stage.fleet.models])
+        for s in np.unique(site).tolist():
+            here = np.flatnonzero(site == s)
+            mine = pending[here]
+            yield (
+                Block(
+                    site=stage.sites[s],
+                    fleet=stage.fleet,
+                    extras={background: self._extras(s, background=background) for background in (False, True)},
+                    model=model[here],
+                    background=some.background[here],
+                    empty=some.background[here] & classed[model[here]],
+                    movable=movable[here],
+                    position=position[mine],
+                    shots=held.shots[mine],
+                    first_image=held.first_image[mine],
+                ),
+                mine,
             )
-            group = Group(
-                site=self.stage.sites[s],
-                model=model,
-                guests=(replace(companions, weights=self._companion_weights(s)), distractors),
-                background=background,
-                empty=background and model.category is not None,
-                position=position[mine],
-                shots=held.shots[mine],
-                first_image=held.first_image[mine],
-                movable=may_move,
-            )
-            yield group, mine
+
+    def _extras(self, site: int, *, background: bool) -> tuple[Extras, ...]:
+        """What may stand beside targets on a scenery: companions of the vehicles that are planned there."""
+        companions, distractors = extras_at(self.stage.sites[site].name, self.stage, self.config, background=background)
+        return replace(companions, weights=self._companion_weights(site)), distractors
 
     def _sites(
         self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int

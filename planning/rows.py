@@ -2,51 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from assets.library import Assets
 from placement.rejection import Rejection
-from placement.settle import Settled
-from planning.company import Slot
+from planning.aiming import Views
 from planning.draws import Draws
 from planning.exposure import exposures
-from planning.group import Group, Planned
+from planning.extras import Role
+from planning.instances import Instances
 from planning.labels import labels_of
 from planning.light import Lights
 from planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from planning.schema import Config
-from planning.stage import Model, Placed
+from planning.search import Block, Planned, Table
+
+_SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
 
 def rows_of(
-    group: Group, planned: Planned, lights: Lights, *, config: Config, draws: Draws, assets: Assets
+    block: Block, planned: Planned, lights: Lights, *, config: Config, draws: Draws, assets: Assets
 ) -> list[Row]:
-    """One row for each image of a group's positions that found a place, in the group's order."""
-    settled, views, shape = planned.settled, planned.views, group.model.shape
-    slope, gap, penetration = _contact(settled)
-    position, tries = group.position.tolist(), planned.tries.tolist()
-    found, left_out = planned.found.tolist(), planned.companions.left_out.tolist()
-    kinds = [rejection.key for rejection in Rejection]
-    bounds = _bounds(group.model, settled.world_from_vehicle, planned.articulation)
-    coats = draw_coats(config.paint_of(shape.name), draws, position=group.position, place=0)
+    """One row for each image of a block's positions that found a place, in the block's order."""
+    views, table = planned.views, planned.instances
+    vehicles = _vehicles(block, table, config=config, draws=draws)
+    target = np.flatnonzero(table.role == Role.TARGET)
+    begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
+    left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
+    beside = _extras(planned, vehicles, config)
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
-    exposed = exposures(group.image, hdris, strength, light=config.light, assets=assets, draws=draws)
+    exposed = exposures(block.image, hdris, strength, light=config.light, assets=assets, draws=draws)
+    kinds = [rejection.key for rejection in Rejection]
     columns = zip(
-        group.owner.tolist(),
-        group.shot.tolist(),
-        group.image.tolist(),
+        block.owner.tolist(),
+        block.shot.tolist(),
+        block.image.tolist(),
         views.world_from_camera,
         rounded("fov_x_deg", np.degrees(views.fov_x)).tolist(),
-        rounded("bbox", views.bbox).tolist(),
-        rounded("bbox_amodal", views.bbox_amodal).tolist(),
-        rounded("visible_fraction", views.visible_fraction).tolist(),
-        rounded("truncated_fraction", views.truncated_fraction).tolist(),
-        rounded("air_contrast", views.air_contrast).tolist(),
+        _seen(views),
         hdris,
         rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
         strength.tolist(),
@@ -56,29 +55,18 @@ def rows_of(
         lights.air.weathers(),
         lights.sample_seed.tolist(),
         planned.rejected.tolist(),
-        _guests(group, planned, "companion", config=config, draws=draws),
-        _guests(group, planned, "distractor", config=config, draws=draws),
         strict=True,
     )
     width, height = config.render.width, config.render.height
+    found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()
     return [
         Row(
-            vehicle=shape.name,
-            category=group.model.category,
-            world_from_vehicle=settled.world_from_vehicle[i],
-            articulation=planned.articulation[i],
-            bbox=Box(*bbox),
-            bbox_amodal=Box(*amodal),
-            visible_fraction=visible,
-            truncated_fraction=truncated,
-            slope_deg=slope[i],
-            gap=gap[i],
-            penetration=penetration[i],
-            tries=tries[i],
+            **vehicles[target[i]],
+            **seen,
             index=image,
             image_id=image + 1,
             file_name=picture_name(image),
-            scenery=group.site.name,
+            scenery=block.site.name,
             position=position[i],
             shot=shot,
             world_from_camera=camera,
@@ -93,114 +81,102 @@ def rows_of(
             white_balance_k=kelvin,
             weather=weather,
             sample_seed=seed,
-            background=group.background,
-            label="none" if group.background else "full",
-            bounds=bounds[i],
-            paint=coats[i],
-            air_contrast=contrast,
-            companions=companions,
-            distractors=distractors,
+            background=background[i],
+            label="none" if background[i] else "full",
+            companions=beside[j, Role.COMPANION],
+            distractors=beside[j, Role.DISTRACTOR],
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
             left_out=left_out[i],
         )
-        for (
-            i, shot, image, camera, fov, bbox, amodal, visible, truncated, contrast,
-            hdri, yaw, strength, horizon, exposure, kelvin, weather, seed, rejected, companions, distractors,
-        ) in columns
+        for j, (
+            i, shot, image, camera, fov, seen, hdri, yaw, strength, horizon, exposure, kelvin, weather, seed, rejected,
+        ) in enumerate(columns)
         if found[i]
     ]  # fmt: skip
 
 
-def _guests(group: Group, planned: Planned, kind: str, *, config: Config, draws: Draws) -> list[list[PlannedVehicle]]:
-    """For each image of a group its guests of one kind, one slot after the other, as its camera sees them."""
-    owner = group.owner.tolist()
-    records: list[list[PlannedVehicle]] = [[] for _ in owner]
-    place = np.full(len(group.position), COMPANIONS if kind == "companion" else DISTRACTORS)  # of the next one
-    for slot in planned.companions.slots:
-        if slot.guests.kind != kind:
-            continue
-        views = slot.views
-        labels = labels_of(
-            config,
-            bbox=views.bbox,
-            visible=views.visible_fraction,
-            truncated=views.truncated_fraction,
-            contrast=views.air_contrast,
-            pixels=slot.pixels,
-        )
-        model, tries, poses = slot.model.tolist(), slot.tries.tolist(), slot.settled.world_from_vehicle
-        slope, gap, penetration = _contact(slot.settled)
-        bounds = _slot_bounds(slot.guests.models, slot.model, poses, slot.articulation)
-        coats = _slot_coats(slot, config, draws, position=group.position, place=place)
-        place = place + (slot.model >= 0)
-        bbox, amodal = (_boxes(slot.views.bbox), _boxes(slot.views.bbox_amodal))
-        visible, truncated, contrast = (
-            rounded(key, getattr(slot.views, key)).tolist()
-            for key in ("visible_fraction", "truncated_fraction", "air_contrast")
-        )
-        for image, i in enumerate(owner):
-            if model[i] < 0:
-                continue
-            records[image].append(
-                PlannedVehicle(
-                    vehicle=slot.guests.models[model[i]].shape.name,
-                    category=slot.guests.models[model[i]].category,
-                    world_from_vehicle=poses[i],
-                    articulation=slot.articulation[i],
-                    bbox=bbox[image],
-                    bbox_amodal=amodal[image],
-                    visible_fraction=visible[image],
-                    truncated_fraction=truncated[image],
-                    slope_deg=slope[i],
-                    gap=gap[i],
-                    penetration=penetration[i],
-                    tries=tries[i],
-                    label=labels[image],
-                    bounds=bounds[i],
-                    paint=coats[i],
-                    air_contrast=contrast[image],
-                )
-            )
+def _extras(
+    planned: Planned, vehicles: list[dict[str, Any]], config: Config
+) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
+    """The companions and the distractors of each image, by its row in the block, as its camera sees them."""
+    seen, views = planned.seen, planned.seen.views
+    labels = labels_of(
+        config,
+        bbox=views.bbox,
+        visible=views.visible_fraction,
+        truncated=views.truncated_fraction,
+        contrast=views.air_contrast,
+        pixels=seen.pixels,
+    )
+    roles, records = planned.instances.role[seen.instance].tolist(), defaultdict(list)
+    columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, _seen(views), strict=True)
+    for image, instance, role, label, shown in columns:
+        records[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
     return records
 
 
-def _contact(settled: Settled) -> tuple[list[float], list[float], list[float]]:
-    """Slope in degrees, gap and penetration, as rows have them."""
-    slope = rounded("slope_deg", np.degrees(settled.tilt)).tolist()
-    return slope, rounded("gap", settled.gap).tolist(), rounded("penetration", settled.penetration).tolist()
+def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> list[dict[str, Any]]:
+    """What rows say of each instance, whatever their cameras see of it."""
+    settled, fleet = table.settled, block.fleet
+    instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
+    turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
+    bounds = [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
+    columns = zip(
+        table.model.tolist(),
+        settled.world_from_vehicle,
+        turned,
+        rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
+        rounded("gap", settled.gap).tolist(),
+        rounded("penetration", settled.penetration).tolist(),
+        table.tries.tolist(),
+        bounds,
+        _coats(block, table, config=config, draws=draws),
+        strict=True,
+    )
+    return [
+        {
+            "vehicle": fleet.models[model].shape.name,
+            "category": fleet.models[model].category,
+            "world_from_vehicle": pose,
+            "articulation": articulation,
+            "slope_deg": slope,
+            "gap": gap,
+            "penetration": penetration,
+            "tries": tries,
+            "bounds": box,
+            "paint": coats,
+        }
+        for model, pose, articulation, slope, gap, penetration, tries, box, coats in columns
+    ]
 
 
-def _bounds(model: Model, poses: Float[np.ndarray, "n 4 4"], articulation: list[dict[str, float]]) -> list[Bounds]:
-    """What boxes hold a vehicle in its own frame."""
-    corners = rounded("bounds", Placed(model, poses, articulation).bounds()).tolist()
-    return [Bounds(tuple(low), tuple(high)) for low, high in corners]
+def _coats(block: Block, table: Table, *, config: Config, draws: Draws) -> list[list[Coat]]:
+    """The coats of each instance: by its place among those of its role that are there."""
+    places = np.zeros(len(table.row), dtype=np.int64)
+    for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
+        there = np.flatnonzero(table.found & (table.role == role))
+        rank = np.arange(len(there)) - np.searchsorted(table.row[there], table.row[there])
+        places[there] = first + rank
+    coats: list[list[Coat]] = [[]] * len(table.row)
+    for model in np.unique(table.model).tolist():
+        mine = np.flatnonzero(table.model == model)
+        paint = config.paint_of(block.fleet.models[model].shape.name)
+        drawn = draw_coats(paint, draws, position=block.position[table.row[mine]], place=places[mine])
+        for i, coat in zip(mine.tolist(), drawn, strict=True):
+            coats[i] = coat
+    return coats
 
 
-def _slot_bounds(
-    models: Sequence[Model],
-    which: Int[np.ndarray, " n"],
-    poses: Float[np.ndarray, "n 4 4"],
-    turned: list[dict[str, float]],
-) -> dict[int, Bounds]:
-    """The same of guests, of which each position has another one, or none."""
-    found: dict[int, Bounds] = {}
-    for k in np.unique(which[which >= 0]).tolist():
-        rows = np.flatnonzero(which == k)
-        found |= zip(rows.tolist(), _bounds(models[k], poses[rows], [turned[i] for i in rows.tolist()]), strict=True)
-    return found
+def _seen(views: Views) -> list[dict[str, Any]]:
+    """What rows say of what a camera sees of a vehicle."""
+    boxes = zip(boxes_in_rows(views.bbox), boxes_in_rows(views.bbox_amodal), strict=True)
+    shares = zip(*(rounded(key, getattr(views, key)).tolist() for key in _SEEN), strict=True)
+    return [
+        {"bbox": box, "bbox_amodal": amodal, **dict(zip(_SEEN, values, strict=True))}
+        for (box, amodal), values in zip(boxes, shares, strict=True)
+    ]
 
 
-def _slot_coats(
-    slot: Slot, config: Config, draws: Draws, *, position: Int[np.ndarray, " n"], place: Int[np.ndarray, " n"]
-) -> dict[int, list[Coat]]:
-    """The coats of guests, of which each position has another one, or none."""
-    found: dict[int, list[Coat]] = {}
-    for k in np.unique(slot.model[slot.model >= 0]).tolist():
-        rows = np.flatnonzero(slot.model == k)
-        paint = config.paint_of(slot.guests.models[k].shape.name)
-        found |= zip(rows.tolist(), draw_coats(paint, draws, position=position[rows], place=place[rows]), strict=True)
-    return found
-
-
-def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
+def boxes_in_rows(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
+    """Boxes as rows have them, None where there is none."""
     return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in rounded("bbox", boxes).tolist()]

@@ -13,8 +13,8 @@ from camera.intrinsics import Lenses
 from camera.shell import camera_pose
 from camera.size import Measure, ProjectedSize, solve_distance
 from geometry.uniform import UniformNumbers
+from planning.instances import Instances
 from planning.schema import CameraSection, RenderSection
-from planning.stage import Placed
 
 # Framing turns the camera, which changes the size a little; the distance that restores it changes the framing less.
 ROUNDS = 4
@@ -38,10 +38,11 @@ def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: Rend
 
 
 def sized_cameras(
-    target: Placed,
+    targets: Instances,
+    hull: Float[np.ndarray, "n h 3"],
     limits: CameraSection,
-    render: RenderSection,
     *,
+    render: RenderSection,
     lens: Lenses,
     fraction: Float[np.ndarray, " n"],
     azimuth: Float[np.ndarray, " n"],
@@ -52,8 +53,10 @@ def sized_cameras(
 
     Parameters
     ----------
-    target
-        n vehicles.
+    targets
+        n vehicles of one model.
+    hull
+        (n, h, 3) points whose projected box is theirs.
     limits, render
         The config's; of the limits the measure, the framing and the truncation.
     lens
@@ -72,12 +75,7 @@ def sized_cameras(
     """
     measure = limits.size_measure
     assert measure != "paper"
-    pixels, hull, corners, centres = (
-        fraction * image_size(measure, render),
-        target.hull(),
-        target.corners(),
-        target.centres,
-    )
+    pixels, corners, centres = fraction * image_size(measure, render), targets.corners(), targets.centres
     looking = camera_pose(centres, 1.0, azimuth, elevation)
     outward = -looking[:, :3, 2]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -13,15 +14,15 @@ from assets.library import Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from camera.clearance import CameraRoom
-from camera.target import PosedVehicle, VehicleTarget
+from camera.target import VehicleTarget
 from camera.world import Plane, World
-from geometry.transforms import apply, compose, rigid
-from placement.clearance import Extent, Obstacles
-from placement.footprint import Underside, underside
+from placement.clearance import Obstacles
+from placement.footprint import underside
+from placement.settle import Footing, stacked
 from placement.terrain import Terrain
-from planning.row import rounded
 from planning.schema import Config
 
+CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at
 _BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles
 
 
@@ -72,13 +73,13 @@ class Model:
         Answers for rays at it.
     centre
         (3,) centre of its bounding box, vehicle frame.
-    undersides
-        What meets the ground, by the choices of `placement.contact`: the underside, or a plate as large as the box.
+    footing
+        What meets the ground, by `placement.contact`: its underside, or a plate as large as its box.
     corners
         (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
-    extents
-        (b,) those boxes, as tests of clearance take them.
-    corner_part
+    half
+        (b, 3) half the sizes of those boxes.
+    part
         (b,) the parts they belong to.
     """
 
@@ -87,70 +88,73 @@ class Model:
     boxes: VehicleBoxes
     target: VehicleTarget
     centre: Float[np.ndarray, "3"]
-    undersides: dict[str, Underside | Float[np.ndarray, "2 2"]]
+    footing: Footing
     corners: Float[np.ndarray, "b 8 3"]
-    extents: tuple[Extent, ...]
-    corner_part: Int[np.ndarray, " b"]
-
-    @property
-    def smallest(self) -> float:
-        """The bounding box's smallest dimension: S of equation 6."""
-        return float(self.shape.size_xyz.min())
+    half: Float[np.ndarray, "b 3"]
+    part: Int[np.ndarray, " b"]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Placed:
-    """One vehicle in n poses, each with its own articulation.
+class Fleet:
+    """All vehicles and distractors of a plan. Arrays have a line for each, and repeat its first box where it has fewer.
 
     Parameters
     ----------
-    model
-        The vehicle.
-    world_from_vehicle
-        (n, 4, 4) rigid poses.
-    articulation
-        n of them: part name -> radians.
+    models
+        They.
+
+    Attributes
+    ----------
+    models
+        They.
+    index
+        Name -> index among them.
+    size, centre
+        (m, 3) of their bounding boxes at rest.
+    parts
+        Most parts that one of them has.
+    boxes
+        (m,) number of parts that have faces, and so a box.
+    footings, contacts
+        What meets the ground: of each, and the points of contact of all as one table.
+    reach
+        (m,) metres from the origin that no part reaches beyond, however it is turned.
+    half, box_centre, box_part, corners
+        (m, b, 3), (m, b, 3), (m, b) and (m, b, 8, 3): those boxes; see `Model`.
     """
 
-    model: Model
-    world_from_vehicle: Float[np.ndarray, "n 4 4"]
-    articulation: list[dict[str, float]]
+    def __init__(self, models: Sequence[Model]) -> None:
+        self.models = tuple(models)
+        self.index = {model.shape.name: i for i, model in enumerate(self.models)}
+        self.size = np.array([model.shape.size_xyz for model in self.models])
+        self.centre = np.array([model.centre for model in self.models])
+        self.footings = tuple(model.footing for model in self.models)
+        self.contacts = stacked([footing.contact for footing in self.footings])
+        self.parts = max(len(model.shape.part_names) for model in self.models)
+        self.boxes = np.array([len(model.half) for model in self.models])
+        filled = [np.where(np.arange(self.boxes.max()) < n, np.arange(self.boxes.max()), 0) for n in self.boxes]
+        self.half = np.stack([model.half[i] for model, i in zip(self.models, filled, strict=True)])
+        self.corners = np.stack([model.corners[i] for model, i in zip(self.models, filled, strict=True)])
+        self.box_part = np.stack([model.part[i] for model, i in zip(self.models, filled, strict=True)])
+        self.reach = np.array([_reach(model.shape) for model in self.models])
+        self.box_centre = (self.corners.min(axis=2) + self.corners.max(axis=2)) / 2
 
-    def rows(self, index: Int[np.ndarray, " k"]) -> Placed:
-        """Some of the poses."""
-        articulation = [self.articulation[i] for i in index.tolist()]
-        return Placed(self.model, self.world_from_vehicle[index], articulation)
 
-    @property
-    def posed(self) -> PosedVehicle:
-        """The same as something that rays meet."""
-        return PosedVehicle(self.model.target, self.world_from_vehicle, self.articulation)
-
-    @property
-    def centres(self) -> Float[np.ndarray, "n 3"]:
-        """Centres of the bounding boxes, in the world."""
-        return apply(self.world_from_vehicle, self.model.centre[None])[:, 0]
-
-    def corners(self) -> Float[np.ndarray, "n k 3"]:
-        """Corners of the boxes of all parts, turned and placed: no vertex of the vehicle is outside their hull."""
-        corners = apply(self.world_from_parts(), self.model.corners)
-        return corners.reshape(len(corners), 8 * len(self.model.corners), 3)
-
-    def hull(self) -> Float[np.ndarray, "n k 3"]:
-        """Vertices of the convex hulls of all parts, turned and placed: any projected box is theirs."""
-        poses = self.world_from_parts()
-        return np.concatenate([apply(poses[:, i], part.hull) for i, part in enumerate(self.model.target.parts)], axis=1)
-
-    def bounds(self) -> Float[np.ndarray, "n 2 3"]:
-        """Lowest and highest corner of each, in the vehicle's own frame with its parts turned."""
-        at_home = np.broadcast_to(np.eye(4), self.world_from_vehicle.shape)
-        points = Placed(self.model, at_home, self.articulation).hull()
-        return np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
-
-    def world_from_parts(self) -> Float[np.ndarray, "n b 4 4"]:
-        """Where each part at rest goes."""
-        vehicle_from_parts = self.model.shape.vehicle_from_parts(self.articulation)[:, self.model.corner_part]
-        return compose(self.world_from_vehicle[:, None], vehicle_from_parts)
+def _reach(shape: VehicleShape) -> float:
+    """A part that turns stays within a sphere about its pivot, which turns with the part it rides on."""
+    reach = 0.0
+    for part in range(len(shape.part_names)):
+        mine = shape.mesh.vertices[shape.vertex_part == part]
+        if len(mine):
+            low, high = mine.min(axis=0), mine.max(axis=0)
+            points = np.array(list(product(*np.stack([low, high]).T)))
+            away, at = 0.0, points
+            # Up the chain of pivots to the hull, which does not turn.
+            while part > 0:
+                pivot = shape.part_pivot[part]
+                farthest = np.linalg.norm(at - pivot, axis=1).max() + away
+                away, at, part = farthest, pivot[None], int(shape.part_parent[part])
+            reach = max(reach, float(np.linalg.norm(at, axis=1).max() + away))
+    return reach * (1 + 1e-9)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -160,6 +164,7 @@ class PlanStage:
     sites: tuple[Site, ...]
     models: dict[str, Model]
     distractors: dict[str, Model]
+    fleet: Fleet
 
     @property
     def everything(self) -> dict[str, Model]:
@@ -169,12 +174,16 @@ class PlanStage:
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Build every hierarchy that planning needs."""
+    models = {name: _model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()}
+    distractors = {
+        entry.name: _model(assets.distractors[entry.name], entry.category, config)
+        for entry in config.assets.distractors
+    }
     return PlanStage(
         sites=tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values()),
-        models={name: _model(shape, assets.categories[name]) for name, shape in assets.vehicles.items()},
-        distractors={
-            entry.name: _model(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors
-        },
+        models=models,
+        distractors=distractors,
+        fleet=Fleet([*models.values(), *distractors.values()]),
     )
 
 
@@ -201,27 +210,19 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     )
 
 
-def _model(shape: VehicleShape, category: str | None) -> Model:
-    target = VehicleTarget(shape)
-    bounds = [np.stack([part.hull.min(axis=0), part.hull.max(axis=0)]) for part in target.parts]
+def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
+    target, limits = VehicleTarget(shape), config.placement
+    bounds = np.array([[part.hull.min(axis=0), part.hull.max(axis=0)] for part in target.parts])
+    plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
+    under = underside(shape.mesh) if limits.contact == "footprint" else plate
     return Model(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),
         target=target,
         centre=shape.mesh.bounds.mean(axis=0),
-        undersides={
-            "footprint": underside(shape.mesh),
-            "box": np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2,
-        },
+        footing=Footing.of(under, limits.footprint, contact_n=CONTACT, rule=limits.rule),
         corners=np.array([list(product(*corners.T)) for corners in bounds]),
-        extents=tuple(Extent((high - low)[None] / 2, rigid(np.eye(3), (low + high)[None] / 2)) for low, high in bounds),
-        corner_part=np.array([part.index for part in target.parts]),
+        half=np.ptp(bounds, axis=1) / 2,
+        part=np.array([part.index for part in target.parts]),
     )
-
-
-def articulations(shape: VehicleShape, uniform: Float[np.ndarray, "n p"]) -> list[dict[str, float]]:
-    """Angles within every part's limits, in proportion to numbers in [0, 1), one column a part."""
-    low, high = shape.part_limits[:, 0], shape.part_limits[:, 1]
-    angles = rounded("articulation", np.clip(low + uniform * (high - low), low, high)[:, 1:])
-    return [dict(zip(shape.part_names[1:], row, strict=True)) for row in angles.tolist()]

@@ -8,7 +8,7 @@ import pytest
 from geometry.errors import ConfigError
 from planning.budget import make_budget
 from planning.check import check_plan
-from planning.guests import Guests
+from planning.extras import Role, offsets
 from planning.planner import Planner
 from planning.row import encode_rows
 from planning.schema import BudgetSection
@@ -106,9 +106,9 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(made, assets, tmp_path
 
 def test_all_places_are_alike_for_distractors():
     """Uniform over the disk: the square of the distance is uniform."""
-    none = np.zeros(0)
-    distractors = Guests("distractor", (), none, (0, 3), (10.0, 40.0))
-    away = distractors.distances((np.arange(1000) + 0.5) / 1000)
+    shares, bearings = (np.arange(1000) + 0.5) / 1000, np.linspace(0.0, 1.0, 1000)
+    ring = np.tile([10.0, 40.0], (1000, 1))
+    away = np.linalg.norm(offsets(np.full(1000, Role.DISTRACTOR), ring, np.stack([shares, bearings], 1)), axis=1)
     shares = np.histogram(away**2, bins=10, range=(100.0, 1600.0))[0]
     assert shares.tolist() == [100] * 10
 

@@ -143,7 +143,7 @@ def test_sceneries_of_a_vehicle_that_cannot_be_met(sceneries, weight, message):
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that gave the same error.
-    monkeypatch.setattr("planning.group.CROWDED_PLACES", 0)
+    monkeypatch.setattr("planning.search.CROWDED_PLACES", 0)
     assets = world(BASE.sceneries["bare"])
     config = config_for(
         assets,

@@ -43,9 +43,13 @@ def test_gaps_are_measured_to_the_underside(tmp_path):
 
 
 def test_the_belly_is_in_the_model_and_the_box_is_a_plate():
-    config = small_config(assets={"sceneries": [{"path": "hills.blend"}]})
     assets = small_assets()
-    stage = make_stage(config, replace(assets, vehicles={**assets.vehicles, "t72": on_rails()}))
-    model = stage.models["t72"]
-    assert np.median(model.undersides["footprint"].heights[:, 64]) == pytest.approx(BELLY)
-    np.testing.assert_array_equal(model.undersides["box"], [[-4.2, -1.7], [4.2, 1.7]])
+    footings = {}
+    for contact in ("footprint", "box"):
+        config = small_config(assets={"sceneries": [{"path": "hills.blend"}]}, placement={"contact": contact})
+        stage = make_stage(config, replace(assets, vehicles={**assets.vehicles, "t72": on_rails()}))
+        footings[contact] = stage.models["t72"].footing.contact
+    belly = np.abs(footings["footprint"].xy[:, 1]) < 0.5
+    assert np.median(footings["footprint"].height[belly]) == pytest.approx(BELLY)
+    assert not footings["box"].height.any()
+    np.testing.assert_array_equal(footings["box"].xy[[0, -1]], [[-4.2, -1.7], [4.2, 1.7]])

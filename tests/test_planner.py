@@ -223,7 +223,7 @@ def test_a_vehicle_of_one_part_has_nothing_to_turn():
     ],
 )
 def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
-    monkeypatch.setattr("planning.group.BLIND_PLACES", 2)
+    monkeypatch.setattr("planning.search.BLIND_PLACES", 2)
     one = small_assets()
     one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
     with pytest.raises(ConfigError, match=message):

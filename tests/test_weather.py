@@ -129,7 +129,7 @@ def test_no_target_is_fainter_than_asked():
 
 
 def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
-    monkeypatch.setattr("planning.group.BLIND_PLACES", 2)
+    monkeypatch.setattr("planning.search.BLIND_PLACES", 2)
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
         list(plan(config, ASSETS))

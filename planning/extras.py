@@ -2,82 +2,87 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from enum import IntEnum
 from fnmatch import fnmatchcase
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from geometry.portable import sin_cos
 from planning.budget import Budget, Positions
 from planning.draws import Draws, Purpose, between, choose
 from planning.schema import Config
-from planning.stage import Model, PlanStage
+from planning.stage import PlanStage
 
 MOST = 64  # of one kind in an image; a guest's number and a try's are told apart by it
 _NUMBERS = 1 + MOST  # drawn for each guest: its model, its articulation
 
 
+class Role(IntEnum):
+    """What an instance is in its images, in the order in which they are placed."""
+
+    TARGET = 0
+    COMPANION = 1
+    DISTRACTOR = 2
+
+
 @dataclass(frozen=True, eq=False, slots=True)
-class Guests:
-    """One kind of vehicles that are no targets.
+class Extras:
+    """Companions or distractors: one kind of what an image shows besides its target.
 
     Parameters
     ----------
-    kind
+    role
         Which.
     models, weights
-        What they are drawn from, and how often each.
+        Indices in the fleet of what they are drawn from, and how often each.
     count
         Least and largest number in an image.
     distance
         Least and largest distance from the vehicle that the camera is framed on, metres.
     """
 
-    kind: Literal["companion", "distractor"]
-    models: tuple[Model, ...]
+    role: Role
+    models: Int[np.ndarray, " m"]
     weights: Float[np.ndarray, " m"]
     count: tuple[int, int]
     distance: tuple[float, float]
 
-    @property
-    def place(self) -> Purpose:
-        """What their places are drawn for."""
-        return Purpose.COMPANION if self.kind == "companion" else Purpose.DISTRACTOR
-
-    @property
-    def choice(self) -> Purpose:
-        """What their numbers and models are drawn for."""
-        return Purpose.COMPANY if self.kind == "companion" else Purpose.DISTRACTORS
-
-    def distances(self, uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Distances in proportion to numbers in [0, 1).
-
-        Companions come close: all distances are alike. For distractors all places are alike, so that one beside a
-        target is as likely as one on any other piece of ground of that size.
-        """
-        low, high = self.distance
-        if self.kind == "companion":
-            return between(low, high, uniform)
-        return np.clip(np.sqrt(between(low**2, high**2, uniform)), low, high)
-
     def drawn(
         self, draws: Draws, position: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
-        """For each position the index of each guest's model, -1 where there is none, and numbers to turn it by."""
+        """For each position the model of each, -1 where there is none, and numbers to turn it by."""
         low, high = self.count
-        size = draws.uniform(self.choice, position, 0, count=1)[:, 0]
+        choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
+        size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         model = np.full((len(position), high), -1)
         turns = np.zeros((len(position), high, MOST))
         for j in range(high):
-            uniform = draws.uniform(self.choice, position, 1 + j, count=_NUMBERS)
-            model[:, j] = np.where(number > j, choose(self.weights, uniform[:, 0]), -1)
+            uniform = draws.uniform(choice, position, 1 + j, count=_NUMBERS)
+            model[:, j] = np.where(number > j, self.models[choose(self.weights, uniform[:, 0])], -1)
             turns[:, j] = uniform[:, 1:]
         return model, turns
 
 
-def guests_at(site: str, stage: PlanStage, config: Config, *, background: bool) -> tuple[Guests, Guests]:
+def offsets(
+    role: Int[np.ndarray, " n"], distance: Float[np.ndarray, "n 2"], uniform: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """From targets to extras, metres in x and y, in proportion to numbers in [0, 1).
+
+    Companions come close: all distances are alike. For distractors all places are alike, so that one beside a
+    target is as likely as one on any other piece of ground of that size.
+    """
+    low, high = distance.T
+    alike = between(low, high, uniform[:, 0])
+    spread = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
+    away = np.where(role == Role.COMPANION, alike, spread)
+    return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
+
+
+def extras_at(site: str, stage: PlanStage, config: Config, *, background: bool) -> tuple[Extras, Extras]:
     """Companions and distractors of the positions on a site; those of backgrounds have no class.
 
     Parameters
@@ -93,23 +98,22 @@ def guests_at(site: str, stage: PlanStage, config: Config, *, background: bool) 
     """
     limits = config.placement
     low, high = (0, 0) if background else (n - 1 for n in limits.vehicles_per_image)
-    vehicles = tuple(stage.models.values())
-    companions = Guests("companion", vehicles, np.ones(len(vehicles)), (low, high), limits.companion_distance)
+    n = len(stage.models)
+    companions = Extras(Role.COMPANION, np.arange(n), np.ones(n), (low, high), limits.companion_distance)
     models, weights = distractors_at(site, stage, config, unlabelled=background)
     count = limits.distractors_per_image if weights.any() else (0, 0)
-    return companions, Guests("distractor", models, weights, count, limits.distractor_distance)
+    return companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
 
 
 def distractors_at(
     site: str, stage: PlanStage, config: Config, *, unlabelled: bool
-) -> tuple[tuple[Model, ...], Float[np.ndarray, " m"]]:
-    """All distractors, and how often each is drawn on a site; `unlabelled`: those that have a class are not."""
-    models, weights = [], []
+) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """All distractors, and how often each is drawn on a site; `unlabelled`: never one that has a class."""
+    weights = []
     for entry in config.assets.distractors:
         here = not entry.sceneries or any(fnmatchcase(site, pattern) for pattern in entry.sceneries)
-        models.append(stage.distractors[entry.name])
         weights.append(entry.weight if here and not (unlabelled and entry.category) else 0.0)
-    return tuple(models), np.array(weights, dtype=np.float64)
+    return len(stage.models) + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
 def framed_on(
@@ -152,5 +156,5 @@ def framed_on(
         models, weights = distractors_at(sites[i], stage, config, unlabelled=True)
         names[i] = budget.vehicles[vehicle]
         if distractor and weights.any():
-            names[i] = models[int(choose(weights, np.array([u]))[0])].shape.name
+            names[i] = stage.fleet.models[models[int(choose(weights, np.array([u]))[0])]].shape.name
     return names
