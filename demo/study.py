@@ -104,12 +104,12 @@ def write_side(side: Side, folder: Path) -> Path:
         hdris=[f"hdris/{name}.exr" for name in side.hdris],
         values={
             **SHARED,
+            "seed": side.seed,
+            "render.samples": SAMPLES,
             "budget.images_per_class": side.images_per_class,
             **side.values,
         },
     )
-    for line, other in {"\nseed = 0 ": f"\nseed = {side.seed} ", "# samples = 128": f"samples = {SAMPLES}"}.items():
-        text = text.replace(line, other, 1)
     path = folder / f"{side.name}.toml"
     with replacing(path) as file:
         file.write(text.encode())

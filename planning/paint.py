@@ -43,11 +43,25 @@ Pair = tuple[float, float]
 class PaintEntry(Section):
     """Materials of a vehicle, and the colours that they may have."""
 
-    materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("*",)
-    colours: Annotated[tuple[Annotated[str, BeforeValidator(_colour)], ...], Field(strict=False)] = ()
-    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = (0.0, 0.0)
-    saturation: Annotated[Pair, ranged(0.0, 10.0)] = (1.0, 1.0)
-    value: Annotated[Pair, ranged(0.0, 10.0)] = (1.0, 1.0)
+    materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
+        default=("*",), description="patterns of materials' names; the first table that matches applies to a material"
+    )
+    colours: Annotated[tuple[Annotated[str, BeforeValidator(_colour)], ...], Field(strict=False)] = Field(
+        default=(),
+        description=(
+            'sRGB colors such as "#4b5320", one of which is drawn; "own" is the file\'s color; a color listed '
+            "twice is drawn twice as often"
+        ),
+    )
+    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(
+        default=(0.0, 0.0), description="then hues are turned by this, degrees"
+    )
+    saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(
+        default=(1.0, 1.0), description="and saturation is multiplied by this"
+    )
+    value: Annotated[Pair, ranged(0.0, 10.0)] = Field(
+        default=(1.0, 1.0), description="and value (of linear light) by this"
+    )
 
     @model_validator(mode="after")
     def _changes_something(self) -> PaintEntry:

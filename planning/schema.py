@@ -97,22 +97,66 @@ PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 class ModelEntry(Section):
     """A file, and what in it is the vehicle."""
 
-    path: str
-    name: str = ""
-    forward: Forward = None
-    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = None
-    scale: Positive | None = None
-    keep: Patterns = ()
-    drop: Patterns = ()
-    turret: str | None = None
-    gun: str | None = None
-    turret_pivot: PivotPoint = None
-    gun_pivot: PivotPoint = None
-    turret_limits_deg: TurretLimits = None
-    gun_limits_deg: GunLimits = None
-    paint: Paint = ()
-    sceneries: Patterns = ()
+    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
+    name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
+    forward: Forward = Field(
+        default=None,
+        description=(
+            'where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or a'
+            " vector [x, y]; default: by wheels, gun, and names"
+        ),
+        examples=["+x"],
+    )
+    yaw_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise seen from above"
+    )
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(
+        default=None,
+        description=(
+            'the axis that points up: "z", "y", "x", or one with a minus; default: by the file and the wheels'
+        ),
+        examples=["z"],
+    )
+    scale: Positive | None = Field(
+        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
+    )
+    keep: Patterns = Field(default=(), description="patterns of the names of objects that are the vehicle")
+    drop: Patterns = Field(default=(), description="patterns of the names of objects that aren't the vehicle")
+    turret: str | None = Field(
+        default=None,
+        description='pattern of the objects that turn; "" for none; default: by name',
+        examples=["turret*"],
+    )
+    gun: str | None = Field(
+        default=None, description='pattern of the objects that rise; "" for none; default: by name', examples=["gun*"]
+    )
+    turret_pivot: PivotPoint = Field(
+        default=None,
+        description=(
+            "point that the turret turns about: [x, y, z] in the file's axes and units, or an object's name; "
+            "default: by origins, or by shape"
+        ),
+        examples=[[0.0, 0.0, 2.0]],
+    )
+    gun_pivot: PivotPoint = Field(
+        default=None, description="point that the gun rises about, in the same way", examples=[[1.0, 0.0, 2.0]]
+    )
+    turret_limits_deg: TurretLimits = Field(
+        default=None,
+        description=("how far the turret turns from its direction in the file, left positive; default: [-180, 180]"),
+        examples=[[-180, 180]],
+    )
+    gun_limits_deg: GunLimits = Field(
+        default=None,
+        description="how far the gun rises from its direction in the file, up positive; default: [-5, 20]",
+        examples=[[-5, 20]],
+    )
+    paint: Paint = Field(
+        default=(), description="colors of its materials, drawn for each position: a table, or several"
+    )
+    sceneries: Patterns = Field(
+        default=(), description="names or patterns of the sceneries it is placed on; empty: all"
+    )
 
     def is_for(self, scenery: str) -> bool:
         """Whether it may be placed on the scenery of this name."""
@@ -122,40 +166,73 @@ class ModelEntry(Section):
 class VehicleEntry(ModelEntry):
     """One `[[assets.vehicles]]`: a model and its class."""
 
-    category: str = Field(min_length=1)
+    category: str = Field(min_length=1, description="its class")
 
 
 class DistractorEntry(ModelEntry):
     """One `[[assets.distractors]]`: a model that is no target, where it occurs and how often; a class if it has one."""
 
-    category: str | None = Field(default=None, min_length=1)
-    weight: AtLeastZero = 1.0
-    sceneries: Patterns = ()
+    category: str | None = Field(
+        default=None,
+        min_length=1,
+        description="its class, if it is to be labeled; budgets don't count it; default: none",
+        examples=["bus"],
+    )
+    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other distractors")
+    sceneries: Patterns = Field(default=(), description="names or patterns of the sceneries it occurs in; empty: all")
 
 
 class SceneryEntry(Section):
     """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
 
-    path: str
-    name: str = ""
-    up: Literal["z", "y"] | None = None
-    scale: Positive | None = None
-    ground: Patterns = ()
-    not_ground: Patterns = ()
-    water: Patterns | None = None
-    drop: Patterns = ()
-    weight: AtLeastZero = 1.0
+    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
+    name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
+    up: Literal["z", "y"] | None = Field(
+        default=None, description="the axis that points up; default: by the file", examples=["z"]
+    )
+    scale: Positive | None = Field(
+        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
+    )
+    ground: Patterns = Field(
+        default=(), description="whole names of objects that are its ground; * for any part of a name"
+    )
+    not_ground: Patterns = Field(
+        default=(), description="whole names of objects that aren't its ground; * for any part of a name"
+    )
+    water: Patterns | None = Field(
+        default=None,
+        description=(
+            "all of its water; nothing is placed below it; [] for none; default: by name, material, and shape"
+        ),
+        examples=[["lake*"]],
+    )
+    drop: Patterns = Field(default=(), description="objects that are neither planned with nor rendered")
+    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other sceneries")
 
 
 class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
-    cache: str = CACHE_NAME
-    texture_size: Annotated[int, Field(ge=1, le=16384)] = TEXTURE_SIZE
-    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
-    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
-    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
-    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = ()
+    cache: str = Field(default=CACHE_NAME, description="folder for what was read from the files")
+    texture_size: int = Field(
+        default=TEXTURE_SIZE,
+        ge=1,
+        le=16384,
+        description="longer side, in texels, of the stored copies of textures that cut out leaves",
+    )
+    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
+        default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop; at least one file"
+    )
+    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)] = Field(
+        description="a [[assets.vehicles]] table for each"
+    )
+    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)] = Field(
+        description="a [[assets.sceneries]] table for each"
+    )
+    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = Field(
+        default=(),
+        description=("a [[assets.distractors]] table for each object that isn't a target, such as a civilian car"),
+    )
 
     @property
     def entries(self) -> tuple[VehicleEntry | DistractorEntry | SceneryEntry, ...]:
@@ -206,70 +283,184 @@ def _stem(path: str) -> str:
 class GroundSection(Section):
     """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
 
-    include: Patterns = ()
-    exclude: Patterns = ()
-    fallback_z: float = 0.0
+    include: Patterns = Field(default=(), description="patterns of objects that are ground in all sceneries")
+    exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground in any scenery")
+    fallback_z: float = Field(
+        default=0.0,
+        description=("height of the plane that is the ground if no object is, in the file's coordinates, meters"),
+    )
 
 
 class PlacementSection(Section):
     """Where vehicles may stand (paper, section 2.1.5)."""
 
-    margin: Annotated[float, Field(gt=0, le=1)] = 0.8
-    max_slope_deg: Annotated[float, Field(ge=0, lt=90)] = 30.0
-    rule: Literal["averaged", "least_squares", "support"] = "support"
-    contact: Literal["footprint", "box"] = "footprint"
-    footprint: Annotated[int, Field(ge=2, le=101)] = 5
-    min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.8
-    max_gap: AtLeastZero = 1.0
-    max_penetration: AtLeastZero = 0.3
-    fording_depth: AtLeastZero = 0.0
-    obstacle_clearance: AtLeastZero = 0.5
-    vehicle_clearance: AtLeastZero = 2.0
-    vehicles_per_image: Counts = (1, 1)
-    companion_distance: Lengths = (8.0, 40.0)
-    distractors_per_image: CountsFromZero = (0, 3)
-    distractor_distance: Lengths = (0.0, 40.0)
-    articulate: bool = True
-    max_tries: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
+    margin: float = Field(
+        default=0.8,
+        gt=0,
+        le=1,
+        description=("share of the scenery's extent along x and y, about its middle, in which targets are placed"),
+    )
+    max_slope_deg: float = Field(
+        default=30.0,
+        ge=0,
+        lt=90,
+        description=("steeper ground is rejected, at the point below the vehicle's origin and under the whole vehicle"),
+    )
+    rule: Literal["averaged", "least_squares", "support"] = Field(
+        default="support", description='how the resting plane is found; "averaged" is the paper\'s'
+    )
+    contact: Literal["footprint", "box"] = Field(
+        default="footprint",
+        description=(
+            'what touches the ground: "footprint", tracks, wheels, and the belly where the ground rises to it; '
+            '"box", as in the paper, a plate under the whole bounding box'
+        ),
+    )
+    footprint: int = Field(default=5, ge=2, le=101, description="n of the n x n rays cast under the vehicle")
+    min_valid_share: float = Field(
+        default=0.8, gt=0, le=1, description="least share of those rays that must meet ground"
+    )
+    max_gap: AtLeastZero = Field(default=1.0, description="meters of air under wheels and tracks, at most")
+    max_penetration: AtLeastZero = Field(default=0.3, description="meters of ground above the underside, at most")
+    fording_depth: AtLeastZero = Field(default=0.0, description="meters of water above the underside, at most")
+    obstacle_clearance: AtLeastZero = Field(default=0.5, description="meters between vehicles and obstacles, at least")
+    vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
+    vehicles_per_image: Counts = Field(
+        default=(1, 1),
+        description=("the target and its companions, which are drawn from all vehicles; budgets count targets only"),
+    )
+    companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
+    distractors_per_image: CountsFromZero = Field(
+        default=(0, 3), description="number of distractors, if any that are listed occur in the scenery"
+    )
+    distractor_distance: Lengths = Field(
+        default=(0.0, 40.0), description="meters from the target to a distractor, uniform over that area"
+    )
+    articulate: bool = Field(default=True, description="turn turrets and raise guns, within each vehicle's limits")
+    max_tries: int = Field(
+        default=10_000, ge=1, le=1_000_000, description="places tried for a position before giving up"
+    )
 
 
 class CameraSection(Section):
     """Where cameras may be and what they must see (paper, section 2.1.6)."""
 
-    fov_x_deg: FieldsOfView = (40.0, 60.0)
-    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = "paper"
-    target_fraction: TargetFractions = (0.1, 0.3)
-    distance_factor: Factors = (0.7, 4.0)
-    distance_m: Lengths = (2.0, 5000.0)
-    elevation_deg: Elevations = (3.0, 35.0)
-    elevation_sampling: Literal["angle", "sphere"] = "angle"
-    framing: Annotated[float, Field(ge=0, le=1)] = 0.8
-    ground_clearance: AtLeastZero = 0.5
-    obstacle_clearance: AtLeastZero = 1.0
-    visible_fraction: Fractions = (0.3, 1.0)
-    visibility_rays: Annotated[int, Field(ge=1, le=1_000_000)] = 256
-    truncated_fraction: Fractions = (0.0, 0.0)
-    min_box_px: AtLeastZero = 8.0
-    max_tries: Annotated[int, Field(ge=1, le=10_000)] = 50
+    fov_x_deg: FieldsOfView = Field(default=(40.0, 60.0), description="horizontal field of view, degrees")
+    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
+        default="paper",
+        description=(
+            'what target_fraction measures: "paper", the vehicle\'s smallest dimension, by equations 5 and 6; '
+            "else the projected box, exactly"
+        ),
+    )
+    target_fraction: TargetFractions = Field(
+        default=(0.1, 0.3),
+        description=("share of the image's height (or width, diagonal, area) that the target fills: T_f of equation 5"),
+    )
+    distance_factor: Factors = Field(
+        default=(0.7, 4.0), description='the distance is D of equation 6 times this; with size_measure = "paper" only'
+    )
+    distance_m: Lengths = Field(default=(2.0, 5000.0), description="meters from the target to the camera, as a bound")
+    elevation_deg: Elevations = Field(
+        default=(3.0, 35.0), description="angle of the camera above the horizon, seen from the target, degrees"
+    )
+    elevation_sampling: Literal["angle", "sphere"] = Field(
+        default="angle", description='"angle": uniform in degrees; "sphere": uniform on the shell\'s area'
+    )
+    framing: float = Field(
+        default=0.8, ge=0, le=1, description="0 centers the target; 1 lets it be anywhere in the frame"
+    )
+    ground_clearance: AtLeastZero = Field(
+        default=0.5, description="meters of the camera above ground and water, at least"
+    )
+    obstacle_clearance: AtLeastZero = Field(
+        default=1.0, description="meters between the camera and obstacles or vehicles, at least"
+    )
+    visible_fraction: Fractions = Field(
+        default=(0.3, 1.0),
+        description=("share of the target's outline that nothing hides; [0.3, 0.8] gives half-hidden targets only"),
+    )
+    visibility_rays: int = Field(
+        default=256, ge=1, le=1_000_000, description="rays per image that measure visible_fraction"
+    )
+    truncated_fraction: Fractions = Field(
+        default=(0.0, 0.0), description="share of the target's box that the frame cuts off"
+    )
+    min_box_px: AtLeastZero = Field(
+        default=8.0, description="least width and height of the target's box in the frame, pixels"
+    )
+    max_tries: int = Field(
+        default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved elsewhere"
+    )
 
 
 class AnnotateSection(Section):
     """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
 
-    min_box_px: AtLeastZero | None = None
-    min_visible_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
-    max_truncated_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
-    below: Literal["ignored", "left_out"] = "ignored"
+    min_box_px: AtLeastZero | None = Field(
+        default=None,
+        description="least width and height of a label's box in the frame, pixels; default: camera.min_box_px",
+        examples=[8.0],
+    )
+    min_visible_fraction: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        description=("least share of the outline that nothing hides; default: the least camera.visible_fraction"),
+        examples=[0.3],
+    )
+    max_truncated_fraction: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        description=(
+            "largest share of the box that the frame cuts off; default: 0.8, or the largest "
+            "camera.truncated_fraction if that is more"
+        ),
+        examples=[0.8],
+    )
+    below: Literal["ignored", "left_out"] = Field(
+        default="ignored",
+        description=(
+            'what becomes of a vehicle that shows less: "ignored", a label with iscrowd = 1; "left_out", no label'
+        ),
+    )
 
 
 class BudgetSection(Section):
     """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
-    images_per_class: PerClass = None
-    positions_per_vehicle: Annotated[int, Field(ge=0, le=MOST_IMAGES)] | None = None
-    images_per_position: Annotated[int, Field(ge=1, le=1_000_000)] = 5
-    background_share: Annotated[float, Field(ge=0, le=0.99)] = 0.0
-    background_distractors: Annotated[float, Field(ge=0, le=1)] = 0.5
+    images_per_class: PerClass = Field(
+        default=None,
+        description=(
+            "a number, or a table by class such as { tank = 200, truck = 100 }; the models of a class take turns"
+        ),
+        examples=[140],
+    )
+    positions_per_vehicle: int | None = Field(
+        default=None,
+        ge=0,
+        le=MOST_IMAGES,
+        description=("instead of images_per_class: vehicles x positions x images_per_position images (equation 1)"),
+        examples=[28],
+    )
+    images_per_position: int = Field(
+        default=5, ge=1, le=1_000_000, description="images of a vehicle in one place and pose"
+    )
+    background_share: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.99,
+        description="share of all images that show no target; they come on top of the images above",
+    )
+    background_distractors: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description=(
+            "share of the backgrounds' positions at which a distractor without a class takes the target's place"
+        ),
+    )
 
     @model_validator(mode="after")
     def _one_of_two(self) -> BudgetSection:
@@ -294,14 +485,31 @@ def _choice(value: Any) -> Any:
 class LightSection(Section):
     """HDRI, its turn about the vertical, its strength, what is seen of it; and how the camera meters it."""
 
-    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = ()
-    yaw_deg: Degrees = (0.0, 360.0)
-    strength: Strengths = (0.7, 1.3)
-    backdrop: Literal["hdri", "sky"] = "hdri"
-    exposure: Exposure = "auto"
-    exposure_error_ev: ExposureErrors = (-1.0, 1.0)
-    white_balance_error_k: Kelvins = (0.0, 0.0)
-    overcast: Patterns = ()
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = Field(
+        default=(),
+        description=('names or patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'),
+    )
+    yaw_deg: Degrees = Field(default=(0.0, 360.0), description="turn of the HDRI about the vertical, degrees")
+    strength: Strengths = Field(
+        default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
+    )
+    backdrop: Literal["hdri", "sky"] = Field(
+        default="hdri",
+        description=('what the camera sees of the HDRI: "hdri", all of it; "sky", only what is above its horizon'),
+    )
+    exposure: Exposure = Field(
+        default="auto",
+        description=('"auto": a gray card on open land is mid-gray in the picture; or EV, the same for all images'),
+    )
+    exposure_error_ev: ExposureErrors = Field(
+        default=(-1.0, 1.0), description="error of the exposure, EV, drawn for each image"
+    )
+    white_balance_error_k: Kelvins = Field(
+        default=(0.0, 0.0), description="offset of the white balance from 6500 K, kelvin; more is warmer"
+    )
+    overcast: Patterns = Field(
+        default=(), description="names or patterns of the HDRIs for rain and snow; empty: the same as for other weather"
+    )
 
 
 PROFILES: Mapping[str, Mapping[str, Any]] = {
@@ -313,13 +521,20 @@ PROFILES: Mapping[str, Mapping[str, Any]] = {
 class RenderSection(Section):
     """Cycles' settings (paper, section 2.1.4); a profile sets the keys that are not given."""
 
-    profile: Literal["paper", "fast"] = "paper"
-    width: Annotated[int, Field(ge=1, le=65536)] = 1920
-    height: Annotated[int, Field(ge=1, le=65536)] = 1080
-    samples: Annotated[int, Field(ge=1, le=1_000_000)] = 128
-    denoise: bool = True
-    adaptive_threshold: Annotated[float, Field(ge=0, le=1)] = 0.0
-    bounces: Annotated[int, Field(ge=0, le=1024)] = 12
+    profile: Literal["paper", "fast"] = Field(
+        default="paper",
+        description=(
+            '"paper": 128 samples, denoised; "fast": for a look. Sets samples, denoise, adaptive_threshold, and bounces'
+        ),
+    )
+    width: int = Field(default=1920, ge=1, le=65536, description="pixels")
+    height: int = Field(default=1080, ge=1, le=65536, description="pixels")
+    samples: int = Field(default=128, ge=1, le=1_000_000, description="rays per pixel")
+    denoise: bool = Field(default=True, description="denoise with OpenImageDenoise")
+    adaptive_threshold: float = Field(
+        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: every pixel gets all"
+    )
+    bounces: int = Field(default=12, ge=0, le=1024, description="of light")
 
     @model_validator(mode="before")
     @classmethod
@@ -333,7 +548,7 @@ class RenderSection(Section):
 class Config(Section):
     """A whole config; see docs/config.md for every key."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random draws")
     assets: AssetsSection
     ground: GroundSection = GroundSection()
     placement: PlacementSection = PlacementSection()

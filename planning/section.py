@@ -30,4 +30,5 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
             raise ValueError(allowed)
         return kind(pair[0]), kind(pair[1])
 
+    check.bounds = lowest, highest  # type: ignore[attr-defined]  # for the docs
     return BeforeValidator(check)

@@ -20,21 +20,30 @@ Winds = Annotated[tuple[float, float], ranged(0.0, 60.0)]
 class WeatherSection(Section):
     """How often which weather comes, and how much of it; the rest of the images is clear."""
 
-    fog: Share = 0.0
-    rain: Share = 0.0
-    snow: Share = 0.0
-    dust: Share = 0.0
-    visibility_m: Visibilities = (300.0, 3000.0)
-    rain_mm_h: Rates = (2.0, 50.0)
-    snow_visibility_m: Visibilities = (300.0, 2000.0)
-    dust_visibility_m: Visibilities = (200.0, 2000.0)
-    snow_cover: Covers = (0.3, 1.0)
-    vehicle_snow_cover: Covers = (0.0, 0.8)
-    dust_cover: Covers = (0.0, 0.5)
-    vehicle_dust_cover: Covers = (0.1, 0.8)
-    wind_m_s: Winds = (0.0, 8.0)
-    exposure_s: Annotated[float, Field(gt=0, le=10)] = 0.004
-    min_contrast: Share = GHOST
+    fog: Share = Field(default=0.0, description="share of the images with fog")
+    rain: Share = Field(default=0.0, description="share of the images with rain")
+    snow: Share = Field(default=0.0, description="share of the images with falling snow")
+    dust: Share = Field(default=0.0, description="share of the images with blown dust")
+    visibility_m: Visibilities = Field(default=(300.0, 3000.0), description="visibility in fog, meters; 3000 is haze")
+    rain_mm_h: Rates = Field(
+        default=(2.0, 50.0),
+        description=(
+            "rate of rain, mm/h; visibility, drops, and wetness follow from it; 2 is light, 10 heavy, 50 a cloudburst"
+        ),
+    )
+    snow_visibility_m: Visibilities = Field(default=(300.0, 2000.0), description="visibility in falling snow, meters")
+    dust_visibility_m: Visibilities = Field(default=(200.0, 2000.0), description="visibility in blown dust, meters")
+    snow_cover: Covers = Field(default=(0.3, 1.0), description="share of the ground under snow")
+    vehicle_snow_cover: Covers = Field(default=(0.0, 0.8), description="share of a vehicle's upper faces under snow")
+    dust_cover: Covers = Field(default=(0.0, 0.5), description="share of the ground under dust")
+    vehicle_dust_cover: Covers = Field(default=(0.1, 0.8), description="share of a vehicle's lower parts under dust")
+    wind_m_s: Winds = Field(
+        default=(0.0, 8.0), description="speed of the wind in rain, snow, and dust, from any direction, m/s"
+    )
+    exposure_s: float = Field(default=0.004, gt=0, le=10, description="shutter time, seconds: the length of streaks")
+    min_contrast: Share = Field(
+        default=GHOST, description="share of its contrast that a target must keep after haze; 0 allows ghosts"
+    )
 
     @model_validator(mode="after")
     def _shares_of_one_whole(self) -> WeatherSection:
