@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -11,9 +9,12 @@ from dataclasses import dataclass
 
 import psutil
 
+from geometry.child import Child
+
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30
 LAST_LINES = 40
+LONGEST_LINE = 4096  # bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,42 +67,23 @@ class Ended:
 
 def watched(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS) -> Ended:
     """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""
-    child = subprocess.Popen(
-        list(command), env=dict(env), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    )
-    assert child.stdout is not None
-    stream = child.stdout
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 
-    def listen() -> None:
+    def hear(line: bytes) -> None:
         nonlocal heard
-        while line := stream.readline(4096):
-            lines.append(line)
-            heard = time.monotonic()
+        lines.append(line[:LONGEST_LINE])
+        heard = time.monotonic()
 
-    listener = threading.Thread(target=listen, daemon=True)
-    listener.start()
     exceeded = ""
-    try:
-        while child.poll() is None and not exceeded:
-            held = _memory(child.pid)
+    with Child(command, env=env, hear=hear) as child:
+        while child.code is None and not exceeded:
+            held = child.memory
             if held > limits.memory:
                 allowed = f"the limit of {limits.memory / GIB:.2f} GiB"
                 exceeded = f"reading it took {held / GIB:.2f} GiB of memory, more than {allowed}"
             elif time.monotonic() - heard > limits.silence_s:
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
             time.sleep(0 if exceeded else POLL_S)
-    finally:
-        child.kill()
-        code = child.wait()
-        listener.join(1.0)  # what the child has started may hold the other end
-        stream.close()
+        code = child.kill()
     return Ended(code, b"".join(lines).decode("utf-8", "replace"), exceeded)
-
-
-def _memory(pid: int) -> int:
-    try:
-        return int(psutil.Process(pid).memory_info().rss)
-    except psutil.Error:  # it has just ended
-        return 0

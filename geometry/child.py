@@ -1,0 +1,139 @@
+"""A child process: started, spoken to, listened to, weighed, and ended."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+import psutil
+
+from geometry.files import open_in_place
+
+LISTENER_S = 2.0  # what its listener gets to end: processes that the child has started may hold the other end
+LONGEST = 1 << 20  # bytes of a line
+LOG_TAIL = 2000  # bytes of the log in which last words are looked for
+
+
+class Child:
+    """A running child process. Leaving it as a context kills it.
+
+    It has a session of its own, so that Ctrl-C in the terminal reaches this process alone. Its stdin ends when this
+    process does, even by ``kill -9``.
+
+    Parameters
+    ----------
+    command
+        A program and its arguments.
+    env
+        All its environment variables.
+    hear
+        Called in another thread with each line that it writes to stdout, and with an empty one when it has ended.
+    log
+        File that its stderr is added to; None if that is heard too.
+
+    Raises
+    ------
+    OSError
+        If it can't be started.
+    """
+
+    def __init__(
+        self, command: Sequence[str], *, env: Mapping[str, str], hear: Callable[[bytes], None], log: Path | None = None
+    ) -> None:
+        self._log, self._hear = log, hear
+        self._log_start = 0
+        with contextlib.ExitStack() as stack:
+            errors: int = subprocess.STDOUT
+            if log is not None:
+                file = stack.enter_context(open_in_place(log))
+                self._log_start = log.stat().st_size
+                errors = file.fileno()
+            self._process = subprocess.Popen(
+                list(command),
+                env=dict(env),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                start_new_session=True,
+            )
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            while line := lines.readline(LONGEST):
+                self._hear(line)
+        self._hear(b"")
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code, negative for a signal; None as long as it runs."""
+        return self._process.poll()
+
+    @property
+    def memory(self) -> int:
+        """Bytes of memory that it holds; 0 if it has ended."""
+        try:
+            return int(psutil.Process(self.pid).memory_info().rss)
+        except psutil.Error:
+            return 0
+
+    def send(self, line: bytes) -> None:
+        """Write to its stdin; if it has just ended, `hear` learns that."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.write(line)
+            self._process.stdin.flush()
+
+    def close_stdin(self) -> None:
+        """End its stdin."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self._process.terminate()
+
+    def wait(self, seconds: float | None = None) -> int | None:
+        """Wait until it ends, at most so long; its exit code, None if it still runs."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self._process.wait(seconds)
+        return None
+
+    def last_words(self) -> str:
+        """How it ended, and the last line of its log."""
+        code = self._process.wait()
+        how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        if self._log is None:
+            return how
+        with self._log.open("rb") as file:
+            file.seek(max(self._log_start, self._log.stat().st_size - LOG_TAIL))
+            lines = file.read().decode("utf-8", "replace").strip().splitlines()
+        return f"{how}; its last words: {lines[-1][:300]}" if lines else how
+
+    def kill(self) -> int:
+        """End it now; its exit code."""
+        self._process.kill()
+        code = self._process.wait()
+        self._listener.join(LISTENER_S)
+        self.close_stdin()
+        return code
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.kill()

@@ -1,0 +1,75 @@
+"""Child processes: what they say is heard, and they end when they should."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from geometry.child import Child
+
+ECHO = "import sys\nfor line in sys.stdin: print(line.strip()[::-1], flush=True)"
+SLEEP = "import time; print('here', flush=True); time.sleep(600)"
+
+
+def started(code, heard, **options):
+    return Child([sys.executable, "-I", "-c", code], env=os.environ, hear=heard.put, **options)
+
+
+@pytest.fixture
+def heard():
+    return queue.SimpleQueue()
+
+
+def test_it_is_told_lines_and_answers_and_ends_with_its_stdin(heard):
+    with started(ECHO, heard) as child:
+        child.send(b"abc\n")
+        assert heard.get(timeout=60) == b"cba\n"
+        child.close_stdin()
+        assert child.wait(60) == child.code == 0
+        assert heard.get(timeout=60) == b""
+
+
+def test_leaving_the_context_kills_it(heard):
+    with started(SLEEP, heard) as child:
+        assert heard.get(timeout=60) == b"here\n"
+        assert child.wait(0.01) is child.code is None
+        assert child.memory > 2**20
+    assert child.code == -signal.SIGKILL
+    assert child.memory == 0
+
+
+def test_last_words_are_those_of_this_process(heard, tmp_path):
+    (tmp_path / "log").write_text("of another\n")
+    for code, words in (("import sys; sys.exit('no disk')", "no disk"), ("import sys; sys.exit(3)", "")):
+        with started(code, heard, log=tmp_path / "log") as child:
+            child.wait()
+            how = f"ended with exit code {1 if words else 3}"
+            assert child.last_words() == (f"{how}; its last words: {words}" if words else how)
+
+
+def test_what_it_has_started_keeps_nobody_waiting(heard):
+    """A grandchild holds the other end of stdout."""
+    code = "import subprocess, sys; print(subprocess.Popen(['sleep', '600']).pid, flush=True); sys.stdin.read()"
+    with started(code, heard) as child:
+        grandchild = int(heard.get(timeout=60))
+    assert child.code == -signal.SIGKILL
+    os.kill(grandchild, signal.SIGKILL)
+
+
+def test_it_sees_its_parent_die():
+    code = (
+        "import os, sys; from geometry.child import Child;"
+        f"child = Child([sys.executable, '-I', '-c', {ECHO!r}], env=os.environ, hear=print);"
+        "print(child.pid, flush=True); os.kill(os.getpid(), 9)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    pid = int(ran.stdout.split()[0])
+    end = time.monotonic() + 60
+    while psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < end
+        time.sleep(0.05)
