@@ -28,7 +28,7 @@ from planning.write import write_plan
 from render.jobs import RenderAssets, render_assets, render_job
 from render.messages import Settings, to_json
 from render.process import WorkerProcess, worker_command
-from render.todo import sort_key
+from render.remaining import sort_key
 
 PLAIN = Path(__file__).with_name("plain_rendering.py")
 FEW = 4  # samples of the pictures whose sampling is not what is measured

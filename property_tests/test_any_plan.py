@@ -30,7 +30,7 @@ from planning.summary import summarise
 from planning.write import write_plan
 from render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
 from render.messages import Settings
-from render.todo import Outline
+from render.remaining import Outline
 from tests.planning_assets import hills, small_assets, small_config
 
 # 20,000 inputs in the thorough profile.

@@ -31,7 +31,7 @@ from render.confinement import confinement_of
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.messages import to_json
 from render.pool import Pool
-from render.todo import Outline
+from render.remaining import Outline
 
 ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
 SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges

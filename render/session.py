@@ -29,7 +29,7 @@ from render.annotations import Segmenter, annotation_records
 from render.jobs import RenderAssets, render_job
 from render.messages import Settings, to_json
 from render.png import damage, without_notes
-from render.todo import Todo, stamp_of
+from render.remaining import Remaining, stamp_of
 
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
@@ -83,7 +83,7 @@ class Session:
 
     Parameters
     ----------
-    plan, dataset, todo, assets
+    plan, dataset, remaining, assets
         What is rendered, into what.
     progress
         Called after each image and with each message.
@@ -98,20 +98,20 @@ class Session:
         self,
         plan: Plan,
         dataset: CocoDataset,
-        todo: Todo,
+        remaining: Remaining,
         assets: RenderAssets,
         progress: Callable[[Progress], None],
     ) -> None:
         self.rendered = 0
         self.failed: list[str] = []
         self.begun = False
-        self._plan, self._dataset, self._todo, self._assets = plan, dataset, todo, assets
+        self._plan, self._dataset, self._remaining, self._assets = plan, dataset, remaining, assets
         self._progress = progress
         self._pool: Renders | None = None
         self._folder = dataset.folder
         self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
-        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in todo.names]
+        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in remaining.names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
         settings = parse_config(plan.header.config, path=plan.path).render
@@ -128,9 +128,9 @@ class Session:
 
     def say(self, line: str) -> None:
         """Tell the caller how far the run is."""
-        finished = self._todo.already + self.rendered
+        finished = self._remaining.already + self.rendered
         workers = self._pool.working if self._pool else 0
-        self._progress(Progress(finished, len(self.failed), self._todo.wanted, line, workers))
+        self._progress(Progress(finished, len(self.failed), self._remaining.wanted, line, workers))
 
     def render(self, pool: Renders) -> None:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
@@ -142,7 +142,10 @@ class Session:
         self.say("")
         try:
             pool.run(
-                self._todo.order, self._message, lambda index, answer: self._done(index, answer, pool), self._give_up
+                self._remaining.order,
+                self._message,
+                lambda index, answer: self._done(index, answer, pool),
+                self._give_up,
             )
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
@@ -165,12 +168,12 @@ class Session:
             return
         entry = {
             "file": self._plan.path.name,
-            "first_image_id": self._todo.run.image_offset + 1,
+            "first_image_id": self._remaining.run.image_offset + 1,
             "images": len(self._plan),
             **made_by,
             "plan": msgspec.to_builtins(self._plan.header),
         }
-        add_provenance(self._folder, {self._todo.run.key: entry})
+        add_provenance(self._folder, {self._remaining.run.key: entry})
         self._recorded = made_by
 
     def _output(self, index: int) -> Path:
@@ -178,7 +181,7 @@ class Session:
 
     def _row(self, index: int) -> Row:
         """A row of the plan, read when it is needed; refused if another file has replaced the plan meanwhile."""
-        if stamp_of(self._plan.path) != self._todo.stamp:
+        if stamp_of(self._plan.path) != self._remaining.stamp:
             raise ConfigError(
                 "is not what it was when this run began",
                 path=self._plan.path,
@@ -202,9 +205,9 @@ class Session:
         picture = self._output(index)
         if wrong := damage(picture, row.width, row.height):
             return wrong
-        run, name = self._todo.run, self._todo.run.file_name(row.file_name)
+        run, name = self._remaining.run, self._remaining.run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
-        first = int(self._todo.first_annotation[index])
+        first = int(self._remaining.first_annotation[index])
         self._begin()
         self._record(pool)
         try:
@@ -224,7 +227,7 @@ class Session:
 
     def _give_up(self, index: int, reasons: list[str]) -> None:
         self._begin()
-        name = self._todo.run.file_name(self._row(index).file_name)
+        name = self._remaining.run.file_name(self._row(index).file_name)
         self._failures.append({"index": index, "file_name": name, "reasons": reasons})
         write_failures(self._folder, self._failures)
         self.failed.append(name)

@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from render import laws
+from render import surface_weather as weather
 from render.blender.nodes import add_node, feed
 
 SHARE = "hulldown share"
@@ -83,12 +83,12 @@ def wetting(name: str, *, film: bool) -> Any:
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
     rough, shine = g.given["Roughness"], g.given["Specular IOR Level"]
-    scale = 1 / (laws.POROUS_AT - laws.POROUS_FROM)
-    soaks = g.maths("MULTIPLY_ADD", rough, scale, -laws.POROUS_FROM * scale, clamp=True)
+    scale = 1 / (weather.POROUS_AT - weather.POROUS_FROM)
+    soaks = g.maths("MULTIPLY_ADD", rough, scale, -weather.POROUS_FROM * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    colour = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, laws.WET_DIFFUSE - 1, 1.0))
-    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, laws.WET_ROUGHNESS - 1, 1.0))
+    colour = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, weather.WET_DIFFUSE - 1, 1.0))
+    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, weather.WET_ROUGHNESS - 1, 1.0))
     shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
     if film:
@@ -100,7 +100,7 @@ def wetting(name: str, *, film: bool) -> Any:
 def soaking(name: str) -> Any:
     """Between a diffuse shader, which is all pores, and what gives it colour."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
-    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, laws.WET_DIFFUSE - 1, 1.0)))
+    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, weather.WET_DIFFUSE - 1, 1.0)))
 
 
 def _times(g: Group, colour: Any, factor: Any) -> Any:
@@ -123,7 +123,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    low, high = (math.cos(math.radians(slope)) for slope in (laws.SNOW_SLIDES_FROM, laws.SNOW_LIES_TO))
+    low, high = (math.cos(math.radians(slope)) for slope in (weather.SNOW_SLIDES_FROM, weather.SNOW_LIES_TO))
     lies = g.ramp(g.dot(seen["Normal"], up), low, high)
     # A distance of 0 costs no ray: of what is too steep, and of what the camera does not see itself.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
@@ -138,7 +138,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
     patches = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCH)
     covered = g.maths("SUBTRACT", g.maths("MULTIPLY", share, 1 + PATCH_EDGE), patches)
-    return _covered(g, g.maths("DIVIDE", covered, PATCH_EDGE, clamp=True), laws.SNOW_ALBEDO)
+    return _covered(g, g.maths("DIVIDE", covered, PATCH_EDGE, clamp=True), weather.SNOW_ALBEDO)
 
 
 def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, climbs: bool) -> Any:
@@ -156,15 +156,15 @@ def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, c
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
     uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), DUST_PATCH)
-    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), laws.DUST_ON_TOPS)
+    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), weather.DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
         height = g.maths("ADD", g.dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, laws.DUST_FULL_TO, laws.DUST_TO))
+        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, weather.DUST_FULL_TO, weather.DUST_TO))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
-    return _covered(g, g.maths("MULTIPLY", thick, g.share), laws.DUST_ALBEDO)
+    return _covered(g, g.maths("MULTIPLY", thick, g.share), weather.DUST_ALBEDO)
 
 
 def _cover(name: str) -> Group:

@@ -40,7 +40,7 @@ class Outline:
         return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
 
 
-class Todo:
+class Remaining:
     """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
 
     Parameters
