@@ -3,8 +3,9 @@
 import struct
 import zlib
 
-from render import cluster
-from render.parcels import Answer, Picture, decode_parcel, encode
+from render import node
+from render.cluster import own_address
+from render.node import Answer, Order
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
@@ -20,9 +21,8 @@ PIXEL = b"\x89PNG\r\n\x1a\n" + b"".join(
 )
 
 
-def _stub(client: bytes, parcel: bytes) -> bytes:
-    orders = decode_parcel(parcel).orders
-    return encode(Answer(pictures=[Picture(order.index, PIXEL, "none") for order in orders], seconds=len(orders) / 4))
+def _stub(order: Order, *contents: bytes) -> Answer:
+    return Answer(own_address(), png=PIXEL, device="none")
 
 
-cluster._render_here = _stub
+node.render_row = _stub

@@ -1,378 +1,255 @@
-"""Rows rendered by the workers of a cluster, in place of a `render.pool.Pool`.
+"""The workers of a Dask cluster that can do this client's tasks; knows nothing about pictures or trainings.
 
-The client deals the rows out itself, as they are needed: a parcel of neighbours is a task, no worker has more than two,
-and each keeps to its own part of the plan as long as it can, so that it seldom has to load a file.
+Dask schedules tasks, gives those of a lost worker to others, and moves data. This module leaves out workers that can't
+do the tasks, which Dask doesn't know.
 """
 
 from __future__ import annotations
 
-import math
+import logging
 import queue
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
-import msgspec
+from distributed import Client, Future, Security, get_worker
+from distributed.comm import CommClosedError
+from distributed.worker import thread_state
 
 from geometry.errors import HulldownError
-from render.jobs import RenderAssets
-from render.messages import RenderJob
-from render.node import keep_piece, render_parcel
-from render.parcels import (
-    Answer,
-    Order,
-    Parcel,
-    Piece,
-    decode_answer,
-    encode,
-    encode_parcel,
-    named_files,
-    versions,
-)
-from render.pool import POLL_S, Limits, Stopped
 from render.scheduler import Scheduler
-from render.sent import ClientFiles, pieces
-from render.shares import Shares
-from render.tasks import Task, Tasks, scratch
 
-RESOURCE = "render"  # what `dask worker --resources "render=1"` says that a worker may do
-IN_FLIGHT = 2  # parcels a worker has: one that it renders, and the next
-FEWEST, MOST = 4, 16  # rows of a parcel, but for the end of a plan
-PARCEL_S = 10.0  # that a parcel should take
-SENDINGS = 2  # of a file to a worker
-STRIKES = 3  # images that a worker fails at and others do not, until it gets no more
+GONE_S = 15.0  # how long a scheduler may be out of reach
+LOOK_S = 1.0  # how often the client asks which workers there are
 
 
-@dataclass(eq=False, slots=True)
-class _Node:
-    """A worker of the cluster.
-
-    Parameters
-    ----------
-    address
-        Dask's.
-    parcels
-        Tasks and the positions of their rows, the oldest first, which is the one that it renders.
-    pieces
-        Of files that it lacks and is being sent.
-    sending
-        The task of such a piece.
-    sent
-        How often each file was sent, by its SHA-256.
-    row_s
-        Seconds that an image takes.
-    strikes
-        Images that it has failed at and another has not.
-    refused
-        Whether it gets no more.
-    open
-        Whether it takes tasks.
-    """
-
-    address: str
-    parcels: dict[Task, Sequence[int]] = field(default_factory=dict)
-    pieces: Iterator[Piece] | None = None
-    sending: Task | None = None
-    sent: Counter[str] = field(default_factory=Counter)
-    row_s: float = math.inf
-    strikes: int = 0
-    refused: bool = False
-    open: bool = True
-
-
-class ClusterPool:
-    """The workers of a Dask cluster. Leaving it as a context takes back what they have not begun.
+class Cluster:
+    """A connection to the workers of a cluster. Leaving it as a context takes back its tasks.
 
     Parameters
     ----------
     scheduler
-        Where they are asked for.
-    assets
-        What the plan is rendered from.
-    shared
-        Folder that pictures are rendered into if the workers see the same disk.
-    device
-        What `render.blender.cycles.choose_device` takes.
-    limits
-        When a row is given up.
+        The cluster's.
+    resource
+        What a worker must have to get tasks, one of it for each: ``dask worker --resources "NAME=1"``.
+    refusal
+        Called on each new worker with `about`; returns why it can't do the tasks, empty if it can.
+    about
+        Data of the client.
     say
-        Called with a line for the user, now and then.
-    stopping
-        Asked several times a second whether to give up now.
+        Told a line now and then.
 
     Raises
     ------
     HulldownError
-        If the scheduler is not there.
+        If no scheduler answers.
     """
 
     def __init__(
         self,
         scheduler: Scheduler,
-        assets: RenderAssets,
+        resource: str,
+        refusal: Callable[..., str],
+        about: tuple[Any, ...],
         *,
-        shared: Path,
-        device: str,
-        limits: Limits,
         say: Callable[[str], None],
-        stopping: Callable[[], bool],
     ) -> None:
-        self.restarts = self.submitted = 0
-        self.devices: set[str] = set()
-        self.systems: set[str] = set()
-        self.confinements: set[str] = set()
-        self.blender_version = ""
-        self._address, self._device, self._limits = scheduler.address, device, limits
-        self._shared = shared if scheduler.shared_disk else None
-        self._say, self._stopping = say, stopping
-        self._files = ClientFiles(assets)
-        self._nodes: dict[str, _Node] = {}
-        self._refusal = ("", "")  # the last: address and reason
+        self._address, self._resource = scheduler.address, resource
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of other threads too
+        self._tell, self._say = say, self._lines.put
+        self._refusal, self._about = refusal, about
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we report what matters
+        self.client = _connect(scheduler)
+        self._lock = threading.Lock()
+        self._reached, self._looked = time.monotonic(), 0.0
+        self._fit: set[str] = set()
+        self._refused: dict[str, str] = {}
+        self._asked: set[str] = set()
         self._told = -1
-        self._tasks = Tasks(scheduler, RESOURCE)
-        if dashboard := self._tasks.dashboard:
-            self._say(f"dashboard: {dashboard}")
+        self._tasks: WeakKeyDictionary[Future, frozenset[str]] = WeakKeyDictionary()  # who may do each
+        self._contents: WeakValueDictionary[str, Future] = WeakValueDictionary()
+        if "dashboard" in self.client.scheduler_info()["services"]:
+            self._say(f"dashboard: {self.client.dashboard_link}")
 
     @property
-    def working(self) -> int:
-        """How many workers render."""
-        return len(self._usable())
+    def fit(self) -> frozenset[str]:
+        """Addresses of the workers that get tasks."""
+        return frozenset(self._fit)
 
-    def run(
-        self,
-        jobs: Sequence[int],
-        message: Callable[[int], Mapping[str, Any]],
-        done: Callable[[int, dict[str, Any]], str | None],
-        failed: Callable[[int, list[str]], None],
-    ) -> None:
-        """Do all jobs; parameters and errors as of `render.pool.Pool.run`."""
-        self._jobs, self._message, self._done, self._failed = jobs, message, done, failed
-        self._shares = Shares(len(jobs))
-        self._tried: dict[int, dict[str, list[str]]] = {}  # reasons by position and worker
-        self._lost: dict[int, list[str]] = {}  # by position, the workers that went while they rendered it
-        self._outputs: dict[int, str] = {}
-        self._left, self._failed_in_a_row = len(jobs), 0
-        while self._left:
-            if self._stopping():
-                raise Stopped
-            self._look()
-            if self._tasks.connected:
-                for usable in self._usable():
-                    self._feed(usable)
-            try:
-                task, outcome = self._tasks.events.get(timeout=POLL_S)
-            except queue.Empty:
-                continue
-            node = self._nodes.get(task.worker)
-            if node is None:
-                continue
-            if task in node.parcels:  # and not one that was taken away from its worker
-                self._hear(node, task, node.parcels.pop(task), outcome)
-            elif task is node.sending:
-                node.sending = None
-                if isinstance(outcome, BaseException) and self._tasks.failed(task):
-                    self._refuse(node, f"cannot keep a file: {type(outcome).__name__}: {outcome}")
+    def look(self) -> bool:
+        """Find workers that came or went; whether the scheduler is in reach.
 
-    def _look(self) -> None:
-        """See which workers there are."""
-        if (workers := self._tasks.workers()) is None:
-            return
-        for address, is_open in workers.items():
-            self._nodes.setdefault(address, _Node(address)).open = is_open
-        for address in self._nodes.keys() - workers.keys():
-            self._drop(self._nodes.pop(address))
-        n = len(self._usable())
-        if n != self._told:
-            self._told = n
-            self._say({0: "waiting for workers", 1: "1 worker renders"}.get(n, f"{n} workers render"))
-        if self._nodes and all(node.refused for node in self._nodes.values()):
-            address, why = self._refusal
-            raise HulldownError(f"is refused as all workers are: it {why}", path=address)
+        Raises
+        ------
+        HulldownError
+            If the scheduler is lost, or there are workers and all are refused.
+        """
+        while not self._lines.empty():
+            self._tell(self._lines.get())
+        with self._lock:
+            if not self._is_connected():
+                return False
+            if time.monotonic() > self._looked + LOOK_S:
+                self._looked = time.monotonic()
+                self._count(self._workers())
+            if self._asked and self._asked <= self._refused.keys():
+                address = next(reversed(self._refused))
+                raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
+            return True
 
-    def _usable(self) -> list[_Node]:
-        return [node for node in self._nodes.values() if node.open and not node.refused]
-
-    def _feed(self, node: _Node) -> None:
-        """Give a worker what it can do next: a piece of a file that it lacks, or rows."""
-        if node.sending is not None:
-            return
-        if node.pieces is not None:
-            if (piece := next(node.pieces, None)) is not None:
-                node.sending = self._tasks.submit(node.address, keep_piece, encode(piece))
-                return
-            node.pieces = None
-        while len(node.parcels) < IN_FLIGHT:
-            usable = len(self._usable())
-            end = math.ceil(self._left / (IN_FLIGHT * usable))
-            most = min(max(FEWEST, min(MOST, math.ceil(PARCEL_S / node.row_s))), end)
-            positions = self._shares.take(node.address, most, only=usable == 1)
-            if not positions:
-                return
-            parcel = encode_parcel(self._parcel(positions))
-            self.submitted += 1
-            node.parcels[self._tasks.submit(node.address, _render_here, encode(versions()), parcel)] = positions
-
-    def _parcel(self, positions: Sequence[int]) -> Parcel:
-        orders = []
-        for position in positions:
-            told = dict(self._message(self._jobs[position]))
-            told.pop("do")
-            job = msgspec.convert(told, RenderJob)
-            self._outputs[position] = job.output
-            orders.append(Order(self._jobs[position], job))
-        named = sorted({path for order in orders for path in named_files(order.job)})
-        return Parcel(
-            orders=orders,
-            assets=[self._files.asset(path) for path in named],
-            device=self._device,
-            image_s=self._limits.job_s,
-            shared=str(self._shared) if self._shared else "",
-        )
-
-    def _hear(self, node: _Node, task: Task, positions: Sequence[int], outcome: bytes | BaseException) -> None:
-        """A parcel has come back, rendered or not."""
-        if not isinstance(outcome, BaseException):
-            self._take_in(node, positions, decode_answer(outcome))
-            return
-        self._shares.give_back(positions)
-        if self._tasks.failed(task):
-            self._refuse(node, f"fails: {type(outcome).__name__}: {outcome}")
-
-    def _take_in(self, node: _Node, positions: Sequence[int], answer: Answer) -> None:
-        for line in answer.lines:
-            self._say(f"{node.address}: {line}")
-        if answer.refused or answer.lacking:
-            self._shares.give_back(positions)
-            if answer.refused:
-                self._refuse(node, answer.refused)
-            elif node.pieces is None and node.sending is None:  # else this was said before the files came
-                self._send(node, answer.lacking)
-            return
-        self.restarts += answer.restarts
-        self.blender_version = answer.blender
-        self.systems.add(answer.system)
-        node.row_s = max(answer.seconds / len(positions), 1e-3)
-        by_index = {self._jobs[position]: position for position in positions}
-        for picture in answer.pictures:
-            if (position := by_index.pop(picture.index, None)) is None:
-                continue
-            self.devices.add(picture.device)
-            output = Path(self._outputs.pop(position))
-            self._receive(picture.png, output, answer.folder)
-            if wrong := self._done(picture.index, {"done": "render", "device": picture.device}):
-                self._attempts_failed(node, position, [wrong])
-            else:
-                self._rendered(position)
-        for failure in answer.failures:
-            if (position := by_index.pop(failure.index, None)) is not None:
-                self._outputs.pop(position)
-                self._attempts_failed(node, position, failure.reasons)
-        if by_index:
-            self._refuse(node, "does not answer for all images that it was sent")
-            self._shares.give_back(list(by_index.values()))
-
-    def _send(self, node: _Node, lacking: Sequence[str]) -> None:
-        """Begin to send a worker the files of these hashes."""
-        node.sent.update(lacking)
-        files = [file for sha256 in lacking if (file := self._files.with_hash(sha256)) is not None]
-        if len(files) < len(lacking):
-            self._refuse(node, "asks for files that no image needs")
-        elif lost := [file.path for file in files if node.sent[file.sha256] > SENDINGS]:
-            self._refuse(node, f"does not keep {lost[0]}, which it was sent {SENDINGS} times")
-        else:
-            node.pieces = pieces(files)
-
-    def _receive(self, png: bytes, output: Path, folder: str) -> None:
-        """Put a picture where a worker of this machine would have written it."""
-        try:
-            if self._shared is None:
-                output.write_bytes(png)
-            elif (left := self._shared / folder / output.name).is_file():
-                left.replace(output)
-        except OSError as error:
+    def _is_connected(self) -> bool:
+        now = time.monotonic()
+        if self.client.status == "running":
+            self._reached = now
+            return True
+        if self.client.status == "closed" or now > self._reached + GONE_S:
             raise HulldownError(
-                f"cannot be written ({error.strerror})",
-                path=output,
-                remedy="make room and run the same command again, which goes on from here",
-            ) from error
-
-    def _rendered(self, position: int) -> None:
-        self._left -= 1
-        self._failed_in_a_row = 0
-        for address in self._tried.pop(position, {}):
-            if (node := self._nodes.get(address)) is not None and not node.refused:
-                node.strikes += 1
-                if node.strikes >= STRIKES:
-                    self._refuse(node, f"has failed at {STRIKES} images that others could render")
-
-    def _attempts_failed(self, node: _Node, position: int, reasons: list[str]) -> None:
-        """A worker has given a row up; so does the run, once another has too, or if there is no other."""
-        tried = self._tried.setdefault(position, {})
-        tried[node.address] = reasons
-        others = [other for other in self._usable() if other.address not in tried]
-        if len(tried) < 2 and others:
-            self._shares.give_back([position], avoiding=node.address)
-        else:
-            self._give_up(position, reasons)
-
-    def _give_up(self, position: int, reasons: list[str]) -> None:
-        self._left -= 1
-        self._tried.pop(position, None)
-        self._failed_in_a_row += len(reasons)
-        self._failed(self._jobs[position], reasons)
-        if self._failed_in_a_row >= self._limits.give_up_after:
-            raise HulldownError(
-                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: {reasons[-1]}",
+                "the scheduler is out of reach",
                 path=self._address,
-                remedy="mend the cause and run again, which goes on from here",
+                remedy="start one, and run the same command with its address, which continues",
             )
-
-    def _refuse(self, node: _Node, why: str) -> None:
-        """A worker gets no more rows."""
-        if not node.refused:
-            node.refused = True
-            self._refusal = node.address, why
-            self._say(f"{node.address}: gets no images: it {why}")
-        self._shares.leave(node.address)
-
-    def _drop(self, node: _Node) -> None:
-        """A worker is gone. What it was rendering is suspected a little: it is tried alone the next time but one."""
-        self._shares.leave(node.address)
-        self._tasks.take_back(list(node.parcels))
-        for i, positions in enumerate(node.parcels.values()):
-            rest = list(positions)
-            if i == 0 and not node.refused:
-                rest = [position for position in rest if not self._suspect(position, node, alone=len(rest) == 1)]
-            if rest:
-                self._shares.give_back(rest)
-        if not node.refused:
-            self._say(f"{node.address}: is gone; others render its images")
-
-    def _suspect(self, position: int, node: _Node, *, alone: bool) -> bool:
-        """Note that a worker went while it had a row; whether that settles what becomes of the row."""
-        lost = self._lost.setdefault(position, [])
-        lost.append(f"{node.address} was lost")
-        if alone and len(lost) >= self._limits.attempts:
-            self._give_up(position, lost)
-            return True
-        if len(lost) >= self._limits.attempts - 1:
-            self._shares.give_back([position])
-            return True
         return False
 
-    def __enter__(self) -> ClusterPool:
+    def _workers(self) -> set[str] | None:
+        try:
+            # Client.scheduler_info() is replaced every other second by an answer without workers.
+            found = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
+        except OSError:
+            return None
+        return {address for address, about in found.items() if about["resources"].get(self._resource, 0) >= 1}
+
+    def _count(self, there: set[str] | None) -> None:
+        if there is None:
+            return
+        for address in self._fit - there:
+            self._say(f"{address}: is gone; others do its tasks")
+        self._fit &= there
+        self._refused = {address: why for address, why in self._refused.items() if address in there}
+        self._asked &= there
+        for address in there - self._asked:
+            self._asked.add(address)
+            threading.Thread(target=self._ask, args=(address,), daemon=True).start()
+        if len(self._fit) != self._told and (self._fit or self._asked == self._refused.keys()):
+            self._told = len(self._fit)
+            many = f"{self._told} workers are in use"
+            self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
+        # Dask would wait for one of the workers that a task was meant for.
+        self.cancel([task for task, workers in self._tasks.items() if not workers & there and not task.done()])
+
+    def _ask(self, address: str) -> None:
+        """Find out whether a worker can do the tasks; in a thread, since a worker may never answer."""
+        try:
+            answers = self.client.run(self._refusal, *self._about, workers=[address], on_error="return")
+            answer = answers.get(address, OSError())
+        except (OSError, CancelledError) as error:
+            answer = error
+        with self._lock:
+            if isinstance(answer, OSError | CommClosedError | CancelledError):
+                self._asked.discard(address)  # it's gone, or will be asked again
+            elif answer:
+                why = answer if isinstance(answer, str) else f"fails: {type(answer).__name__}: {answer}"
+                self._refuse(address, why)
+            elif address in self._asked:
+                self._fit.add(address)
+
+    def refuse(self, address: str, why: str) -> None:
+        """Give a worker no more tasks; `why` completes a sentence about it."""
+        with self._lock:
+            self._refuse(address, why)
+
+    def _refuse(self, address: str, why: str) -> None:
+        if address not in self._refused:
+            self._refused[address] = why
+            self._say(f"{address}: is not used: it {why}")
+        self._fit.discard(address)
+
+    def submit(self, function: Callable[..., Any], *data: Any, avoiding: Iterable[str] = ()) -> Future:
+        """Have one of the fit workers call a function; not one of `avoiding` if there's another.
+
+        A future that ends as cancelled was lost with its workers or data, and can be submitted again.
+        """
+        fit = self.fit
+        workers = fit - set(avoiding) or fit
+        with self._lock:
+            return self._submit(function, data, workers)
+
+    def _submit(self, function: Callable[..., Any], data: tuple[Any, ...], workers: frozenset[str]) -> Future:
+        future = self.client.submit(
+            function,
+            *data,
+            key=f"hulldown-{uuid.uuid4().hex}",
+            workers=sorted(workers),
+            allow_other_workers=False,
+            resources={self._resource: 1},
+            pure=False,
+        )
+        self._tasks[future] = workers
+        return future
+
+    def content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
+        """Data in the cluster's memory by its SHA-256, put on a worker first; None if that worker is gone."""
+        future = self._contents.get(digest)
+        if future is None or future.status in ("cancelled", "lost", "error"):
+            try:
+                key = f"hulldown-{digest}"
+                future = self.client.scatter({key: read(digest)}, workers=[worker])[key]
+            except (OSError, ValueError, KeyError, TimeoutError):
+                return None
+            self._contents[digest] = future
+        return future
+
+    def cancel(self, futures: Iterable[Future]) -> None:
+        """Take tasks back; one that has begun finds out by `wanted`."""
+        if (futures := list(futures)) and self.client.status == "running":
+            self.client.cancel(futures, force=True)
+
+    def __enter__(self) -> Cluster:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._tasks.take_back([task for node in self._nodes.values() for task in node.parcels])
-        self._tasks.close()
+        self.client.close(timeout=5)
 
 
-def _render_here(client: bytes, parcel: bytes) -> bytes:
-    """What runs in a worker of the cluster."""
-    return render_parcel(client, parcel, scratch())
+def own_address() -> str:
+    """For the task that calls this: its worker's address."""
+    return str(get_worker().address)
+
+
+def wanted() -> Callable[[], bool]:
+    """For the task that calls this: a function that tells, in any thread, whether the client still waits for it."""
+    worker, key = get_worker(), thread_state.key
+
+    def ask() -> bool:
+        state = worker.state.tasks.get(key)
+        return state is not None and state.state == "executing"
+
+    return ask
+
+
+def _connect(scheduler: Scheduler) -> Client:
+    files = {
+        "tls_ca_file": scheduler.tls_ca,
+        "tls_client_cert": scheduler.tls_cert,
+        "tls_client_key": scheduler.tls_key,
+    }
+    given = {key: str(path) for key, path in files.items() if path is not None}
+    security = Security(require_encryption=True, **given) if given else None
+    address = scheduler.address
+    of_file = address.endswith(".json")
+    if of_file and not Path(address).is_file():
+        remedy = f"start one with `dask scheduler --scheduler-file {address}`"
+        raise HulldownError("there is no such file of a scheduler", path=address, remedy=remedy)
+    where = {"scheduler_file": address} if of_file else {"address": address}
+    try:
+        return Client(**where, security=security, timeout=GONE_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        remedy = "start one with `hulldown cluster`, or see docs/cluster.md"
+        raise HulldownError(f"no Dask scheduler answers there ({error})", path=address, remedy=remedy) from None

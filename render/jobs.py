@@ -65,6 +65,11 @@ class VehicleFile:
     materials: tuple[MaterialRow, ...] = ()
     source: Path | None = None
 
+    @property
+    def readable(self) -> list[Path]:
+        """Folders that Blender may read to render it."""
+        return _readable(self.tidy, self.source)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
@@ -91,9 +96,18 @@ class SceneryFile:
     source: Path | None = None
 
     @property
+    def readable(self) -> list[Path]:
+        """Folders that Blender may read to render it."""
+        return _readable(self.path, self.source)
+
+    @property
     def standing(self) -> list[str]:
         """Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called."""
         return sorted({*self.scenery.ground_names, *self.scenery.instance_names})
+
+
+def _readable(*files: Path | None) -> list[Path]:
+    return [folder for file in files if file is not None for folder in asset_folders(Path(os.path.normpath(file)))]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -110,10 +124,8 @@ class RenderAssets:
 
         Neither a plan's header nor an asset adds to it.
         """
-        named = [(file.tidy, file.source) for file in self.vehicles.values()]
-        named += [(file.path, file.source) for file in self.sceneries.values()]
-        files = [Path(os.path.normpath(path)) for pair in named for path in pair if path is not None]
-        folders = [folder for file in files for folder in asset_folders(file)]
+        files: list[VehicleFile | SceneryFile] = [*self.vehicles.values(), *self.sceneries.values()]
+        folders = [folder for file in files for folder in file.readable]
         return tuple(dict.fromkeys([*folders, *self.hdris.values()]))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,8 +10,9 @@ from contextlib import contextmanager
 import dask
 from distributed import LocalCluster
 
+from geometry.child import Child
 from geometry.errors import HulldownError
-from render.cluster import RESOURCE
+from render.cluster_pool import RESOURCE
 from render.node import SHARE_VARIABLE
 
 RESOURCES = f"{RESOURCE}=1,train=1"
@@ -47,19 +47,17 @@ def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
             raise HulldownError(f"port {port} cannot be used ({error})", remedy=remedy) from None
     with scheduler:
         address = str(scheduler.scheduler_address)
-        process = subprocess.Popen(
-            worker_command(address, workers),
-            env={**os.environ, SHARE_VARIABLE: str(workers), "DASK_LOGGING__DISTRIBUTED": "warning"},
-            start_new_session=True,  # Ctrl-C is for this process
-        )
-        try:
-            yield address
-        finally:
-            process.terminate()
+        env = {**os.environ, SHARE_VARIABLE: str(workers), "DASK_LOGGING__DISTRIBUTED": "warning"}
+        with Child(worker_command(address, workers), env=env, hear=_pass_on) as child:
             try:
-                process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
+                yield address
+            finally:
+                child.terminate()
+                child.wait(END_S)
+
+
+def _pass_on(line: bytes) -> None:
+    sys.stderr.write(line.decode("utf-8", "replace"))
 
 
 def worker_command(address: str, workers: int) -> list[str]:

@@ -1,232 +1,272 @@
-"""A node of a cluster: one Blender, supervised as on a single machine, that lives from parcel to parcel.
+"""A worker of a cluster: one Blender, supervised as on a single machine, that stays open from image to image.
 
-Made when the first parcel comes, in the process that Dask calls a worker. It ends with that process, however that ends:
-Blender's end of the pipe between them is closed then, see `render.blender.worker`.
+Blender is started when the first image comes and ends with the worker's process, however that ends: the pipe between
+them is closed then, see `render.blender.worker`.
 """
 
 from __future__ import annotations
 
+import asyncio
+import importlib.metadata
 import os
 import platform
 import threading
-import time
-import uuid
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from distributed import Worker, get_worker
+from distributed.diagnostics.plugin import WorkerPlugin
+
+from geometry.code import code_sha256
 from geometry.errors import HulldownError
+from reading import landlock
+from render.asset_files import AssetCache, AssetNote, cache_folder
+from render.cluster import wanted
 from render.confinement import Confinement
-from render.kept import Kept, cache_folder
 from render.messages import RenderJob, to_json
-from render.parcels import (
-    Answer,
-    Failure,
-    Parcel,
-    Picture,
-    decode_parcel,
-    decode_piece,
-    decode_versions,
-    encode,
-    named_files,
-    versions,
-)
 from render.png import damage
-from render.pool import Limits, Pool
+from render.pool import Limits, Pool, Stopped
 
+CODE = ("render.node", "render.blender.worker")  # what must be the same on all machines, with all that it imports
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
+PLUGIN = "hulldown-blender"
 IDLE_S = 60.0  # after which Blender is ended: it holds memory
-NEVER = 2**31  # whether an error is the cluster's or the plan's is for the client to judge
+NEVER = 2**31  # the client judges whether failures have a common cause
 
 
-def render_parcel(client: bytes, parcel: bytes, scratch: Path) -> bytes:
-    """Render what a client has sent.
+@dataclass(frozen=True, slots=True)
+class Versions:
+    """What client and workers must have in common to render the same picture: hulldown with its code's hash, and bpy.
+
+    A client that only plans may have no bpy.
+    """
+
+    hulldown: str
+    bpy: str
+
+
+def versions() -> Versions:
+    """What this process runs."""
+    try:
+        bpy = importlib.metadata.version("bpy")
+    except importlib.metadata.PackageNotFoundError:
+        bpy = ""
+    return Versions(f"{importlib.metadata.version('hulldown')} ({code_sha256(*CODE)[:8]})", bpy)
+
+
+def refusal(client: Versions, require_confinement: bool) -> str:
+    """Why this process can't render for a client; empty if it can."""
+    own = versions()
+    if not own.bpy:
+        return "has no bpy"
+    if own.hulldown != client.hulldown:
+        return f"has hulldown {own.hulldown}, and the client {client.hulldown}"
+    if client.bpy and own.bpy != client.bpy:
+        return f"has bpy {own.bpy}, and the client {client.bpy}"
+    if require_confinement and (why := landlock.unconfined()):
+        return f"can't confine Blender: {why}"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An image to render.
 
     Parameters
     ----------
-    client, parcel
-        `Versions` and `Parcel`, encoded: what a client of another version has sent may be no parcel of this one.
-    scratch
-        Folder on a disk of this machine.
-
-    Returns
-    -------
-    An encoded `Answer`.
+    job
+        What to tell Blender, with the client's paths.
+    assets
+        Each file that the job names.
+    key
+        `render.asset_files.ClientFiles.key`.
+    device
+        What `render.blender.cycles.choose_device` takes.
+    image_s
+        Seconds that an image gets; None for what the first ones teach.
     """
-    theirs = decode_versions(client)
-    if wrong := versions().difference(theirs):
-        return encode(Answer(refused=wrong))
-    return encode(_node(scratch).render(decode_parcel(parcel)))
+
+    job: RenderJob
+    assets: tuple[AssetNote, ...]
+    key: str
+    device: str
+    image_s: float | None
 
 
-def keep_piece(piece: bytes) -> bytes:
-    """Add a piece to a file that this machine lacks; see `render.kept.Kept.keep`."""
-    _kept().keep(decode_piece(piece))
-    return b""
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of an order.
+
+    Parameters
+    ----------
+    worker
+        Address of the worker.
+    png
+        The picture; empty if there is none.
+    reasons
+        Why each attempt failed, if all did.
+    lacking
+        SHA-256 of the files that the worker must be sent first.
+    refused
+        Why this worker can render nothing; empty if it can.
+    lines
+        Messages for the user.
+    restarts
+        How often Blender had to be started again.
+    device, blender, system, confinement
+        What rendered the picture.
+    """
+
+    worker: str
+    png: bytes = b""
+    reasons: tuple[str, ...] = ()
+    lacking: tuple[str, ...] = ()
+    refused: str = ""
+    lines: tuple[str, ...] = ()
+    restarts: int = 0
+    device: str = ""
+    blender: str = ""
+    system: str = field(default_factory=lambda: platform.platform(terse=True))
+    confinement: str = field(default_factory=landlock.confinement)
 
 
-@cache
-def _kept() -> Kept:
-    return Kept(cache_folder())
-
-
-@cache
-def _node(scratch: Path) -> Node:
-    return Node(scratch, _kept(), share=max(1, int(os.environ.get(SHARE_VARIABLE, "1"))))
+def render_row(order: Order, *contents: bytes) -> Answer:
+    """Render an image on the Dask worker that calls this, with contents of files that it lacked."""
+    worker = get_worker()
+    if PLUGIN not in worker.plugins:
+        # By the task, not by Client.register_plugin: Dask would end workers that have no hulldown.
+        blender = OpenBlender(Path(worker.local_directory) / "hulldown", worker.address)
+        asyncio.run_coroutine_threadsafe(worker.plugin_add(blender, name=PLUGIN), worker.loop.asyncio_loop).result()
+    blender = worker.plugins[PLUGIN]
+    is_wanted = wanted()
+    return blender.render(order, contents, stopping=lambda: not is_wanted())
 
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
     """What a Blender was started with; for something else another is started."""
 
-    write: Path
+    key: str
     read: frozenset[Path]
     device: str
     image_s: float | None
 
 
-class Node:
-    """A Blender and what it has been started with.
+class OpenBlender(WorkerPlugin):
+    """The Blender of a Dask worker.
 
     Parameters
     ----------
     scratch
         Folder for logs and unfinished pictures.
-    kept
-        The files that pictures are made from.
-    share
-        How many nodes share this machine.
+    address
+        The worker's.
     """
 
-    def __init__(self, scratch: Path, kept: Kept, *, share: int = 1) -> None:
-        self._scratch, self._kept, self._share = scratch, kept, share
-        self._name = uuid.uuid4().hex
+    def __init__(self, scratch: Path, address: str) -> None:
+        self._scratch, self._address = scratch, address
+        self._share = max(1, int(os.environ.get(SHARE_VARIABLE, "1")))
+        self._cache: AssetCache | None = None
         self._pool: Pool | None = None
         self._setting: _Setting | None = None
-        self._held: int | None = None  # the folder that Blender writes to, open
         self._lines: list[str] = []
         self._busy = threading.Lock()
         self._idle = threading.Timer(IDLE_S, self.close)
 
-    def render(self, parcel: Parcel) -> Answer:
-        """Render a parcel, or say what is missing for it."""
+    def teardown(self, worker: Worker) -> None:
+        """End Blender as the worker ends."""
         self._idle.cancel()
-        with self._busy:
-            answer = self._render(parcel)
-        self._idle = threading.Timer(IDLE_S, self.close)
-        self._idle.daemon = True
-        self._idle.start()
-        return answer
-
-    def _render(self, parcel: Parcel) -> Answer:
-        began = time.monotonic()
-        try:
-            if lacking := [sha256 for asset in parcel.assets for sha256 in self._kept.lacking(asset)]:
-                return Answer(lacking=list(dict.fromkeys(lacking)))
-            here = {asset.file.path: self._kept.place(asset) for asset in parcel.assets}
-            read = [folder for asset in parcel.assets for folder in self._kept.readable(asset)]
-            pool = self._pool_for(parcel, read)
-            restarts = pool.restarts
-            pictures, failures = self._run(pool, parcel, here)
-        except HulldownError as error:
-            self._end()
-            return Answer(refused=str(error))
-        lines, self._lines[:] = list(self._lines), []
-        return Answer(
-            pictures=pictures,
-            failures=failures,
-            folder=self._name if parcel.shared else "",
-            lines=lines,
-            restarts=pool.restarts - restarts,
-            seconds=time.monotonic() - began,
-            blender=pool.blender_version,
-            system=platform.platform(terse=True),
-        )
+        self._end()
 
     def close(self) -> None:
-        """End Blender, once it is idle; the next parcel starts another."""
+        """End Blender once it's idle; the next image starts another."""
         with self._busy:
             self._end()
 
     def _end(self) -> None:
         if self._pool is not None:
             self._pool.__exit__(None, None, None)
-        if self._held is not None:
-            os.close(self._held)
-        self._pool = self._setting = self._held = None
+        self._pool = self._setting = None
 
-    def _is_gone(self) -> bool:
-        """Whether the folder that Blender may write to was deleted: Landlock knows another of its name as another."""
-        assert self._held is not None
-        try:
-            return os.fstat(self._held).st_nlink == 0
-        except OSError:  # of a network disk
-            return True
+    def render(self, order: Order, contents: tuple[bytes, ...], *, stopping: Any) -> Answer:
+        """Render an image, or tell what is missing for it."""
+        self._idle.cancel()
+        with self._busy:
+            try:
+                answer = self._render(order, contents, stopping)
+            except Stopped:
+                self._end()
+                answer = Answer(self._address)
+            except (HulldownError, OSError) as error:
+                self._end()
+                answer = Answer(self._address, refused=f"fails: {error}")
+        self._idle = threading.Timer(IDLE_S, self.close)
+        self._idle.daemon = True
+        self._idle.start()
+        lines, self._lines[:] = tuple(self._lines), []
+        return replace(answer, lines=lines)
 
-    def _run(self, pool: Pool, parcel: Parcel, here: dict[str, Path]) -> tuple[list[Picture], list[Failure]]:
-        assert self._setting is not None
-        folder, orders = self._setting.write, parcel.orders
-        pictures: list[Picture] = []
-        failures: list[Failure] = []
+    def _render(self, order: Order, contents: tuple[bytes, ...], stopping: Any) -> Answer:
+        if self._cache is None or self._cache.tree.name != order.key:
+            self._cache = AssetCache(cache_folder(), order.key)
+        kept = {self._cache.keep(content) for content in contents}
+        lacking = tuple({digest: None for asset in order.assets for digest in self._cache.lacking(asset)})
+        if lacking:
+            lost = kept.intersection(lacking)
+            refused = f"does not keep {min(lost)[:12]} in {self._cache.contents}" if lost else ""
+            return Answer(self._address, lacking=lacking, refused=refused)
+        here = {asset.file.path: str(self._cache.place(asset).resolve()) for asset in order.assets}
+        pool = self._pool_for(order, [path for asset in order.assets for path in self._cache.readable(asset)])
+        pool.stopping = stopping
+        return self._run(pool, _moved(order.job, here, self._write / "picture.png"))
 
-        def output(i: int) -> Path:
-            return folder / f"{orders[i].index}.png"
+    @property
+    def _write(self) -> Path:
+        return self._scratch / "pictures"
 
-        def done(i: int, answer: Mapping[str, Any]) -> str | None:
-            camera = orders[i].job.camera
-            if wrong := damage(output(i), camera.width, camera.height):
+    def _run(self, pool: Pool, job: RenderJob) -> Answer:
+        output, restarts = Path(job.output), pool.restarts
+        answers: list[Answer] = []
+
+        def done(_: int, answer: Mapping[str, Any]) -> str | None:
+            if wrong := damage(output, job.camera.width, job.camera.height):
                 return wrong
-            png = b""
-            if not parcel.shared:
-                png = output(i).read_bytes()
-                output(i).unlink()
-            pictures.append(Picture(orders[i].index, png, answer["device"]))
+            answers.append(Answer(self._address, png=output.read_bytes(), device=answer["device"]))
+            output.unlink()
             return None
 
-        pool.run(
-            range(len(orders)),
-            lambda i: to_json(_moved(orders[i].job, here, output(i))),
-            done,
-            lambda i, reasons: failures.append(Failure(orders[i].index, reasons)),
-        )
-        return pictures, failures
+        def failed(_: int, reasons: list[str]) -> None:
+            answers.append(Answer(self._address, reasons=tuple(reasons)))
 
-    def _pool_for(self, parcel: Parcel, read: Iterable[Path]) -> Pool:
-        """The Blender that is there, if it may do what this parcel needs; otherwise a new one."""
-        write = self._shared(Path(parcel.shared)) if parcel.shared else self._scratch / "pictures"
-        write.mkdir(parents=True, exist_ok=True)
-        had = self._setting
-        setting = _Setting(write, frozenset(read), parcel.device, parcel.image_s)
-        if had is not None:
-            setting = replace(setting, read=had.read | setting.read)  # so that it is not started again and again
-        if self._pool is None or setting != had or self._is_gone():
+        pool.run([0], lambda _: to_json(job), done, failed)
+        return replace(answers[0], restarts=pool.restarts - restarts, blender=pool.blender_version)
+
+    def _pool_for(self, order: Order, read: list[Path]) -> Pool:
+        """The Blender that is open, if it may do what an order needs; otherwise a new one."""
+        setting = _Setting(order.key, frozenset(read), order.device, order.image_s)
+        if (had := self._setting) is not None and had.key == order.key:
+            setting = replace(setting, read=had.read | setting.read)  # so that it isn't started again and again
+        if self._pool is None or setting != had:
             self._end()
-            self._setting, self._held = setting, os.open(write, os.O_RDONLY)
+            self._write.mkdir(parents=True, exist_ok=True)
+            self._setting = setting
             self._pool = Pool(
                 self._scratch / "logs",
-                device=parcel.device,
+                device=order.device,
                 workers=1,
-                limits=Limits(job_s=parcel.image_s, give_up_after=NEVER),
+                limits=Limits(job_s=order.image_s, give_up_after=NEVER),
                 say=self._lines.append,
-                confinement=Confinement(write, tuple(sorted(setting.read)), gpu=parcel.device != "cpu"),
+                confinement=Confinement(self._write, tuple(sorted(setting.read)), gpu=order.device != "cpu"),
                 share=self._share,
             )
         return self._pool
 
-    def _shared(self, folder: Path) -> Path:
-        if not folder.is_dir():
-            raise HulldownError(
-                "is not there", path=folder, remedy="leave out --shared-disk, or mount it on all machines"
-            )
-        return folder / self._name
 
-
-def _moved(job: RenderJob, here: dict[str, Path], output: Path) -> RenderJob:
+def _moved(job: RenderJob, here: Mapping[str, str], output: Path) -> RenderJob:
     """A job with the paths that its files have on this machine."""
-    places = {path: str(here[path].resolve()) for path in named_files(job)}
-    scenery = replace(job.scenery, path=places[job.scenery.path])
-    vehicles = [replace(vehicle, tidy=places[vehicle.tidy]) for vehicle in job.vehicles]
-    light = replace(job.light, hdri=places[job.light.hdri])
+    scenery = replace(job.scenery, path=here[job.scenery.path])
+    vehicles = [replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles]
+    light = replace(job.light, hdri=here[job.light.hdri])
     return replace(job, scenery=scenery, vehicles=vehicles, light=light, output=str(output))

@@ -143,7 +143,8 @@ class Pool:
         self._command = worker_command(blender)
         # The doctor looks at the bpy module only.
         self._remedy = "run `hulldown doctor`" if blender is None else f"see whether `{blender} --background` starts"
-        self._say, self._stopping, self._confinement = say, stopping, confinement
+        self.stopping = stopping
+        self._say, self._confinement = say, confinement
         self._share = share
         self._took: list[float] = []  # seconds of the first jobs
         self._one_per_gpu = workers is None
@@ -191,7 +192,7 @@ class Pool:
         for i, worker in enumerate(self._workers):
             worker.jobs = deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n])
         while self._left:
-            if self._stopping():
+            if self.stopping():
                 raise Stopped
             for worker in self._workers:
                 self._feed(worker)

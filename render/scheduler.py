@@ -14,14 +14,11 @@ class Scheduler:
     ----------
     address
         `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file that `dask scheduler --scheduler-file` has written.
-    shared_disk
-        Whether the workers see the dataset's folder under the same path, so that pictures need not be sent.
     tls_ca, tls_cert, tls_key
         Certificates for `tls://`; None for what Dask's own configuration says.
     """
 
     address: str
-    shared_disk: bool = False
     tls_ca: Path | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None

@@ -21,12 +21,12 @@ from reading.watch import ReadLimits
 from render.confinement import confinement_of
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
+from render.remaining import Outline, Remaining
 from render.scheduler import Scheduler
 from render.session import LOGS_NAME, Progress, Renders, Session
-from render.todo import Outline, Todo
 
 if TYPE_CHECKING:
-    from render.cluster import ClusterPool
+    from render.cluster_pool import ClusterPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,7 @@ def render_plan(
     share: tuple[int, int] = (1, 1),
     blender: str | None = None,
     scheduler: Scheduler | None = None,
+    require_confinement: bool = False,
     limits: Limits = DEFAULT_LIMITS,
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
@@ -105,6 +106,8 @@ def render_plan(
         An installed Blender to use in place of the bpy module.
     scheduler
         Of a Dask cluster whose workers render; None for processes of this machine.
+    require_confinement
+        Whether to use only workers of a cluster that can confine Blender.
     limits
         Time, memory and attempts.
     read_limits
@@ -142,8 +145,8 @@ def render_plan(
         session: Session | None = None
         pool: Renders | None = None
         try:
-            todo = Todo(outline, dataset, wanted, share=share)
-            session = Session(plan, dataset, todo, assets, say)
+            remaining = Remaining(outline, dataset, wanted, share=share)
+            session = Session(plan, dataset, remaining, assets, say)
             if scheduler is None:
                 pool = Pool(
                     confined(folder, LOGS_NAME),
@@ -159,11 +162,11 @@ def render_plan(
                 pool = _cluster(scheduler)(
                     scheduler,
                     assets,
-                    shared=session.unfinished,
                     device=device,
                     limits=limits,
                     say=session.say,
                     stopping=stopping,
+                    require_confinement=require_confinement,
                 )
             with pool:
                 session.render(pool)
@@ -185,8 +188,8 @@ def render_plan(
         assert session is not None
         assert pool is not None  # only a pool is ever stopped
     return RenderReport(
-        images=todo.wanted,
-        already=todo.already,
+        images=remaining.wanted,
+        already=remaining.already,
         rendered=session.rendered,
         failed=tuple(session.failed),
         restarts=pool.restarts,
@@ -198,7 +201,7 @@ def render_plan(
 def _cluster(scheduler: Scheduler) -> type[ClusterPool]:
     """Dask's side, which is loaded by those that use it only."""
     try:
-        from render.cluster import ClusterPool
+        from render.cluster_pool import ClusterPool
     except ModuleNotFoundError as error:
         if error.name not in ("dask", "distributed"):
             raise

@@ -22,6 +22,8 @@ from benchmarks.clusters import HIDDEN, ROOT, blenders, cluster
 from geometry.errors import HulldownError
 from reading.cache import sha256
 from reading.landlock import abi
+from render.cluster import Cluster
+from render.node import refusal, versions
 from render.scheduler import Scheduler
 from render.supervisor import render_plan
 from tests.blender_plans import IMAGES, make_worlds, plan_in
@@ -50,10 +52,10 @@ def nodes(folder):
 class Course:
     """Renders a plan on a cluster, does something once when some pictures are there, and keeps what is said."""
 
-    def __init__(self, folder, plan, address, *, at=0, act=None, shared_disk=False):
+    def __init__(self, folder, plan, address, *, at=0, act=None):
         self.said, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
-        scheduler = Scheduler(address, shared_disk=shared_disk)
+        scheduler = Scheduler(address)
         self.report = render_plan(plan, folder, scheduler=scheduler, device="cpu", progress=self._show)
 
     def _show(self, progress):
@@ -79,19 +81,24 @@ def assert_same(one, two):
     assert (one / "provenance.json").read_bytes() == (two / "provenance.json").read_bytes()
 
 
+def contents_of(nodes):
+    """What the workers' cache was sent, and when."""
+    return {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir() if path.is_file()}
+
+
 def working(nodes):
     """A worker whose Blender is there."""
     return next(worker for worker in nodes.workers if worker.poll() is None and blenders(worker))
 
 
-@pytest.mark.parametrize("shared_disk", [False, True])
-def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path, shared_disk):
-    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=shared_disk)
+def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path):
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert course.report.complete
     assert 1 <= max(course.workers) <= 3
     assert_same(folder / "whole", tmp_path / "d")
 
 
+@pytest.mark.thorough
 @needs_openssl
 def test_a_plan_is_rendered_over_tls(folder, tmp_path):
     files, options = certificates(tmp_path)
@@ -115,9 +122,10 @@ def test_a_killed_worker_costs_nothing_and_leaves_no_blender(folder, nodes, tmp_
     assert_same(folder / "whole", tmp_path / "d")
     assert psutil.wait_procs(orphans, timeout=60)[1] == []
     assert orphans
-    assert course.line("is gone; others render its images")
+    assert course.line("is gone; others do its tasks")
 
 
+@pytest.mark.thorough
 def test_a_killed_blender_is_started_again(folder, nodes, tmp_path):
     killed = []
 
@@ -131,6 +139,7 @@ def test_a_killed_blender_is_started_again(folder, nodes, tmp_path):
     assert killed
 
 
+@pytest.mark.thorough
 def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
     stopped = []
 
@@ -142,13 +151,13 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
     stopped[0].kill()
     nodes.add()
     assert_same(folder / "whole", tmp_path / "d")
-    assert course.line("is gone; others render its images")
+    assert course.line("is gone; others do its tasks")
 
 
+@pytest.mark.thorough
 def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
-    """The folder that workers write to is another one then, of the same name."""
     command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
-    command += ["--device", "cpu", "--scheduler", str(nodes.file), "--shared-disk"]
+    command += ["--device", "cpu", "--scheduler", str(nodes.file)]
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     images = tmp_path / "d" / "images"
     while not images.is_dir() or len(list(images.iterdir())) < 3:
@@ -156,16 +165,17 @@ def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
         time.sleep(0.01)
     client.kill()
     client.wait()
-    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address, shared_disk=True)
+    course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert course.report.already >= 2
     assert_same(folder / "whole", tmp_path / "d")
 
 
+@pytest.mark.thorough
 def test_a_scheduler_is_lost_and_workers_come_late(folder, tmp_path):
     """The client ends with one line; with another scheduler the same command goes on, and waits for workers."""
     with cluster(tmp_path / "first", 1) as first, pytest.raises(HulldownError) as lost:
         Course(tmp_path / "d", folder / "plan.jsonl", first.address, at=3, act=first.scheduler.kill)
-    assert re.search(r"^tcp://.*: the scheduler is out of reach; start one, .* goes on from here$", str(lost.value))
+    assert re.search(r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$", str(lost.value))
     with cluster(tmp_path / "second") as second:
 
         def add():
@@ -177,8 +187,9 @@ def test_a_scheduler_is_lost_and_workers_come_late(folder, tmp_path):
     assert_same(folder / "whole", tmp_path / "d")
 
 
+@pytest.mark.thorough
 def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes, tmp_path):
-    """One has no bpy, one another cache version, and the disk of one is full."""
+    """One has no bpy, one other code that Blender runs, and the disk of one is full."""
     packages = tmp_path / "packages"
     packages.mkdir()
     for entry in Path(next(p for p in site.getsitepackages() + sys.path if (Path(p) / "bpy").is_dir())).iterdir():
@@ -188,34 +199,40 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
     other = tmp_path / "other"
     ignored = shutil.ignore_patterns(".*", "tests", "docs", "benchmarks")
     shutil.copytree(ROOT, other, ignore=ignored)
-    cache = other / "reading" / "cache.py"
-    cache.write_text(re.sub(r"(?m)^EXPORTER = .*", "EXPORTER = 10**6", cache.read_text()))
+    fog = other / "camera" / "fog.py"
+    fog.write_text(fog.read_text() + "\nOTHER = 1\n")
     bad = [
         nodes.add(python=(sys.executable, "-P", "-S"), environment=environment),
         nodes.add(environment={"PYTHONPATH": str(other)}),
         nodes.add(largest_file=4096),
     ]
     nodes.wait()
+    said = []
+    with Cluster(Scheduler(nodes.address), "render", refusal, (versions(), False), say=said.append) as workers:
+        while sum("is not used" in line for line in said) < 2:
+            workers.look()
+            time.sleep(0.1)
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     for worker in bad:
         worker.kill()
+    assert any("it has no bpy" in line for line in said)
+    assert any("it has hulldown " in line for line in said)
     assert_same(folder / "whole", tmp_path / "d")
-    assert course.line("gets no images: it has no bpy")
-    assert course.line("gets no images: it has cache 1000000.")
     assert not course.report.failed
 
 
+@pytest.mark.thorough
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
 def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
     before = (sys.executable, "-c", HIDDEN, str(ROOT), str(folder))
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=before)
         Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
-        sent = {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir()}
+        sent = contents_of(nodes)
         nodes.workers[0].kill()
         nodes.add(before=before)
         Course(tmp_path / "again", folder / "plan.jsonl", nodes.address)
-        kept = {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir()}
+        kept = contents_of(nodes)
     assert_same(folder / "whole", tmp_path / "d")
     assert_same(folder / "whole", tmp_path / "again")
     hashes = {sha256(folder / "field.blend"), sha256(folder / "grey.exr")}
@@ -224,6 +241,7 @@ def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
     assert kept == sent
 
 
+@pytest.mark.thorough
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
 def test_libraries_and_textures_are_sent_too(tmp_path):
     """A scenery that links two .blend files, and an OBJ file, each with textures; all in a folder that is hidden."""
@@ -235,12 +253,13 @@ def test_libraries_and_textures_are_sent_too(tmp_path):
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(made)))
         course = Course(tmp_path / "d", plan, nodes.address)
-        kept = {path.name for path in (nodes.folder / "sent").iterdir()}
+        kept = contents_of(nodes).keys()
     assert course.report.complete
     assert_same(tmp_path / "whole", tmp_path / "d")
     assert {sha256(path) for path in (made / "shared").rglob("*.*")} < kept
 
 
+@pytest.mark.thorough
 def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nodes, tmp_path):
     """Blender makes no picture of 2 x 2 pixels; of 4 x 4, it does."""
     header, *rows = (folder / "plan.jsonl").read_text().splitlines()
@@ -255,6 +274,7 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
         assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_path):
     command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
     command += ["--device", "cpu", "--scheduler", nodes.address]

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -12,8 +14,9 @@ from geometry.errors import HulldownError
 from render.scheduler import Scheduler
 from tests.test_study import SMALL, tree, written
 from tests.training_pictures import make_dataset
+from training.study import elsewhere
 from training.study.config import load_study
-from training.study.elsewhere import NANNYS, Answer, Order, code, run_here
+from training.study.elsewhere import NANNYS, Order, code, refusal, run_here
 from training.study.manifest import settle, write_manifest
 from training.study.report import write_report
 from training.study.runs import Options, run_study
@@ -24,12 +27,23 @@ AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """A study of two runs."""
+def pictures(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(folder / name, 4, seed=seed)
-    return settle(load_study(written(folder, folder / "study.toml", fractions=[1.0], train=SMALL | {"budget": 8})))
+    return folder
+
+
+def settled(pictures, fractions):
+    return settle(
+        load_study(written(pictures, pictures / "study.toml", fractions=fractions, train=SMALL | {"budget": 8}))
+    )
+
+
+@pytest.fixture(scope="module")
+def study(pictures):
+    """A study of two runs."""
+    return settled(pictures, [1.0])
 
 
 def report_of(out):
@@ -39,55 +53,77 @@ def report_of(out):
     return found
 
 
-def wait_for(path):
-    while not path.exists():
-        time.sleep(0.05)
-
-
-def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_path):
+@pytest.mark.thorough
+def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_path, monkeypatch):
+    for name in NANNYS:
+        monkeypatch.delenv(name, raising=False)
     out, said, lost = tmp_path / "out", [], []
     run_study(study, tmp_path / "here", options=OPTIONS)
     with cluster(tmp_path / "nodes") as nodes:  # a killed worker is missed at once
         victim = nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
 
-        def lose(folder):
-            wait_for(out / "runs" / folder / "config.json")
+        def lose():
+            while not (begun := list(out.glob("runs/*/config.json"))):
+                time.sleep(0.05)
             victim.kill()
             nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
-            lost.append(folder)
+            lost.extend(begun)
 
-        def say(line):
-            said.append(line)
-            if "begins on" in line and sum("begins on" in each for each in said) == 1:
-                run = study.manifest.run(line.split(":")[0])
-                threading.Thread(target=lose, args=(run.folder,), daemon=True).start()
-
-        with training_workers(Scheduler(nodes.address), say=say) as launch:
+        threading.Thread(target=lose, daemon=True).start()
+        with training_workers(Scheduler(nodes.address), say=said.append) as launch:
             done = run_study(study, out, options=OPTIONS, launch=launch, at_once=2)
     assert (len(done.finished), done.failed, len(lost)) == (2, {}, 1)
-    assert sum("was lost; another goes on" in line for line in said) == 1
-    assert sum("begins on" in line for line in said) == 3
+    assert sum("is gone; others do its tasks" in line for line in said) == 1
     assert tree(out) == tree(tmp_path / "here")
     assert report_of(out) == report_of(tmp_path / "here")
 
 
-def order_for(settled, out, **changes):
-    write_manifest(settled, out)
-    manifest = hashlib.sha256((out / "study.json").read_bytes()).hexdigest()
-    order = Order(code=code(), study=str(out), manifest=manifest, name="real-100-seed0", device="cpu", workers=0)
-    return order.model_copy(update=changes).model_dump_json().encode()
+@pytest.fixture
+def order(study, tmp_path):
+    """A run of a study in a folder."""
+    out = tmp_path / "out"
+    out.mkdir()
+    write_manifest(study, out)
+    return Order(str(out), hashlib.sha256((out / "study.json").read_bytes()).hexdigest(), "real-100-seed0", OPTIONS)
+
+
+def test_a_worker_with_other_code_says_so():
+    assert refusal(code()) == ""
+    assert refusal("hulldown 0.0.1").startswith(f"has {code()}, and the client hulldown 0.0.1")
 
 
 @pytest.mark.parametrize(
     ("changes", "says"),
-    [
-        ({"code": "hulldown 0.0.1"}, r"has hulldown .*torch .*, and the client hulldown 0\.0\.1$"),
-        ({"study": "/nowhere"}, r"does not see /nowhere, which all machines must share$"),
-        ({"manifest": "0" * 64}, r"sees another study in .*out$"),
-    ],
+    [({"study": "/nowhere"}, "does not see /nowhere"), ({"manifest": "0" * 64}, "sees another study in ")],
 )
-def test_a_worker_that_cannot_run_a_study_says_why(study, tmp_path, changes, says):
-    (tmp_path / "out").mkdir()
-    answer = Answer.model_validate_json(run_here(order_for(study, tmp_path / "out", **changes), lambda: True))
-    with pytest.raises(HulldownError, match=says):
-        raise HulldownError(answer.refused)
+def test_a_worker_that_does_not_see_the_study_says_so(order, changes, says):
+    assert run_here(replace(order, **changes), lambda: True).refused.startswith(says)
+
+
+def test_a_run_leaves_the_workers_environment_as_it_is(order, monkeypatch):
+    """It deleted the limits of threads for all tasks after it."""
+    for name in NANNYS:
+        monkeypatch.setenv(name, "1")
+    before, seen = dict(os.environ), {}
+
+    def in_a_process(*arguments):
+        seen.update(arguments[-1])
+
+    monkeypatch.setattr(elsewhere, "in_a_process", in_a_process)
+    assert run_here(order, lambda: True).failed is None
+    assert os.environ == before
+    assert not seen.keys() & set(NANNYS)
+    assert seen.keys() | set(NANNYS) == before.keys()
+
+
+def test_launches_that_raise_give_their_places_back(pictures, tmp_path):
+    """The third run waited forever for a place, and the error with it."""
+    many = settled(pictures, fractions=[0.5, 1.0])
+    assert len(many.manifest.runs) > 2
+
+    def launch(*arguments):
+        time.sleep(0.1)
+        raise HulldownError("no scheduler")
+
+    with pytest.raises(HulldownError, match="no scheduler"):
+        run_study(many, tmp_path / "out", options=OPTIONS, launch=launch, at_once=2)

@@ -23,7 +23,7 @@ def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
     sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
 
 
-def scheduler_of(arguments: argparse.Namespace, *, shared_disk: bool = False) -> Any:
+def scheduler_of(arguments: argparse.Namespace) -> Any:
     """The cluster that a command line names; None without."""
     if arguments.scheduler is None:
         return None
@@ -31,7 +31,6 @@ def scheduler_of(arguments: argparse.Namespace, *, shared_disk: bool = False) ->
 
     return Scheduler(
         arguments.scheduler,
-        shared_disk=shared_disk,
         tls_ca=arguments.tls_ca_file,
         tls_cert=arguments.tls_cert,
         tls_key=arguments.tls_key,
@@ -59,23 +58,19 @@ def needing_dask() -> Iterator[None]:
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
     """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
     with needing_dask():
-        from render.tasks import Tasks
-    from training.study.elsewhere import RESOURCE, OnWorkers
+        from render.cluster import Cluster
+    from training.study.elsewhere import RESOURCE, code, launch_on, refusal
 
-    tasks = Tasks(scheduler, RESOURCE)
-    try:
-        with OnWorkers(tasks, _train_here, say) as launch:
-            yield launch
-    finally:
-        tasks.close()
+    with Cluster(scheduler, RESOURCE, refusal, (code(),), say=say) as cluster:
+        yield launch_on(cluster, _train_here)
 
 
-def _train_here(order: bytes) -> bytes:
+def _train_here(order: Any) -> Any:
     """What runs in a worker of the cluster."""
-    from render.tasks import wanted
+    from render.cluster import own_address, wanted
     from training.study.elsewhere import run_here
 
-    return run_here(order, wanted())
+    return own_address(), run_here(order, wanted())
 
 
 def _cluster(arguments: argparse.Namespace) -> int:

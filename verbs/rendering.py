@@ -59,6 +59,7 @@ def _render(arguments: argparse.Namespace) -> int:
             share=arguments.share,
             blender=arguments.blender,
             scheduler=_scheduler(arguments),
+            require_confinement=arguments.require_confinement,
             limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
             read_limits=read_limits(arguments),
             cache=arguments.cache,
@@ -86,7 +87,7 @@ def _scheduler(arguments: argparse.Namespace) -> Any:
         raise HulldownError(
             f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
         )
-    return scheduler_of(arguments, shared_disk=arguments.shared_disk)
+    return scheduler_of(arguments)
 
 
 def _join(arguments: argparse.Namespace) -> int:
@@ -231,7 +232,6 @@ def add(verb: AddVerb) -> None:
         help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
     )  # fmt: skip
     add_scheduler(sub, "render on the workers of a Dask cluster: tcp://HOST:8786, or the file of its scheduler (.json)")
-    sub.add_argument("--shared-disk", action="store_true", help="they see DATASET too: write pictures into it")
     sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
     sub.add_argument(
         "--image-timeout", type=positive, metavar="SECONDS",

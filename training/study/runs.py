@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import queue
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +19,9 @@ from pathlib import Path
 import orjson
 from filelock import FileLock, Timeout
 
+from geometry.child import Child
 from geometry.errors import ConfigError, HulldownError
-from geometry.files import open_in_place, replacing
+from geometry.files import replacing
 from training.run_folder import LOCK_NAME, RunFolder
 from training.study.manifest import (
     LOGS_NAME,
@@ -37,6 +37,7 @@ from training.study.manifest import (
 
 ROOT = Path(__file__).resolve().parents[2]
 FAILURES_NAME = "failures.json"
+POLL_S = 0.2
 JUDGED = ("test", "valid")
 Progress = Callable[[str, int, int], None]
 
@@ -211,9 +212,11 @@ def _run_all(
             progress(f"{title}: {what}", done, total)
 
         place = slots.get()
-        # Bars of several runs at once would take turns.
-        reason = launch(out, name, place, show if len(places) == 1 else _unseen, stop)
-        slots.put(place)
+        try:
+            # Bars of several runs at once would take turns.
+            reason = launch(out, name, place, show if len(places) == 1 else _unseen, stop)
+        finally:
+            slots.put(place)
         if stop.is_set():
             return
         with one_tells:
@@ -260,7 +263,14 @@ def gpu_places(options: Options) -> list[Options]:
     ]
 
 
-def in_a_process(study: Path, name: str, options: Options, progress: Progress, stop: threading.Event) -> str | None:
+def in_a_process(
+    study: Path,
+    name: str,
+    options: Options,
+    progress: Progress,
+    stop: threading.Event,
+    environment: Mapping[str, str] = os.environ,
+) -> str | None:
     """`run_one` in a process of its own, which ends when this one does, however it ends."""
     command = [sys.executable, "-P", "-m", "training.study.worker", str(study), name, "--device", options.device]
     if options.workers is not None:
@@ -268,43 +278,27 @@ def in_a_process(study: Path, name: str, options: Options, progress: Progress, s
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     log = study / LOGS_NAME / f"{name}.txt"
     log.parent.mkdir(exist_ok=True)
-    reason = None
-    with (
-        open_in_place(log) as errors,
-        subprocess.Popen(
-            command, env={**os.environ, **options.environment, "PYTHONPATH": path}, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
-        ) as child,
-    ):  # fmt: skip
-        threading.Thread(target=_end_with, args=(child, stop), daemon=True).start()
+    log.unlink(missing_ok=True)
+    reasons: list[str] = []
+
+    def hear(line: bytes) -> None:
         try:
-            for line in child.stdout or ():
-                try:
-                    told = json.loads(line)
-                except ValueError:
-                    continue  # what a library prints
-                if "failed" in told:
-                    reason = str(told["failed"])
-                else:
-                    progress(told["what"], told["done"], told["total"])
-        except BaseException:  # Ctrl-C above all
-            child.kill()
-            raise
-    if child.returncode == 0:
-        return None
-    if reason is not None:
-        return reason
-    said = log.read_text(errors="replace").strip().split("\n")[-1]
-    how = f"ended by signal {-child.returncode}" if child.returncode < 0 else f"exit code {child.returncode}"
-    return f"{how}: {said[:500]}" if said else how
+            told = json.loads(line)
+        except ValueError:
+            return  # what a library prints
+        if "failed" in told:
+            reasons.append(str(told["failed"]))
+        else:
+            progress(told["what"], told["done"], told["total"])
 
-
-def _end_with(child: subprocess.Popen[bytes], stop: threading.Event) -> None:
-    """End a run's process when the study is stopped."""
-    while child.poll() is None:
-        if stop.wait(0.2):
-            child.kill()
-            return
+    env = {**environment, **options.environment, "PYTHONPATH": path}
+    with Child(command, env=env, hear=hear, log=log) as child:
+        while child.wait(POLL_S) is None:
+            if stop.is_set():
+                break
+        if child.kill() == 0:
+            return None
+        return reasons[0] if reasons else child.last_words()
 
 
 def _write_failures(out: Path, failed: Mapping[str, str]) -> None:

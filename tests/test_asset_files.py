@@ -1,0 +1,131 @@
+"""Files that a cluster's workers use: in place if they're the client's, otherwise copies; only what assets may read."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from reading.cache import sha256
+from render.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
+from tests.render_plans import ASSETS
+
+
+def note(path):
+    return FileNote(str(path), sha256(path), path.stat().st_size)
+
+
+@pytest.fixture
+def textured(tmp_path):
+    """An asset, its texture above it, and a worker's cache."""
+    blend, texture = tmp_path / "client" / "field.blend", tmp_path / "textures" / "bark.png"
+    for path, content in ((blend, b"grass"), (texture, b"brown")):
+        path.parent.mkdir()
+        path.write_bytes(content)
+    asset = AssetNote(note(blend), (note(texture),), (str(blend.parent),))
+    return asset, AssetCache(tmp_path / "sent", "plan")
+
+
+def send(cache, asset):
+    """Take the client's files away, and send the worker what it lacks then."""
+    contents = {file.sha256: Path(file.path).read_bytes() for file in asset.files}
+    for file in asset.files:
+        Path(file.path).write_bytes(b"another")
+    for digest in cache.lacking(asset):
+        assert cache.keep(contents[digest]) == digest
+    assert cache.lacking(asset) == []
+
+
+def test_files_that_are_where_the_client_has_them_are_used(textured):
+    asset, cache = textured
+    assert cache.lacking(asset) == []
+    assert str(cache.place(asset)) == asset.file.path
+    assert list(cache.tree.iterdir()) == []
+
+
+def test_what_is_sent_has_the_clients_relative_paths(textured):
+    asset, cache = textured
+    send(cache, asset)
+    place = cache.place(asset)
+    assert place.read_bytes() == b"grass"
+    assert (place.parent / "../textures/bark.png").read_bytes() == b"brown"
+    assert place.is_relative_to(cache.tree)
+    assert cache.readable(asset) == [cache.tree]
+    assert AssetCache(cache.contents, "plan").place(asset) == place
+
+
+@pytest.mark.parametrize("what", ["the link", "the content"])
+def test_a_copy_that_was_changed_is_put_right(textured, what):
+    asset, cache = textured
+    send(cache, asset)
+    texture = cache.place(asset).parent / "../textures/bark.png"
+    if what == "the link":
+        texture.unlink()
+        texture.write_bytes(b"black")
+    else:
+        texture.write_bytes(b"black")
+        assert cache.lacking(asset) == [hashlib.sha256(b"brown").hexdigest()]
+        cache.keep(b"brown")
+    cache.place(asset)
+    assert texture.read_bytes() == b"brown"
+
+
+def test_a_path_with_detours_is_no_place(textured):
+    asset, cache = textured
+    send(cache, asset)
+    with pytest.raises(ValueError, match="without detours"):
+        cache.place(replace(asset, file=replace(asset.file, path="/client/../../field.blend")))
+
+
+def test_tiles_and_detours_of_references_are_found(tmp_path):
+    for name in ("bark.1001.png", "bark.1002.png", "bark.txt"):
+        (tmp_path / name).touch()
+    named = [str(tmp_path / "x" / ".." / "bark.<UDIM>.png"), str(tmp_path / "bark.1001.png"), str(tmp_path / "gone")]
+    found = [tmp_path / "bark.1001.png", tmp_path / "bark.1002.png"]
+    assert references(named, tmp_path / "a.blend", [tmp_path]) == found
+    assert references([str(tmp_path / "bark.txt")], tmp_path / "bark.txt", [tmp_path]) == []
+
+
+@pytest.fixture
+def curious(tmp_path):
+    """Assets of which the scenery refers to its texture, a secret elsewhere, and a link to that."""
+    folder, secret = tmp_path / "pack" / "worlds" / "a", tmp_path / "secrets" / "passwords"
+    for path in (secret, folder / "void.blend", folder / "bark.png", folder / "cube.blend", folder / "sky.exr"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(path.name)
+    (folder / "link.png").symlink_to(secret)
+    files = (
+        str(folder / "bark.png"),
+        str(secret),
+        str(folder / "link.png"),
+        str(folder / ".." / ".." / ".." / "secrets/passwords"),
+    )
+    return replace(
+        ASSETS,
+        vehicles={"cube": replace(ASSETS.vehicles["cube"], tidy=folder / "cube.blend")},
+        sceneries={"void": replace(ASSETS.sceneries["void"], path=folder / "void.blend", files=files)},
+        hdris={"sky": folder / "sky.exr"},
+    ), folder, secret  # fmt: skip
+
+
+def test_a_blend_does_not_choose_which_files_are_sent(curious):
+    """It could name a password file, which went to the workers."""
+    assets, folder, _ = curious
+    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
+    assert [file.path for file in asset.references] == [str(folder / "bark.png")]
+
+
+def test_a_blend_does_not_choose_what_its_blender_may_read(curious, tmp_path):
+    """The folder of each file that it named was opened to it, and the one around that."""
+    assets, folder, secret = curious
+    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
+    readable = AssetCache(tmp_path / "sent", "plan").readable(asset)
+    assert readable
+    assert not any(secret.is_relative_to(path) for path in readable)
+
+
+def test_folders_that_the_user_adds_are_sent_from(curious, monkeypatch):
+    assets, folder, secret = curious
+    monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
+    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
+    assert str(secret) in {file.path for file in asset.references}
