@@ -1,14 +1,11 @@
-"""Rendering: what an image costs beside Cycles' sampling, what keeping things loaded saves, samples against error.
+"""Rendering: what an image costs beside Cycles' sampling, and samples against error.
 
 All on the CPU, on the demo assets.
 """
 
 from __future__ import annotations
 
-import json
 import queue
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -30,7 +27,6 @@ from render.messages import Settings, to_json
 from render.process import WorkerProcess, worker_command
 from render.remaining import sort_key
 
-PLAIN = Path(__file__).with_name("plain_rendering.py")
 FEW = 4  # samples of the pictures whose sampling is not what is measured
 MORE = 32  # samples that, beside few, tell what one more sample takes
 STEPPE, HILLS = "dry_steppe", "temperate_hills"
@@ -105,10 +101,7 @@ def _overhead(parts: dict[str, float]) -> float:
 
 
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
-    """Twelve images our way and the plain way: the same rows, settings and process count.
-
-    Three vehicles with four images each: in a dataset of some size a vehicle has many more that follow each other.
-    """
+    """Measure twelve images of three vehicles; in a larger dataset a vehicle has many more that follow each other."""
     size = (160, 90) if quick else (480, 270)
     plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
     settings = {**FAST, "samples": FEW} if quick else FAST
@@ -120,10 +113,6 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     parts = [talk.ask(message)["seconds"] for message in jobs]
     ours = time.perf_counter() - start
     talk.worker.stop()
-    ran = subprocess.run(
-        [sys.executable, "-P", str(PLAIN)], input=json.dumps(jobs), capture_output=True, text=True, check=True
-    )
-    plain = json.loads(ran.stdout)
     overhead = [_overhead(p) for p in parts]
     return {
         "size": size,
@@ -134,8 +123,6 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
         "first_overhead_s": overhead[0],
         "steady_overhead_s": float(np.median(overhead[1:])),
         "ours_s": ours,
-        "plain_s": sum(plain),
-        "plain_overhead_s": float(np.median(plain) - np.median([p["sample"] for p in parts])),
     }
 
 
@@ -188,18 +175,14 @@ def report(results: dict) -> str:
     parts = loading["parts"][1:]
     steady = {key: float(np.median([p[key] for p in parts])) for key in ("load", "sync", "sample", "save")}
     width, height = loading["size"]
-    plain, ours = loading["plain_s"], loading["ours_s"]
-    run = f"whole run, {loading['images']} images"
     rows = [
         ("loading and posing, steady state", f"{steady['load']:.3f}"),
         ("syncing, BVH, sky map", f"{steady['sync']:.3f}"),
         ("saving", f"{steady['save']:.3f}"),
         ("sum outside sampling, steady state", f"{loading['steady_overhead_s']:.3f}"),
         ("the same, first image", f"{loading['first_overhead_s']:.3f}"),
-        ("the same, everything loaded again for each image", f"{loading['plain_overhead_s']:.3f}"),
         ("sampling and denoising", f"{steady['sample']:.3f}"),
-        (run, f"{ours:.1f} in all"),
-        (f"{run}, everything loaded again for each image", f"{plain:.1f} in all, {plain / ours:.2f} times as long"),
+        (f"whole run, {loading['images']} images", f"{loading['ours_s']:.1f} in all"),
     ]
     return "\n\n".join([
         "## Rendering",

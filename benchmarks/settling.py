@@ -149,8 +149,6 @@ def _speed(quick: bool) -> dict[str, Any]:
         )
     ways["support, 5 x 5, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", contact_n=9, threads=2)
     ways["support, 9 x 9, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", n=9, threads=2)
-    if peer := _blender(mesh, xy[: 100 if quick else 500], yaw):
-        ways["the paper's way in Blender: 26 scene.ray_cast from Python"] = peer
     rates: dict[str, list[float]] = {name: [] for name in ways}
     for work in ways.values():
         work()
@@ -165,44 +163,12 @@ def _speed(quick: bool) -> dict[str, Any]:
     }
 
 
-def _blender(mesh: Mesh, xy: np.ndarray, yaw: np.ndarray) -> Callable[[], int] | None:
-    """Section 2.1.5 as a script in Blender does it; None where there is no Blender."""
-    try:
-        import bpy
-        from mathutils import Vector
-    except ImportError:
-        return None
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    data = bpy.data.meshes.new("terrain")
-    data.from_pydata(mesh.vertices.tolist(), [], mesh.faces.tolist())
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("terrain", data))
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    scene, down, top = bpy.context.scene, Vector((0, 0, -1)), float(mesh.bounds[1, 2]) + 10.0
-    grid = [(u, v) for u in np.linspace(-0.5, 0.5, 5) * SIZE[0] for v in np.linspace(-0.5, 0.5, 5) * SIZE[1]]
-
-    def work() -> int:
-        for (x, y), turn in zip(xy.tolist(), yaw.tolist(), strict=False):
-            hit, _, normal, *_ = scene.ray_cast(depsgraph, (x, y, top), down)
-            if not hit or abs(normal.z) < 0.866:
-                continue
-            mean, z, count = Vector((0, 0, 0)), 0.0, 0
-            c, s = np.cos(turn), np.sin(turn)
-            for u, v in grid:
-                hit, at, normal, *_ = scene.ray_cast(depsgraph, (x + c * u - s * v, y + s * u + c * v, top), down)
-                if hit:
-                    mean, z, count = mean + (normal if normal.z > 0 else -normal), z + at.z, count + 1
-            mean.normalize()
-        return len(xy)
-
-    return work
-
-
 def report(results: dict[str, Any]) -> str:
     """Return the section of docs/benchmarks.md."""
     speed = results["speed"]
     parts = [
         "## Settling",
-        f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles; the Blender peer on some of them.",
+        f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles.",
         table(["way", "candidates a second"], [(name, f"{rate:,.0f}") for name, rate in speed["rates"].items()]),
         "Error against the rest pose of a rigid footprint of 7 x 3.5 m: the plane above a 0.1 m sample that is lowest "
         "under the center of gravity. `Sure` are the candidates whose center of gravity is more than 20 cm inside "
