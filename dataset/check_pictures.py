@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 
 from dataset.check_looks import check_looks, is_rendered
 from dataset.names import place_of
+from dataset.near_duplicates import near_duplicates, picture_hash
 from dataset.picture_files import UPRIGHT, read_picture, size_problem
 from dataset.records import Finding
 from dataset.seals import PICTURE_KEY, digest
@@ -54,6 +55,8 @@ def check_pictures(
         if isinstance(image_id := annotation.get("image_id"), int):
             labels.setdefault(image_id, []).append(annotation)
     contents: dict[str, str] = {}
+    digests: list[str | None] = []
+    hashes: list[Bool[np.ndarray, "256"] | None] = []
     with ThreadPoolExecutor(DECODERS) as pool:
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
@@ -61,13 +64,21 @@ def check_pictures(
             results = pool.map(
                 lambda image: _check(folder, image, labels.get(image["id"], []), fast=fast, look=look), chunk
             )
-            for done, (image, (findings, found)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
+            for done, (image, (findings, found, hashed)) in enumerate(
+                zip(chunk, results, strict=True), start=start + 1
+            ):
                 yield from findings
+                hashes.append(hashed)
+                digests.append(found)
                 name = str(image.get("file_name"))
                 if found is not None and (other := contents.setdefault(found, name)) != name:
                     yield Finding("warning", name, f"is the same picture as {other}")
                 if progress is not None:
                     progress(done, len(images))
+    for i, j in near_duplicates(hashes, hashes).tolist():
+        one, other = str(images[i].get("file_name")), str(images[j].get("file_name"))
+        if i > j and digests[i] != digests[j]:
+            yield Finding("warning", one, f"shows the same as {other}: keep both in one split, or delete one")
     yield from _linked_elsewhere(folder, images)
     known = {place_of(str(image.get("file_name"))) for image in images}
     if (folder / "images").is_dir():
@@ -99,19 +110,19 @@ def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iter
 
 def _check(
     folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
-) -> tuple[list[Finding], str | None]:
-    """What is wrong with a picture, and the hash of its content."""
+) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
+    """Return what is wrong with a picture, the hash of its bytes, and a photograph's perceptual hash."""
     name = image.get("file_name")
     if not stays_inside(name):
         problem = f"file_name {name!r:.120} is no path inside the dataset"
-        return [Finding("error", f"image {image['id']}", problem)], None
+        return [Finding("error", f"image {image['id']}", problem)], None, None
     path = folder / name
     if fast:
-        return [] if path.is_file() else [Finding("error", name, "is missing")], None
+        return [] if path.is_file() else [Finding("error", name, "is missing")], None, None
     try:
         picture = read_picture(path, largest=LARGEST)
     except DatasetError as error:
-        return [Finding("error", name, error.problem)], None
+        return [Finding("error", name, error.problem)], None, None
     findings = []
     if picture.orientation != UPRIGHT:
         problem = f"has EXIF orientation {picture.orientation}, which some tools ignore: store it as displayed"
@@ -130,4 +141,5 @@ def _check(
             f"is not the picture that was recorded: its SHA-256 is {found[:12]}..., recorded is {recorded!s:.12}..."
         )
         findings.append(Finding("error", name, problem))
-    return findings, found
+    looked_at = picture.pixels if not is_rendered(image) else None
+    return findings, found, None if looked_at is None else picture_hash(looked_at)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from cli import main
 from geometry.errors import HulldownError
@@ -282,6 +283,14 @@ def test_a_source_that_lacks_a_class_is_refused_before_anything_trains(pictures,
 def test_a_test_picture_that_is_trained_on_is_refused(pictures, tmp_path):
     with pytest.raises(HulldownError, match=r"images/0000\.png is images/0000\.png of real too: no detector may be"):
         settled(pictures, tmp_path, test=str(pictures / "real"))
+
+
+def test_a_training_picture_that_was_saved_again_is_no_test_picture(pictures, tmp_path):
+    test = make_dataset(tmp_path / "again", 8, seed=40)
+    with Image.open(pictures / "real" / "images" / "0001.png") as picture:
+        picture.convert("P", palette=Image.Palette.ADAPTIVE).save(test / "images" / "0002.png")
+    with pytest.raises(HulldownError, match=r"images/0002\.png of test shows the same as images/0001\.png of real"):
+        settled(pictures, tmp_path, test=str(test))
 
 
 def test_a_folder_of_something_else_is_refused(pictures, tmp_path):

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import orjson
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from annotate.masks import decode, run_lengths
 from dataset.clipping import clipped_boxes
 from dataset.document import read_coco
+from dataset.near_duplicates import near_duplicates, picture_hash
 from dataset.picture_files import read_picture, read_pixels, size_problem
 from dataset.records import check_usable
 from geometry.errors import ConfigError, DatasetError
@@ -139,34 +140,63 @@ def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
     return not lacking if asked is None else asked
 
 
-def check_pictures(sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None) -> dict[str, str]:
-    """SHA-256 of each source, records and pictures, having looked at every picture.
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckedPictures:
+    """What is known about a source once its pictures have been read.
+
+    Parameters
+    ----------
+    sha256
+        Of records and pictures.
+    hashes
+        Perceptual hash of each picture, see `dataset.near_duplicates`.
+    """
+
+    sha256: str
+    hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
+
+
+def check_pictures(
+    sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None
+) -> dict[str, CheckedPictures]:
+    """Read every picture of every source, and return what is known then by the source's name.
 
     Raises
     ------
     DatasetError
         Naming the first picture, in the order of sources and names, that cannot be used.
     """
-    digests, done, total = {}, 0, sum(map(len, sources))
+    checked, done, total = {}, 0, sum(map(len, sources))
     with ThreadPoolExecutor(READERS) as pool:
         for source in sources:
-            digest = hashlib.sha256(source.digest.encode())
+            digest, hashes = hashlib.sha256(source.digest.encode()), []
             sizes = [(int(w), int(h)) for w, h in source.sizes]
             paths = [source.folder / name for name in source.file_names]
-            for found in pool.map(_digest, paths, sizes):
+            for found, perceptual in pool.map(_hashes, paths, sizes):
                 digest.update(found)
+                hashes.append(perceptual)
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            digests[source.name] = digest.hexdigest()
-    return digests
+            checked[source.name] = CheckedPictures(digest.hexdigest(), tuple(hashes))
+    return checked
 
 
-def _digest(path: Path, size: tuple[int, int]) -> bytes:
+def shared_pictures(first: Source, second: Source, checked: Mapping[str, CheckedPictures]) -> list[str]:
+    """Return the pairs of pictures that show the same in two sources, in words."""
+    pairs = near_duplicates(checked[first.name].hashes, checked[second.name].hashes)
+    return [
+        f"{second.file_names[j]} of {second.name} shows the same as {first.file_names[i]} of {first.name}"
+        for i, j in pairs.tolist()
+    ]
+
+
+def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
     picture = read_picture(path)
     if picture.size != size:
         raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
-    return hashlib.sha256(picture.content).digest()
+    assert picture.pixels is not None
+    return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
 
 
 def _checked(folder: Path) -> dict[str, Any]:

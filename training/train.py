@@ -31,7 +31,7 @@ from training.extra import quiet
 from training.run_folder import RunFolder, opened
 from training.settings import Settings
 from training.small import SmallDetector, SmallModule, save_small, small_size
-from training.sources import Source, check_pictures, follow_masks, read_sources
+from training.sources import Source, check_pictures, follow_masks, read_sources, shared_pictures
 from training.validate import validation_figures
 
 Judge: TypeAlias = Callable[[Detector], Mapping[str, float]]  # AP, AP50 and AP75 of a detector
@@ -101,14 +101,16 @@ def train(
         from training.detr import check_weights
 
         check_weights(weights, settings, classes)
-    digests = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
+    checked = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
+    for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
+        say(f"warning: {shared}: the result on it flatters")
     resolution = settings.resolution or 0
     size = small_size(resolution) if small else (resolution, resolution)
     config = {
         "settings": settings.model_dump(mode="json"),
         "classes": list(classes),
-        "data": {source.name: {"images": len(source), "sha256": digests[source.name]} for source in sources},
-        "valid": {"images": len(held_back[0]), "sha256": digests["valid"]} if held_back else None,
+        "data": {source.name: {"images": len(source), "sha256": checked[source.name].sha256} for source in sources},
+        "valid": {"images": len(held_back[0]), "sha256": checked["valid"].sha256} if held_back else None,
         "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
         **({"draws_sha256": hashlib.sha256(drawn.read_bytes()).hexdigest()} if drawn is not None else {}),
     }

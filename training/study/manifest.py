@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,14 @@ from geometry.errors import ConfigError, DatasetError
 from geometry.files import replacing
 from training.draws import Draws, draws_text
 from training.settings import Settings
-from training.sources import Source, check_pictures, follow_masks, read_sources
+from training.sources import CheckedPictures, Source, check_pictures, follow_masks, read_sources, shared_pictures
 from training.study.arms import Run, arm_draws, budget_of, study_runs
 from training.study.config import Arm, StudyConfig
 from training.subset import nested_subsets
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
 KEY_DIGITS = 10
+MOST_LISTED = 10  # pairs of pictures that an error names
 
 
 class StudyData(BaseModel):
@@ -113,8 +115,9 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     classes, found = read_sources(folders)
     sources = {source.name: source for source in found}
     _check_classes(sources, classes)
-    digests = check_pictures(found, progress=progress)
-    _check_apart(sources)
+    checked = check_pictures(found, progress=progress)
+    digests = {name: one.sha256 for name, one in checked.items()}
+    _check_apart(sources, checked)
     datasets = {
         name: StudyData(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),
                       sha256=digests[name])
@@ -241,7 +244,7 @@ def _missing(run: Run, real: Source, photographs: Int[np.ndarray, " k"], classes
     return [f"{run.name}: its {len(photographs)} photographs show no {', '.join(lacking)}; stratified = true may help"]
 
 
-def _check_apart(sources: Mapping[str, Source]) -> None:
+def _check_apart(sources: Mapping[str, Source], checked: Mapping[str, CheckedPictures]) -> None:
     """Refuse a test or validation picture that is trained on, and one that is in both of these."""
     seen: dict[bytes, tuple[str, str]] = {}
     for name, source in sources.items():
@@ -253,3 +256,15 @@ def _check_apart(sources: Mapping[str, Source]) -> None:
                     f"{file} is {other[1]} of {other[0]} too: no detector may be judged by what it was trained on",
                     path=source.folder, remedy=f"take it out of {other[0]} or out of {name}",
                 )  # fmt: skip
+    alike = [
+        pair
+        for first, second in combinations(sources.values(), 2)
+        if {first.name, second.name} & {"test", "valid"}
+        for pair in shared_pictures(first, second, checked)
+    ]
+    if alike:
+        more = f", and {len(alike) - MOST_LISTED} more" if len(alike) > MOST_LISTED else ""
+        raise DatasetError(
+            f"{', '.join(alike[:MOST_LISTED])}{more}: no detector may be judged by what it was trained on",
+            remedy="take each out of one of the two",
+        )

@@ -1,0 +1,66 @@
+"""Find pictures that show the same: saved again, resized, or in another format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import imagehash
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from PIL import Image
+
+from dataset.picture_files import read_pixels
+
+SIDE = 16  # of a hash: 256 bits
+ALIKE = 26  # differing bits of 256, see docs/dataset.md for what was measured
+FLAT = 2.0  # of 255: standard deviation of a picture that has nothing to compare
+READERS = 4  # threads
+
+
+def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
+    """Return a perceptual hash of a picture; None for one without contrast, which would be like any other.
+
+    References
+    ----------
+    Zauner, Implementation and benchmarking of perceptual image hash functions, 2010, section 3.2.1 (DCT hash).
+    """
+    gray = Image.fromarray(pixels).convert("L")
+    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT:
+        return None
+    return imagehash.phash(gray, hash_size=SIDE).hash.ravel()
+
+
+def picture_hashes(paths: Sequence[Path]) -> list[Bool[np.ndarray, "256"] | None]:
+    """Return the hash of each picture.
+
+    Raises
+    ------
+    DatasetError
+        If a picture cannot be read.
+    """
+    with ThreadPoolExecutor(READERS) as pool:
+        return list(pool.map(lambda path: picture_hash(read_pixels(path)), paths))
+
+
+def near_duplicates(
+    first: Sequence[Bool[np.ndarray, "256"] | None], second: Sequence[Bool[np.ndarray, "256"] | None]
+) -> Int[np.ndarray, "n 2"]:
+    """Return the pairs of indices of pictures that show the same, (n, 2)."""
+    (rows, ones), (columns, others) = _signs(first), _signs(second)
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
+        differing = (SIDE * SIDE - ones[start : start + 1024] @ others.T) / 2.0
+        found.append(np.argwhere(differing <= ALIKE) + np.array([start, 0]))
+    pairs = np.concatenate(found)
+    return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
+
+
+def _signs(
+    hashes: Sequence[Bool[np.ndarray, "256"] | None],
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
+    """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
+    there = {i: one for i, one in enumerate(hashes) if one is not None}
+    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, SIDE * SIDE)
+    return np.array(list(there), dtype=np.int64), 2.0 * bits - 1.0
