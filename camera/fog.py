@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
-
-from geometry.color import LUMINANCE
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
@@ -53,29 +50,6 @@ class AirLayer(NamedTuple):
     reach: float
 
 
-def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
-    """Layers of air in one another, the lowest first, that share the extinction evenly.
-
-    Fog, rain and snow are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a
-    layer of fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From
-    the camera down it is whole, so that targets lose contrast as `extinction` says.
-
-    Parameters
-    ----------
-    kind
-        Of the weather.
-    visibility_m
-        How far one sees near the ground.
-    """
-    top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
-    tops = [top]
-    if kind == "dust":
-        parts = [part / DUST_LAYERS for part in range(DUST_LAYERS + 1)]
-        areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
-        tops = sorted(DUST_LAYERS * top * (after - before) for before, after in itertools.pairwise(areas))
-    return [AirLayer(extinction(visibility_m) / len(tops), above, reach) for above in tops]
-
-
 def even_sky(sky: np.ndarray) -> np.ndarray:
     """Radiance (3,) of an even sky that lights level ground as brightly as this one.
 
@@ -87,19 +61,3 @@ def even_sky(sky: np.ndarray) -> np.ndarray:
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
     return np.asarray((sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())
-
-
-def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
-    """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
-
-    Fog has the sky's own colour, rain and snow are grey, dust is brown.
-
-    References
-    ----------
-    H. C. van de Hulst, Multiple Light Scattering, 1980: the reflectance of a thick cloud.
-    O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
-    locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.
-    """
-    if kind == "fog":
-        return sky
-    return np.dot(sky, LUMINANCE) * np.array(DUST_ALBEDO if kind == "dust" else (1.0, 1.0, 1.0))

@@ -34,9 +34,6 @@ MOST = 40_000  # drops in an image: where more would be seen, the faintest are l
 MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
-# Radiance over that of the air's: a drop shows most of the sky behind and above it (Garg and Nayar), less what its
-# surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
-SHARE_OF_SKY = {"rain": 0.94, "snow": 0.75}
 OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
 
 

@@ -10,8 +10,8 @@ from scipy import ndimage
 
 from camera import fog
 from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import air_layers
 from camera.response import displayed, white_balance
+from camera.weather_kinds import air_layers, airlight
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
 _SMOOTHED = 5  # pixels: finer than that is the sky of a small map not known
@@ -75,7 +75,7 @@ def radiance(
             sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
-    return clear * seen + (1.0 - clear) * fog.airlight(kind, fog.even_sky(sky)) * strength
+    return clear * seen + (1.0 - clear) * airlight(kind, fog.even_sky(sky)) * strength
 
 
 def inner(sky: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

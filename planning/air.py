@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from camera.weather import rain_visibility_m, wetness
+from camera.weather_kinds import KINDS, Weather
 from geometry.portable import sin_cos
 from planning.draws import Draws, Purpose, between
 from planning.row import rounded
-from planning.weather import Kind, Weather
 from planning.weather_section import WeatherSection
 
-KINDS: tuple[Kind, ...] = get_args(Kind)
-CLEAR = len(KINDS)
-FOG, RAIN, SNOW, DUST = (KINDS.index(kind) for kind in ("fog", "rain", "snow", "dust"))
+NAMES = tuple(KINDS)
+CLEAR = len(NAMES)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -27,7 +25,7 @@ class Air:
     Parameters
     ----------
     kind
-        (n,) index into `KINDS`, or `CLEAR`.
+        (n,) index into `NAMES`, or `CLEAR`.
     visibility_m
         (n,) meteorological visibility; nan where it is clear.
     rain_mm_h
@@ -51,7 +49,7 @@ class Air:
     @property
     def overcast(self) -> Bool[np.ndarray, " n"]:
         """Whether it falls from clouds."""
-        return (self.kind == RAIN) | (self.kind == SNOW)
+        return np.isin(self.kind, [k for k, kind in enumerate(KINDS.values()) if kind.overcast])
 
     def weathers(self) -> list[Weather | None]:
         """One for each image, None where it is clear."""
@@ -60,11 +58,7 @@ class Air:
             self.ground_cover.tolist(), self.vehicle_cover.tolist(), strict=True,
         )  # fmt: skip
         return [
-            None
-            if kind == CLEAR
-            else Weather(visibility, "fog")
-            if kind == FOG
-            else Weather(visibility, KINDS[kind], rate, (x, y), self.exposure_s, ground, vehicle)
+            None if kind == CLEAR else Weather(visibility, NAMES[kind], rate, (x, y), self.exposure_s, ground, vehicle)
             for kind, visibility, rate, (x, y), ground, vehicle in columns
         ]
 
@@ -76,29 +70,31 @@ def draw_air(weather: WeatherSection, *, draws: Draws, image: Int[np.ndarray, " 
     """
     u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
-    kind = np.searchsorted(np.cumsum([getattr(weather, each) for each in KINDS]), u[:, 3], side="right")
-    rain, dry = kind == RAIN, (kind == FOG) | (kind == CLEAR)
-    rate = np.where(rain, rounded("weather", between(*weather.rain_mm_h, u[:, 4])), 0.0)
-    wetted = rounded("weather", wetness(rate))
-    visible = np.full(len(image), np.nan)
-    visible[rain] = rain_visibility_m(rate[rain])
-    covers = [np.where(rain, wetted, 0.0) for _ in range(2)]
-    for of, metres, lies in (
-        (FOG, weather.visibility_m, ()),
-        (SNOW, weather.snow_visibility_m, (weather.snow_cover, weather.vehicle_snow_cover)),
-        (DUST, weather.dust_visibility_m, (weather.dust_cover, weather.vehicle_dust_cover)),
-    ):
-        mine = kind == of
-        visible[mine] = between(*metres, u[mine, 4])
-        for cover, bounds, uniform in zip(covers, lies, (ground, vehicle), strict=False):
-            cover[mine] = between(*bounds, uniform[mine])
+    kind = np.searchsorted(np.cumsum([getattr(weather, name) for name in NAMES]), u[:, 3], side="right")
+
+    def within(key: str, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        low, high = getattr(weather, key)
+        return between(low, high, uniform)
+
+    n = len(image)
+    visible, rate, covers, windy = np.full(n, np.nan), np.zeros(n), np.zeros((2, n)), np.zeros(n, dtype=bool)
+    for k, each in enumerate(KINDS.values()):
+        own = kind == k
+        windy |= own & each.windy
+        if each.visibility:
+            visible[own] = within(each.visibility, u[own, 4])
+        if each.rate:
+            rate[own] = rounded("weather", within(each.rate, u[own, 4]))
+            visible[own], covers[:, own] = rain_visibility_m(rate[own]), wetness(rate[own])
+        for cover, key, uniform in zip(covers, each.covers, (ground, vehicle), strict=False):
+            cover[own] = within(key, uniform[own])
     sine, cosine = sin_cos(2.0 * np.pi * turn)
     wind = between(*weather.wind_m_s, speed)[:, None] * np.stack([cosine, sine], axis=1)
     return Air(
         kind=kind,
         visibility_m=rounded("weather", visible),
         rain_mm_h=rate,
-        wind_m_s=np.where(dry[:, None], 0.0, rounded("weather", wind)),
+        wind_m_s=np.where(windy[:, None], rounded("weather", wind), 0.0),
         ground_cover=rounded("weather", covers[0]),
         vehicle_cover=rounded("weather", covers[1]),
         exposure_s=weather.exposure_s,

@@ -16,6 +16,7 @@ from camera.intrinsics import Intrinsics
 from camera.projection import Camera
 from camera.response import ALBEDO
 from camera.target import PosedVehicle
+from camera.weather_kinds import Weather
 from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
 from planning.config import parse_config
@@ -25,7 +26,6 @@ from planning.plan_file import Plan
 from planning.row import PlannedVehicle, Row
 from planning.shading import look, paint_of, sun_of
 from planning.stage import PlanStage, make_stage
-from planning.weather import Weather
 
 TILE_WIDTH = 480
 HIGHEST = 4  # times its width that a picture is high, at most

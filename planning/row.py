@@ -19,10 +19,10 @@ from msgspec import Meta, Struct
 
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
+from camera.weather_kinds import Weather
 from geometry.files import PICTURE_NAME
 from planning.paint import Coat
 from planning.pose import decoded_pose
-from planning.weather import Weather
 
 FORMAT = 2
 

@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from camera.weather import air_contrast
+from camera.weather_kinds import KINDS, Weather
 from camera.world import Kind, World
-from planning.weather import Weather
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
-_SNOW, _DUST, _DUSTY = np.array([0.85, 0.87, 0.9]), np.array([0.6, 0.48, 0.33]), np.array([0.80, 0.68, 0.48])
 _AMBIENT = 0.45  # of the light comes from the whole sky, the rest from the sun
 _SUN_ELEVATION = math.radians(40.0)
 _TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
@@ -61,7 +60,7 @@ def look(
     # Shadow rays start off the surface by more than float32 errs at that distance.
     start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
     direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
-    if weather is not None and weather.kind in ("rain", "snow"):
+    if weather is not None and KINDS[weather.kind].overcast:
         direct *= 0.0  # no sun from these clouds
     light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
     albedo = _albedo(hits.kind[met], hits.which[met], points, paints)
@@ -71,7 +70,7 @@ def look(
     colour *= strength
     if weather is not None:
         clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
-        colour = clear * colour + (1.0 - clear) * 0.9 * (_DUSTY if weather.kind == "dust" else _HORIZON) * strength
+        colour = clear * colour + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
     # Displays want about the square root of the light.
     return np.clip(colour, 0.0, 1.0) ** (1.0 / 1.6)
 
@@ -81,11 +80,12 @@ def _covered(
 ) -> Float[np.ndarray, "n 3"]:
     """Albedo under water, snow or dust; `up` is z of the normals."""
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
-    if weather.kind == "rain":
+    kind = KINDS[weather.kind]
+    if kind.preview is None:
         return albedo * (1.0 - 0.4 * cover)
-    if weather.kind == "snow":
+    if kind.settles_above:
         cover = cover * np.clip(2.0 * up, 0.0, 1.0)[:, None]
-    return albedo + cover * ((_SNOW if weather.kind == "snow" else _DUST) - albedo)
+    return albedo + cover * (np.array(kind.preview) - albedo)
 
 
 def _albedo(

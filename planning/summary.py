@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from annotate.sheets import SOFTWARE, refuse_foreign
+from camera.weather_kinds import KINDS
 from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.paint import OWN
@@ -175,7 +176,7 @@ class Summary:
             self.positions += row.shot == 0
             kind = row.weather.kind if row.weather else "clear"
             self.weather[kind] += 1
-            self.open_sky += not self.overcast and kind in ("rain", "snow")
+            self.open_sky += not self.overcast and row.weather is not None and KINDS[kind].overcast
             self.no_room += row.left_out if row.shot == 0 else 0
             self.companions.update(companion.vehicle for companion in row.companions)
             self.distractors.update(distractor.vehicle for distractor in row.distractors)

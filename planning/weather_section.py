@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from camera.weather import GHOST
+from camera.weather_kinds import KINDS
 from planning.section import Section, ranged
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -47,7 +48,7 @@ class WeatherSection(Section):
 
     @model_validator(mode="after")
     def _shares_of_one_whole(self) -> WeatherSection:
-        total = math.fsum((self.fog, self.rain, self.snow, self.dust))
+        total = math.fsum(getattr(self, name) for name in KINDS)
         if total > 1.0 + 1e-9:
             raise ValueError(f"fog, rain, snow and dust are {total:g} together; expected shares of at most 1 in all")
         return self

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camera.weather import air_contrast, rain_visibility_m, wetness
-from planning.air import KINDS, draw_air
+from planning.air import NAMES, draw_air
 from planning.draws import Draws
 from planning.weather_section import WeatherSection
 
@@ -16,14 +16,14 @@ SEEDS = st.integers(0, 2**63 - 1)
 
 @st.composite
 def shares(draw):
-    parts = [draw(st.floats(0.0, 1.0)) for _ in KINDS]
-    return {kind: part / max(1.0, sum(parts)) for kind, part in zip(KINDS, parts, strict=True)}
+    parts = [draw(st.floats(0.0, 1.0)) for _ in NAMES]
+    return {kind: part / max(1.0, sum(parts)) for kind, part in zip(NAMES, parts, strict=True)}
 
 
 @given(shares(), SEEDS)
 def test_every_kind_comes_as_often_as_its_share(wanted, seed):
     kind = draw_air(WeatherSection(**wanted), draws=Draws(seed), image=IMAGES).kind
-    for i, name in enumerate(KINDS):
+    for i, name in enumerate(NAMES):
         # Six standard deviations of a share of 2000 are 0.067 at most.
         assert abs(np.mean(kind == i) - wanted[name]) < 0.067
 

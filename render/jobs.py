@@ -34,7 +34,6 @@ from render.messages import (
     SceneryInput,
     Settings,
     VehicleInput,
-    WeatherInput,
 )
 
 # Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
@@ -218,7 +217,7 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
             strength=row.strength,
             horizon=None if row.horizon_deg is None else math.radians(row.horizon_deg),
         ),
-        weather=WeatherInput(**structs.asdict(row.weather)) if row.weather else None,
+        weather=row.weather,
         seed=row.sample_seed % 2**31,
         settings=settings,
         output=str(output),

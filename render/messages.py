@@ -1,6 +1,6 @@
 """What a worker inside Blender is told: paths and numbers, nothing to look up; as JSON between two processes.
 
-Read on both sides, so it needs the standard library only.
+Read on both sides, so it needs numpy only.
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from camera.weather_kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
 
@@ -109,19 +111,6 @@ class CameraInput:
 
 
 @dataclass(frozen=True, slots=True)
-class WeatherInput:
-    """What is in the air and lies on things; the fields are those of `planning.weather.Weather`."""
-
-    visibility_m: float
-    kind: str
-    rain_mm_h: float
-    wind_m_s: tuple[float, float]
-    exposure_s: float
-    ground_cover: float
-    vehicle_cover: float
-
-
-@dataclass(frozen=True, slots=True)
 class LightInput:
     """The sky.
 
@@ -171,7 +160,7 @@ class RenderJob:
     vehicles: list[VehicleInput]
     camera: CameraInput
     light: LightInput
-    weather: WeatherInput | None
+    weather: Weather | None
     seed: int
     settings: Settings
     output: str
@@ -192,7 +181,7 @@ PARTS: Mapping[str, Any] = {
     "scenery": SceneryInput,
     "camera": CameraInput,
     "light": LightInput,
-    "weather": WeatherInput,
+    "weather": Weather,
     "settings": Settings,
 }
 

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import bpy
 import numpy as np
 
-from camera.fog import airlight
 from camera.response import ALBEDO
+from camera.weather_kinds import airlight
 from reading.blender.pictures import _write
 from render.blender import cycles
 from render.blender.air import Fog

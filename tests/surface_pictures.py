@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from camera.weather_kinds import Weather
 from reading.blender.tidy_properties import PART, REST
 from render.blender import cycles
 from render.blender.renderer import Renderer
@@ -22,7 +23,6 @@ from render.messages import (
     SceneryInput,
     Settings,
     VehicleInput,
-    WeatherInput,
     to_json,
 )
 
@@ -181,7 +181,7 @@ def white(path, value=1.0):
 
 
 def weather(kind, ground, vehicles):
-    return WeatherInput(1e9, kind, 0.0, (0.0, 0.0), 0.004, ground, vehicles)
+    return Weather(1e9, kind, 0.0, (0.0, 0.0), 0.004, ground, vehicles)
 
 
 def at(x, y, z):

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from camera.fog import DUST_ALBEDO, air_layers, airlight, even_sky, extinction
-from camera.precipitation import SHARE_OF_SKY, drops_in_view, rain_sizes, rng_of, view_of
+from camera.fog import DUST_ALBEDO, even_sky, extinction
+from camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
+from camera.weather_kinds import KINDS, Weather, air_layers, airlight
 from dataset.sky import displayed
-from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, WeatherInput, to_json
+from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
 from render.process import WorkerProcess, worker_command
 
 pytestmark = pytest.mark.blender
@@ -41,8 +42,8 @@ WALL = 0.05  # of the wall in wall.blend
 SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
 SUNNY[38:44, 100:106] = 120.0  # 30 degrees high, and three times as bright on the ground as the rest
 NO_VEIL = 1e9
-RAIN = WeatherInput(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
-SNOW = WeatherInput(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
+RAIN = Weather(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
+SNOW = Weather(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
 
 
 class Studio:
@@ -91,7 +92,7 @@ def studio(tmp_path_factory):
 @pytest.mark.parametrize("visibility", [50.0, 200.0])
 def test_the_veil_of_rain_and_dust_follows_koschmieders_law(studio, kind, colour, visibility):
     """Black walls at three distances have the airlight's radiance times 1 - exp(-3.912 d / visibility)."""
-    weather = WeatherInput(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    weather = Weather(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     seen = studio.picture(weather, world="walls", fov_x_deg=90.0, width=128, samples=4)
     for x, y in ((19.75, -8.0), (59.75, 0.0), (149.75, 70.0)):
         veil = 1.0 - math.exp(-3.912 * math.hypot(x, y) / visibility)
@@ -103,7 +104,7 @@ def test_the_veil_of_rain_and_dust_follows_koschmieders_law(studio, kind, colour
 def test_dust_thins_above_the_camera(studio):
     """Straight up one sees through the layers, each to its top; the sky is brown by what they hide."""
     visibility = 400.0
-    weather = WeatherInput(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    weather = Weather(visibility, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     tops = [layer.above for layer in air_layers("dust", visibility)]
     assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is overhead
     assert max(tops) > 5.0 * min(tops)
@@ -117,7 +118,7 @@ def test_dust_thins_above_the_camera(studio):
 @pytest.mark.parametrize("visibility", [100.0, 2000.0])
 def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility):
     """Level ground is as bright as the integral over the sky, each part of it through the air in its direction."""
-    weather = WeatherInput(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    weather = Weather(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     pose = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 2.0], [0.0, 0.0, 0.0, 1.0]]
     seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
     elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
@@ -174,8 +175,8 @@ def test_streaks_are_those_of_the_drops_that_fall(studio):
     view = view_of(np.array(AHEAD), math.radians(25.0), 192, 108, RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
     expected = moved(drops, view, 192)
-    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * SHARE_OF_SKY["rain"])
-    share = hidden_by(found, SKY * SHARE_OF_SKY["rain"]) - bare
+    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * KINDS["rain"].share_of_sky)
+    share = hidden_by(found, SKY * KINDS["rain"].share_of_sky) - bare
     assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)
     assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95
@@ -184,7 +185,7 @@ def test_streaks_are_those_of_the_drops_that_fall(studio):
 def test_streaks_leave_nothing_behind_in_clear_pictures(studio):
     """A clear picture is the same before and after a rainy, a snowy and a dusty one."""
     settings = {"width": 64, "samples": 4}
-    dust = WeatherInput(300.0, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
+    dust = Weather(300.0, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     clear, rain, again, snow, dusty, last = (
         studio.picture(weather, **settings) for weather in (None, RAIN, RAIN, SNOW, dust, None)
     )

@@ -7,11 +7,11 @@ from msgspec.structs import replace
 from assets.library import Assets
 from assets.skylight import SkyLight
 from camera.response import ALBEDO, CARD, displayed, white_balance
+from camera.weather_kinds import Weather
 from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
 from planning.exposure import card
 from planning.planner import plan
-from planning.weather import Weather
 from tests.planning_assets import small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)

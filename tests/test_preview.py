@@ -5,10 +5,10 @@ import pytest
 from msgspec.structs import replace as altered
 from PIL import Image
 
+from camera.weather_kinds import Weather
 from planning.plan_file import read_plan
 from planning.preview import Artist, caption, preview_sheet
 from planning.shading import paint_of, sun_of
-from planning.weather import Weather
 from planning.write import write_plan
 from tests.planning_assets import small_assets, small_config
 

@@ -13,11 +13,11 @@ from msgspec.structs import replace as altered
 
 from annotate.masks import iou, mask_box, vehicle_mask
 from camera.target import PosedVehicle, VehicleTarget
+from camera.weather_kinds import Weather
 from camera.world import World
 from geometry.errors import ConfigError
 from planning.plan_file import Plan
 from planning.row import Source
-from planning.weather import Weather
 from render.confinement import confinement_of
 from render.jobs import SceneryFile, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as altered
 
-from planning.weather import Weather
+from camera.weather_kinds import Weather
 from render.jobs import VehicleFile, render_assets
 from tests.blender_plans import copied, draw, job, make_plan, make_worlds
 

@@ -9,12 +9,12 @@ from PIL import Image
 
 from annotate.masks import vehicle_mask
 from camera.target import PosedVehicle, VehicleTarget
+from camera.weather_kinds import Weather
 from camera.world import World
 from planning.check import check_plan
 from planning.config import load_config
 from planning.loading import load_assets, load_library
 from planning.paint import Coat
-from planning.weather import Weather
 from planning.write import write_plan
 from render.jobs import render_assets, render_job
 from render.messages import Settings, to_json

@@ -8,11 +8,11 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
+from camera.weather_kinds import Weather
 from placement.rejection import Rejection
 from planning.rejections import AIMING, BY_KEY, PLACING, sentence
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
 from planning.summary import Histogram, summarise
-from planning.weather import Weather
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},

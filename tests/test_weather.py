@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import quad
 
 from camera.weather import air_contrast, rain_extinction, rain_visibility_m, wetness
+from camera.weather_kinds import KINDS, Weather
 from geometry.errors import ConfigError
-from planning.air import CLEAR, KINDS, draw_air
+from planning.air import CLEAR, NAMES, draw_air
 from planning.draws import Draws
 from planning.light import draw_lights, hdri_weights
 from planning.planner import plan
-from planning.weather import Weather
 from planning.weather_section import WeatherSection
 from tests.planning_assets import small_assets, small_config
 
@@ -45,7 +45,7 @@ def test_what_rain_wets_grows_with_its_rate():
 
 def test_shares_are_met():
     kind = drawn(**ALL).kind
-    for i, name in enumerate(KINDS):
+    for i, name in enumerate(NAMES):
         assert np.mean(kind == i) == pytest.approx(ALL[name], abs=0.03)
     assert np.mean(kind == CLEAR) == pytest.approx(0.15, abs=0.03)
 
@@ -56,17 +56,20 @@ def test_shares_of_one_in_all_leave_no_image_clear():
 
 def test_other_weather_changes_no_fog():
     alone, beside = drawn(fog=0.1), drawn(**ALL)
-    foggy = alone.kind == KINDS.index("fog")
-    assert (foggy == (beside.kind == KINDS.index("fog"))).all()
+    foggy = alone.kind == NAMES.index("fog")
+    assert (foggy == (beside.kind == NAMES.index("fog"))).all()
     assert (alone.visibility_m[foggy] == beside.visibility_m[foggy]).all()
 
 
 def test_what_is_drawn_is_within_the_config():
     weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01).weathers() if one is not None]
-    of = {kind: [one for one in weathers if one.kind == kind] for kind in KINDS}
-    assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in KINDS[1:] for one in of[kind])
-    assert {one.exposure_s for kind in KINDS[1:] for one in of[kind]} == {0.01}
-    assert all(one == Weather(one.visibility_m, "fog") and 300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
+    of = {kind: [one for one in weathers if one.kind == kind] for kind in NAMES}
+    assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in NAMES[1:] for one in of[kind])
+    assert {one.exposure_s for kind in NAMES[1:] for one in of[kind]} == {0.01}
+    assert all(300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
+    assert {(one.wind_m_s, one.rain_mm_h, one.ground_cover, one.vehicle_cover) for one in of["fog"]} == {
+        ((0, 0), 0, 0, 0)
+    }
     for one in of["rain"]:
         assert 2.0 <= one.rain_mm_h <= 50.0
         assert one.visibility_m == pytest.approx(float(rain_visibility_m(one.rain_mm_h)), abs=1e-8)
@@ -95,6 +98,26 @@ def test_rain_and_snow_fall_from_overcast_skies():
 def test_an_overcast_sky_that_is_not_there_is_said(light, message):
     with pytest.raises(ConfigError, match=message):
         hdri_weights(small_config(light=light).light, ("noon", "dusk"))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *({key: math.nan} for key in ("visibility_m", "rain_mm_h", "exposure_s", "ground_cover", "vehicle_cover")),
+        *({"visibility_m": x} for x in (0.0, 2e9)),
+        *({"wind_m_s": (0.0, x)} for x in (math.inf, -101.0)),
+        *({"ground_cover": 1.5}, {"vehicle_cover": -0.1}, {"kind": "hail"}),
+    ],
+)
+def test_a_weather_out_of_range_is_refused(wrong):
+    with pytest.raises(ValueError, match="weather: expected one of fog, rain"):
+        Weather(**{"visibility_m": 500.0, "kind": "rain", **wrong})
+
+
+def test_each_kind_has_keys_of_the_config_that_are_its_own():
+    keys = [key for name, kind in KINDS.items() for key in (name, kind.visibility, kind.rate, *kind.covers) if key]
+    shared = {"wind_m_s", "exposure_s", "min_contrast"}
+    assert sorted(keys) == sorted(set(WeatherSection.model_fields) - shared)
 
 
 def test_contrast_falls_with_distance():

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.fog import air_layers
+from camera.weather_kinds import air_layers
 from reading.blender.frames import pose
 from render.blender.light import HdriWorld
 

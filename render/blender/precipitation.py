@@ -10,21 +10,22 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.precipitation import SHARE_OF_SKY, Streaks, drops_in_view, rain_sizes, rng_of, snow_sizes, streaks, view_of
+from camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
+from camera.weather_kinds import KINDS, Weather
 from reading.blender.frames import pose
-from render.messages import CameraInput, WeatherInput
+from render.messages import CameraInput
 
 NAME = "hulldown precipitation"
 
 
-def falling(weather: WeatherInput, camera: CameraInput, seed: int) -> Streaks | None:
+def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
     """What falls in front of a camera; None in weather where nothing does."""
-    if weather.kind not in SHARE_OF_SKY:
+    sizes_of = KINDS[weather.kind].sizes
+    if sizes_of is None:
         return None
-    sizes = rain_sizes(weather.rain_mm_h) if weather.kind == "rain" else snow_sizes(weather.visibility_m)
     pose = np.array(camera.world_from_camera)
     view = view_of(pose, camera.fov_x, camera.width, camera.height, weather.exposure_s)
-    return streaks(drops_in_view(sizes, view, weather.wind_m_s, rng_of(seed)), view)
+    return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, rng_of(seed)), view)
 
 
 class Precipitation:

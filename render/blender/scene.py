@@ -18,8 +18,7 @@ import bpy
 import numpy as np
 
 from assets.naming import BACKDROPS, says
-from camera.fog import airlight
-from camera.precipitation import SHARE_OF_SKY
+from camera.weather_kinds import KINDS, Weather, airlight
 from reading.blender.frames import pose, world_from_blender_camera
 from reading.blender.opening import disarm, open_blend
 from reading.blender.tidy_properties import PART, REST, TIDY
@@ -29,7 +28,7 @@ from render.blender.light import HdriWorld
 from render.blender.paint import Paintable
 from render.blender.precipitation import Precipitation, falling
 from render.blender.surfaces import Surfaces
-from render.messages import CameraInput, LightInput, VehicleInput, WeatherInput
+from render.messages import CameraInput, LightInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
@@ -159,7 +158,7 @@ class Stage:
         """Light by an HDRI."""
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
 
-    def set_weather(self, weather: WeatherInput | None, seed: int) -> None:
+    def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover what is solid, after all else is set: the veil glows as the sky lights it.
 
         Parameters
@@ -192,7 +191,7 @@ class Stage:
         if streaks is None:
             self.precipitation.clear()
         else:
-            self.precipitation.fill(streaks, glow * SHARE_OF_SKY[weather.kind], pose[:3, 3], frame)
+            self.precipitation.fill(streaks, glow * KINDS[weather.kind].share_of_sky, pose[:3, 3], frame)
 
 
 def _delete_delivered() -> None:

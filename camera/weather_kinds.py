@@ -1,0 +1,170 @@
+"""The weather of an image, and its kinds: one object each, with all that sets a kind apart from the others.
+
+A new kind is an entry of `KINDS`, its keys in `planning.weather_section`, and a section of docs/weather.md; if it
+covers surfaces in its own way, also `render.blender.surfaces`. Needs numpy only, as it runs in Blender too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from camera.fog import DUST_ALBEDO, DUST_LAYERS, FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, AirLayer, extinction
+from camera.precipitation import Sizes, rain_sizes, snow_sizes
+from geometry.color import LUMINANCE
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """What is in the air of an image and covers things.
+
+    Parameters
+    ----------
+    visibility_m
+        Meteorological visibility: how far one sees through the air.
+    kind
+        A name among `KINDS`.
+    rain_mm_h
+        Rate of the rain; 0 of other kinds.
+    wind_m_s
+        Where the wind blows to along the scenery's x and y; it slants what falls.
+    exposure_s
+        Shutter time: what falls in it leaves a streak.
+    ground_cover, vehicle_cover
+        How wet, or how far under snow or dust, scenery and vehicles are.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range, or the kind is unknown.
+    """
+
+    visibility_m: float
+    kind: str
+    rain_mm_h: float = 0.0
+    wind_m_s: tuple[float, float] = (0.0, 0.0)
+    exposure_s: float = 0.004
+    ground_cover: float = 0.0
+    vehicle_cover: float = 0.0
+
+    def __post_init__(self) -> None:
+        covers = (self.ground_cover, self.vehicle_cover)
+        sound = 0.0 < self.visibility_m <= 1e9 and 0.0 <= self.rain_mm_h <= 1000.0 and 0.0 < self.exposure_s <= 10.0
+        sound &= all(abs(speed) <= 100.0 for speed in self.wind_m_s) and all(0.0 <= cover <= 1.0 for cover in covers)
+        if not sound or self.kind not in KINDS:
+            raise ValueError(f"weather: expected one of {', '.join(KINDS)} with numbers in range, got {self}")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class WeatherKind:
+    """A kind of weather: keys of `[weather]` that are its own, and its effect on air, light, surfaces, and previews.
+
+    The key with the share of images is the kind's name.
+
+    Parameters
+    ----------
+    visibility, rate
+        Keys of the range of visibilities, or of the rates of rain that visibility and wetness follow from.
+    covers
+        Keys of how far ground and vehicles are covered; empty where nothing covers them, or the rate decides.
+    windy
+        Whether wind and shutter time show.
+    overcast
+        Whether it comes with clouds that hide the sun.
+    layers
+        Layers of air, of equal extinction; more than one thin out with height.
+    tint
+        Color of endless air under a gray sky; None: the air has the color of the sky.
+    sizes
+        Drops or flakes that fall in a weather; None: nothing falls.
+    share_of_sky
+        Their radiance over that of the air: a drop shows most of the sky behind and above it (Garg and Nayar), less
+        what its surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
+    preview
+        Albedo of what covers surfaces in previews; None: they are wet, which darkens them.
+    settles_above
+        Whether it covers level surfaces more than steep ones in previews.
+    preview_air
+        Color of endless air in previews.
+    """
+
+    visibility: str | None = None
+    rate: str | None = None
+    covers: tuple[str, ...] = ()
+    windy: bool = True
+    overcast: bool = False
+    layers: int = 1
+    tint: tuple[float, float, float] | None = (1.0, 1.0, 1.0)
+    sizes: Callable[[Weather], Sizes] | None = None
+    share_of_sky: float = 0.0
+    preview: tuple[float, float, float] | None = None
+    settles_above: bool = False
+    preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)
+
+
+KINDS: Mapping[str, WeatherKind] = MappingProxyType(
+    {
+        "fog": WeatherKind(visibility="visibility_m", windy=False, tint=None),
+        "rain": WeatherKind(
+            rate="rain_mm_h", overcast=True, sizes=lambda weather: rain_sizes(weather.rain_mm_h), share_of_sky=0.94
+        ),
+        "snow": WeatherKind(
+            visibility="snow_visibility_m",
+            covers=("snow_cover", "vehicle_snow_cover"),
+            overcast=True,
+            sizes=lambda weather: snow_sizes(weather.visibility_m),
+            share_of_sky=0.75,
+            preview=(0.85, 0.87, 0.9),
+            settles_above=True,
+        ),
+        "dust": WeatherKind(
+            visibility="dust_visibility_m",
+            covers=("dust_cover", "vehicle_dust_cover"),
+            layers=DUST_LAYERS,
+            tint=DUST_ALBEDO,
+            preview=(0.6, 0.48, 0.33),
+            preview_air=(0.80, 0.68, 0.48),
+        ),
+    }
+)
+
+
+def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
+    """Layers of air in one another, the lowest first, that share the extinction evenly.
+
+    Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
+    fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera
+    down it is whole, so that targets lose contrast as `extinction` says.
+
+    Parameters
+    ----------
+    kind
+        Name of the kind of weather.
+    visibility_m
+        Visibility near the ground.
+    """
+    top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
+    tops, layers = [top], KINDS[kind].layers
+    if layers > 1:
+        parts = [part / layers for part in range(layers + 1)]
+        areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
+        tops = sorted(layers * top * (after - before) for before, after in itertools.pairwise(areas))
+    return [AirLayer(extinction(visibility_m) / len(tops), above, reach) for above in tops]
+
+
+def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
+    """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
+
+    References
+    ----------
+    H. C. van de Hulst, Multiple Light Scattering, 1980: the reflectance of a thick cloud.
+    O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
+    locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.
+    """
+    tint = KINDS[kind].tint
+    return sky if tint is None else np.dot(sky, LUMINANCE) * np.array(tint)
