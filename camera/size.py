@@ -9,7 +9,6 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from camera.intrinsics import Optics, lenses
-from camera.projection import project
 from geometry.arrays import checked
 from geometry.portable import hypot
 from geometry.transforms import rotate
@@ -30,13 +29,6 @@ class ProjectedSize(NamedTuple):
     def measure(self, measure: Measure) -> Float[np.ndarray, "..."]:
         """Width, height or diagonal in pixels; for area the root of it, so that all four are lengths."""
         return _length(np.stack([self.width, self.height], -1), measure)
-
-
-def projected_extent(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> ProjectedSize:
-    """Size of the box around points (..., n, 3) seen from poses (..., 4, 4); nan where a point is not in front."""
-    pixels = project(intrinsics, world_from_camera, points_world).pixels
-    low, high = pixels.min(axis=-2), pixels.max(axis=-2)
-    return ProjectedSize(np.asarray(high[..., 0] - low[..., 0]), np.asarray(high[..., 1] - low[..., 1]))
 
 
 def solve_distance(
