@@ -17,6 +17,7 @@ import psutil
 
 from assets.library import Assets
 from benchmarks.scenes import vehicles
+from benchmarks.tables import table
 from geometry.meshes import Mesh
 from geometry.transforms import apply
 from planning.config import parse_config
@@ -212,45 +213,47 @@ def run(quick: bool) -> dict[str, Any]:
 
 
 def report(results: dict[str, Any]) -> str:
-    """A Markdown section."""
-    lines = [
+    """Return a Markdown section."""
+    rows = [
+        (
+            f"{r['images']:,}",
+            str(r["workers"]),
+            str(r["rays"]),
+            f"{r['set_up_s']:.1f}",
+            f"{r['seconds']:.1f}",
+            f"{r['rows_per_s']:,.0f}",
+            f"{r['peak_mb']:,.0f}",
+            f"{r['bytes_per_row']:,.0f}",
+        )
+        for kind in ("by_images", "by_workers", "by_rays")
+        for r in results[kind]
+    ]
+    head = ["images", "workers", "rays", "set-up (s)", "total (s)", "rows/s", "peak (MB)", "bytes a row"]
+    parts = [
         "## Planning",
-        "",
         f"From config to `plan.jsonl` on a ground of {results['triangles']:,} triangles with 300 trees and rocks: "
         "placing, settling, cameras, boxes, visibility, rejection and writing. Memory is that of all processes, shared "
         "pages counted once.",
-        "",
-        "| images | workers | rays | set-up (s) | total (s) | rows/s | peak (MB) | bytes a row |",
-        "|---:|---:|---:|---:|---:|---:|---:|---:|",
+        table(head, rows, left=0),
     ]
-    for kind in ("by_images", "by_workers", "by_rays"):
-        for r in results[kind]:
-            lines.append(
-                f"| {r['images']:,} | {r['workers']} | {r['rays']} | {r['set_up_s']:.1f} | {r['seconds']:.1f} "
-                f"| {r['rows_per_s']:,.0f} | {r['peak_mb']:,.0f} | {r['bytes_per_row']:,.0f} |"
-            )
     if results["peer"]:
         ours = next(r["rows_per_s"] for r in results["by_rays"] if r["rays"] == 256)
-        lines += [
-            "",
+        peer = [
+            (str(r["rays"]), f"{r['rows_per_s']:,.1f}", f"{ours / r['rows_per_s']:,.1f} times") for r in results["peer"]
+        ]
+        parts += [
             "Inside Blender, one Python call of `scene.ray_cast` a ray, every place and camera taken at the first try, "
             "no obstacle or clearance checks, one process:",
-            "",
-            "| rays | rows/s | hulldown, one worker, 256 rays |",
-            "|---:|---:|---:|",
+            table(["rays", "rows/s", "hulldown, one worker, 256 rays"], peer, left=0),
         ]
-        for r in results["peer"]:
-            lines.append(f"| {r['rays']} | {r['rows_per_s']:,.1f} | {ours / r['rows_per_s']:,.1f} times |")
-    return "\n".join(lines) + "\n"
+    return "\n\n".join(parts)
 
 
 def plots(results: dict[str, Any], folder: Path) -> list[Path]:
     """Rows a second and memory against images, and against rays."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
     charts = (
         ("by_images", "images", "seconds", "seconds, all told", True),
         ("by_images", "images", "peak_mb", "peak memory (MB)", False),

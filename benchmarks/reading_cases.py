@@ -6,7 +6,7 @@ Plain arrays: a `Model` is a list of objects that `benchmarks.reading_blender` w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
@@ -107,7 +107,6 @@ class Truth:
     pivots: tuple[Float[np.ndarray, "3"] | None, Float[np.ndarray, "3"] | None]
     file_from_vehicle: Float[np.ndarray, "4 4"]
     size: Float[np.ndarray, "3"]
-    told: dict[str, object] = field(default_factory=dict)
 
 
 def cases(vehicles: Sequence[str], *, each: Sequence[int]) -> list[Case]:

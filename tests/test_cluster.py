@@ -18,7 +18,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.clusters import HIDDEN, ROOT, blenders, cluster
 from geometry.errors import HulldownError
 from reading.cache import sha256
 from reading.landlock import abi
@@ -28,6 +27,7 @@ from render.scheduler import Scheduler
 from render.supervisor import render_plan
 from tests.blender_plans import IMAGES, make_worlds, plan_in
 from tests.certificates import certificates, needs_openssl
+from tests.clusters import HIDDEN, ROOT, blenders, cluster
 
 pytestmark = pytest.mark.blender
 

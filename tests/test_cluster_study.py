@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.scheduler import Scheduler
+from tests.clusters import cluster
 from tests.test_study import SMALL, tree, written
 from tests.training_pictures import make_dataset
 from training.study import elsewhere

@@ -6,12 +6,12 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from benchmarks.clusters import cluster
 from geometry.errors import HulldownError
 from render.cluster import Cluster
 from render.scheduler import Scheduler
 from tests.certificates import certificates, needs_openssl
 from tests.cluster_tasks import no_refusal, until_unwanted
+from tests.clusters import cluster
 
 pytestmark = pytest.mark.thorough
 
