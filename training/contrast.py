@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +17,7 @@ from training.labels import Labels
 READERS = 4  # threads; decoding releases the interpreter lock
 
 
+@lru_cache(maxsize=2)  # the detectors of a study or a comparison are judged on the same pictures, one after the other
 def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
     """Return the contrast of each target, (g,), 1 for black on white; see `dataset.look`.
 
