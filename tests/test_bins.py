@@ -7,8 +7,7 @@ import pytest
 
 from dataset.known import seen_from
 from tests.detections import dataset, loaded, random_case, results
-from training.bins import figures_of, worst
-from training.fields import fields
+from training.bins import fields, figures_of, worst
 from training.matching import match, overlapping
 from training.metrics import outcomes
 

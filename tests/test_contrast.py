@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from tests.detections import dataset
+from training.bins import fields
 from training.contrast import measured_contrast
-from training.fields import fields
 from training.labels import labels_of
 from training.predictions import predictions_of
 

@@ -13,7 +13,7 @@ from selenium.webdriver.support.ui import Select
 from cli import main
 from geometry.errors import HulldownError
 from tests.detections import dataset, random_case, results
-from training.evaluation import evaluate_files
+from training.report import evaluate_files
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
 

@@ -17,7 +17,7 @@ from cli import main
 from geometry.errors import HulldownError
 from tests.test_train import in_child
 from tests.training_pictures import edit, make_dataset
-from training.study.arms import Run, arm_draws, budget_of, study_runs
+from training.study.arms import StudyRun, arm_draws, budget_of, study_runs
 from training.study.config import load_study
 from training.study.manifest import read_manifest, settle, write_manifest
 from training.study.runs import Options, predictions_path, read_failures, run_one, run_study
@@ -114,7 +114,7 @@ def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp
 @pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
-    run = Run(arm, None if arm == "synthetic" else 0.1, 1)
+    run = StudyRun(arm, None if arm == "synthetic" else 0.1, 1)
     draws = arm_draws(run, photographs, 9, budget)
     assert len(draws) == budget_of(arm, budget) == (1200 if arm == "matched" else 600)
     by_source = {name: draws.image[draws.source == k] for k, name in enumerate(run.sources)}
@@ -130,7 +130,7 @@ def test_draws_add_up_to_the_budget(arm):
 def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
     photographs = np.array([2, 3, 7])
     real, matched, pretrain = (
-        arm_draws(Run(arm, 0.1, 1), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
+        arm_draws(StudyRun(arm, 0.1, 1), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
     )
     mine = matched.source == 0
     assert (matched.image[mine] == real.image).all()

@@ -143,13 +143,14 @@ def test_bins_are_mixed_minus_real(study):
         assert row["difference"] == pytest.approx(row["recall"][1] - row["recall"][0], abs=2e-6)
 
 
-def test_the_same_study_gives_the_same_report(pictures, tmp_path):
+def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
     reports = []
     for name in ("once", "again"):
         (tmp_path / name).mkdir()
         keys = {"seeds": [0, 1], "arms": ["real", "mixed"], "fractions": [1.0]}
         finished_study(pictures, tmp_path / name, tmp_path / name / "out", **keys)
-        reports.append(write_report(tmp_path / name / "out") | {"times": {}})
+        assert main(["study", "report", str(tmp_path / name / "out"), "--json"]) == 0
+        reports.append(json.loads(capsys.readouterr().out) | {"times": {}})
     assert reports[0] == reports[1]
     for name in ("over_photographs.svg", "real_100.png", "report.md"):
         assert len({(tmp_path / which / "out" / name).read_bytes() for which in ("once", "again")}) == 1

@@ -39,8 +39,8 @@ def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
     for start in range(0, times, rows):
         now = min(rows, times - start)
-        drawn = random.integers(0, groups, (now, groups)) + np.arange(now)[:, None] * groups
-        yield np.bincount(drawn.ravel(), minlength=now * groups).reshape(now, groups).astype(np.float64)
+        chosen = random.integers(0, groups, (now, groups)) + np.arange(now)[:, None] * groups
+        yield np.bincount(chosen.ravel(), minlength=now * groups).reshape(now, groups).astype(np.float64)
 
 
 def resampled_sums(

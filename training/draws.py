@@ -120,7 +120,7 @@ def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[s
     DatasetError
         Naming the first row that is none.
     """
-    index = [{name: i for i, name in enumerate(mine)} for mine in file_names]
+    index = [{name: i for i, name in enumerate(listed)} for listed in file_names]
     source, image, seeds = [], [], []
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file)

@@ -15,7 +15,7 @@ from training.average_precision import (
     class_mean,
     resampled_averages,
 )
-from training.bins import BinFigures, figures_of
+from training.bins import BinFigures, fields, figures_of
 from training.bootstrap import (
     difference_interval,
     figure_intervals,
@@ -24,7 +24,6 @@ from training.bootstrap import (
     share_interval,
     standard_error,
 )
-from training.fields import fields
 from training.labels import Labels
 from training.matching import Matching, Pairs, match, overlapping
 from training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_at_best, sums_by

@@ -61,10 +61,10 @@ class Labels:
 
     def positions(self) -> Int[np.ndarray, " n"]:
         """(n,) number of the position that each image shows; one of its own for an image that knows no position."""
-        mine: list[list[Mapping[str, Any]]] = [[] for _ in self.images]
+        boxes_of: list[list[Mapping[str, Any]]] = [[] for _ in self.images]
         for image, record in zip(self.image.tolist(), self.annotations, strict=True):
-            mine[image].append(record)
-        names = [group_of(record, boxes) for record, boxes in zip(self.images, mine, strict=True)]
+            boxes_of[image].append(record)
+        names = [group_of(record, boxes) for record, boxes in zip(self.images, boxes_of, strict=True)]
         return np.unique(names, return_inverse=True)[1].astype(np.int64) if names else np.zeros(0, dtype=np.int64)
 
 

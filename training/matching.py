@@ -180,8 +180,8 @@ def greedy(
     for start, stop in itertools.pairwise(starts):
         rows = best_first[start:stop]
         rows = rows[~taken[pairs.box[rows]]]
-        mine = pairs.detection[rows]
-        rows = rows[np.concatenate([[True], mine[1:] != mine[:-1]])] if len(rows) else rows
+        detection = pairs.detection[rows]
+        rows = rows[np.concatenate([[True], detection[1:] != detection[:-1]])] if len(rows) else rows
         taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
         chosen.append(rows)
     rows = np.sort(np.concatenate(chosen))

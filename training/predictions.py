@@ -150,14 +150,14 @@ def _check_images(path: Path, listed: Any, labels: Labels) -> None:
     theirs = {one for one in found if isinstance(one, int)}
     if not all(isinstance(one, int) for one in found):
         raise DatasetError("'images' is no list of image ids", path=path, remedy="repair or remove it")
-    mine = set(labels.image_id.tolist())
-    if lost := sorted(mine - theirs):
+    known = set(labels.image_id.tolist())
+    if lost := sorted(known - theirs):
         raise DatasetError(
             f"image {lost[0]} of {labels.path} is not among its images ({len(lost)} are missing)",
             path=path,
             remedy="predict the whole dataset",
         )
-    if strays := sorted(theirs - mine):
+    if strays := sorted(theirs - known):
         raise DatasetError(
             f"image {strays[0]} is not in {labels.path} ({len(strays)} are not)",
             path=path,

@@ -107,12 +107,12 @@ def read_sources(
     cocos = {name: _checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
     for name, coco in cocos.items():
-        mine = _classes(coco)
+        own = _classes(coco)
         if not of:
-            known, of = mine, name
-        if sorted(mine) != sorted(known):
+            known, of = own, name
+        if sorted(own) != sorted(known):
             raise DatasetError(
-                f"the classes of {name} are {_listed(mine)}, those of {of} are {_listed(known)}",
+                f"the classes of {name} are {_listed(own)}, those of {of} are {_listed(known)}",
                 path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
             )  # fmt: skip
     return tuple(known), tuple(_source(name, Path(folders[name]), coco, known) for name, coco in cocos.items())
@@ -243,9 +243,9 @@ def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[
     counts = [len(boxes[image["id"]]) for image in images]
     sizes = [(image["width"], image["height"]) for image in images]
     learned = [
-        [image["file_name"], *size, [[a["bbox"], names[a["category_id"]], a.get("segmentation")] for a in mine]]
+        [image["file_name"], *size, [[a["bbox"], names[a["category_id"]], a.get("segmentation")] for a in records]]
         for image, size in zip(images, sizes, strict=True)
-        for mine in [boxes[image["id"]]]
+        for records in [boxes[image["id"]]]
     ]
     return Source(
         name=name,

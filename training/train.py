@@ -46,7 +46,7 @@ def train(
     *,
     settings: Settings,
     valid: Path | str | None = None,
-    drawn: Path | None = None,
+    draws_file: Path | None = None,
     workers: int | None = None,
     device: str = "auto",
     checkpoint_every: int | None = None,
@@ -65,7 +65,7 @@ def train(
         Completed, see `training.settings.load_settings`.
     valid
         A dataset that the result is measured on. It decides nothing.
-    drawn
+    draws_file
         A file of draws, as `training.draws.write_draws` writes it, as many as the budget; None: they are made.
     workers
         Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
@@ -112,22 +112,22 @@ def train(
         "data": {source.name: {"images": len(source), "sha256": checked[source.name].sha256} for source in sources},
         "valid": {"images": len(held_back[0]), "sha256": checked["valid"].sha256} if held_back else None,
         "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
-        **({"draws_sha256": hashlib.sha256(drawn.read_bytes()).hexdigest()} if drawn is not None else {}),
+        **({"draws_sha256": hashlib.sha256(draws_file.read_bytes()).hexdigest()} if draws_file is not None else {}),
     }
     with opened(out, config) as folder:
         if (run := folder.finished()) is not None:
             say(f"{out}: is finished already")
             return run
         names, files = [source.name for source in sources], [source.file_names for source in sources]
-        if drawn is not None and not folder.draws.exists():
+        if draws_file is not None and not folder.draws.exists():
             with replacing(folder.draws) as file:
-                file.write(drawn.read_bytes())
+                file.write(draws_file.read_bytes())
         if not folder.draws.exists():
             draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
             write_draws(draws, names, files, folder.draws)
         draws = read_draws(folder.draws, names, files)
         if len(draws) != settings.budget:
-            raise ValueError(f"drawn: expected {settings.budget} draws, got {len(draws)}")
+            raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))

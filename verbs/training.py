@@ -83,7 +83,7 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
-    from training.evaluation import evaluate_files
+    from training.report import evaluate_files
 
     with progress_bar("evaluating") as advance:
         found = evaluate_files(

@@ -26,7 +26,7 @@ SOURCES: dict[Arm, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class StudyRun:
     """One training of a study.
 
     Parameters
@@ -55,10 +55,10 @@ class Run:
         return SOURCES[self.arm]
 
 
-def study_runs(config: StudyConfig) -> list[Run]:
+def study_runs(config: StudyConfig) -> list[StudyRun]:
     """Every run, those of one seed after those of another, so that a study that is stopped early says something."""
     return [
-        Run(arm, fraction, seed)
+        StudyRun(arm, fraction, seed)
         for seed in config.seeds
         for arm, fraction in [
             *((arm, fraction) for fraction in config.fractions for arm in config.arms if "real" in SOURCES[arm]),
@@ -72,7 +72,7 @@ def budget_of(arm: Arm, budget: int) -> int:
     return 2 * budget if arm == "matched" else budget
 
 
-def arm_draws(run: Run, photographs: Int[np.ndarray, " k"], synthetic: int, budget: int) -> Draws:
+def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int, budget: int) -> Draws:
     """What a run is trained on, draw by draw; `Draws.source` is an index into ``run.sources``.
 
     Parameters
@@ -90,8 +90,8 @@ def arm_draws(run: Run, photographs: Int[np.ndarray, " k"], synthetic: int, budg
     --------
     `matched` has every draw of `real`, and as many synthetic ones between them:
 
-    >>> real = arm_draws(Run("real", 0.5, 0), np.array([3, 8]), 5, 4)
-    >>> matched = arm_draws(Run("matched", 0.5, 0), np.array([3, 8]), 5, 4)
+    >>> real = arm_draws(StudyRun("real", 0.5, 0), np.array([3, 8]), 5, 4)
+    >>> matched = arm_draws(StudyRun("matched", 0.5, 0), np.array([3, 8]), 5, 4)
     >>> matched.source.tolist(), (matched.image[::2] == real.image).all()
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """

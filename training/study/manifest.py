@@ -20,7 +20,7 @@ from geometry.files import replacing
 from training.draws import Draws, draws_text
 from training.settings import Settings
 from training.sources import CheckedPictures, Source, check_pictures, follow_masks, read_sources, shared_pictures
-from training.study.arms import Run, arm_draws, budget_of, study_runs
+from training.study.arms import StudyRun, arm_draws, budget_of, study_runs
 from training.study.config import Arm, StudyConfig
 from training.subset import nested_subsets
 
@@ -128,12 +128,14 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     runs, draws, warnings = [], {}, []
     for run in study_runs(config):
         photographs = shares[run.seed, run.fraction] if run.fraction is not None else np.zeros(0, dtype=np.int64)
-        mine = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
+        own_draws = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
         used = [sources[name] for name in run.sources]
-        text = draws_text(mine, run.sources, [source.file_names for source in used])
+        text = draws_text(own_draws, run.sources, [source.file_names for source in used])
         budget = budget_of(run.arm, config.train.budget)
         settings = config.train.model_copy(update={"seed": run.seed, "budget": budget, "masks": masks})
-        planned = _planned(run, settings, mine, text, {name: digests[name] for name in run.sources}, len(photographs))
+        planned = _planned(
+            run, settings, own_draws, text, {name: digests[name] for name in run.sources}, len(photographs)
+        )
         runs.append(planned)
         draws[planned.folder] = text
         if run.arm == "real":
@@ -181,7 +183,7 @@ def draws_path(folder: Path, run: str) -> Path:
 
 
 def _planned(
-    run: Run, settings: Settings, draws: Draws, text: bytes, digests: Mapping[str, str], photographs: int
+    run: StudyRun, settings: Settings, draws: Draws, text: bytes, digests: Mapping[str, str], photographs: int
 ) -> PlannedRun:
     weights = None
     if settings.weights not in (None, "none"):
@@ -235,7 +237,7 @@ def _check_classes(sources: Mapping[str, Source], classes: Sequence[str]) -> Non
             )  # fmt: skip
 
 
-def _missing(run: Run, real: Source, photographs: Int[np.ndarray, " k"], classes: Sequence[str]) -> list[str]:
+def _missing(run: StudyRun, real: Source, photographs: Int[np.ndarray, " k"], classes: Sequence[str]) -> list[str]:
     labels = [real.label[real.starts[i] : real.starts[i + 1]] for i in photographs]
     there = set(np.concatenate([np.zeros(0, dtype=np.int64), *labels]).tolist())
     lacking = [name for c, name in enumerate(classes) if c not in there]

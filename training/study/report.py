@@ -25,16 +25,16 @@ from training.study.results import (
     MEASURES,
     Cell,
     Difference,
+    Equivalent,
     Judged,
-    Worth,
     bin_differences,
     cell_interval,
     cells,
     difference,
+    equivalent_photographs,
     judged,
     mean,
     pairs,
-    worth,
 )
 from training.study.runs import is_finished, predictions_path, read_failures
 from training.study.words import bin_words, difference_words, summary, sureness, worth_words
@@ -111,7 +111,12 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     compared = [(first, second, _differences(first, second)) for first, second in pairs(found)]
     real = [cell for cell in found if cell.arm == "real"]
     others = [cell for cell in found if cell.arm != "real"]
-    worths = [one for cell in others for measure in WORTH_BY if (one := worth(real, cell, measure)) is not None]
+    worths = [
+        one
+        for cell in others
+        for measure in WORTH_BY
+        if (one := equivalent_photographs(real, cell, measure)) is not None
+    ]
     against_real = [(first, second) for first, second in pairs(found) if first.arm == "real" and second.arm == "mixed"]
     bins = {f"{second.name} minus {first.name}": bin_differences(first, second) for first, second in against_real}
     count = sum(len(by_measure) for _, _, by_measure in compared)
@@ -187,7 +192,7 @@ def _cell_record(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _worth_record(one: Worth) -> dict[str, Any]:
+def _worth_record(one: Equivalent) -> dict[str, Any]:
     return {
         "arm": one.cell.arm, "name": one.cell.name, "fraction": one.cell.fraction, "measure": one.measure,
         "photographs": _finite(one.images), "interval": [_finite(float(end)) for end in one.ends],

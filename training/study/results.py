@@ -1,8 +1,7 @@
 """What the runs of a study say together: arms with intervals, pairs of arms, what synthetic images are worth, where.
 
-Every run is judged by the same test pictures, which are drawn again with the same drawings for all: what is hard for
-every detector cancels out of a difference. Seeds are drawn again too, together with the test pictures, so that an
-interval holds what another test set and, of several seeds, other trainings would give.
+Every run is judged by the same test pictures, resampled in the same way for all: what is hard for every detector
+cancels out of a difference. How far seeds differ is in the intervals too, so that they cover other trainings.
 
 References
 ----------
@@ -117,8 +116,8 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
     for one in runs:
         groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
     return [
-        Cell(arm, fraction, float(np.mean([one.run.photographs for one in mine.values()])), mine)
-        for (arm, fraction), mine in groups.items()
+        Cell(arm, fraction, float(np.mean([one.run.photographs for one in by_seed.values()])), by_seed)
+        for (arm, fraction), by_seed in groups.items()
     ]
 
 
@@ -189,7 +188,7 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Worth:
+class Equivalent:
     """How many more photographs a cell is worth than it has, by a measure.
 
     Parameters
@@ -211,7 +210,7 @@ class Worth:
     most: float
 
 
-def worth(real: Sequence[Cell], cell: Cell, measure: str) -> Worth | None:
+def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Equivalent | None:
     """What a cell's synthetic images are worth in photographs; None where no difference shows that.
 
     Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
@@ -247,14 +246,16 @@ def worth(real: Sequence[Cell], cell: Cell, measure: str) -> Worth | None:
     in_resamples = needed(counts, again[:-1], again[-1]) - own
     # Where a resample needs more than there are, it is infinite: ends are resamples themselves, never between two.
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
-    return Worth(cell, measure, float(at), ends, float(counts[-1] - own)) if ends[0] > 0.0 or ends[1] < 0.0 else None
+    return (
+        Equivalent(cell, measure, float(at), ends, float(counts[-1] - own)) if ends[0] > 0.0 or ends[1] < 0.0 else None
+    )
 
 
 def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
     """A measure in every resample of test positions and of seeds; cells with the same seeds have the same resamples."""
     each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
-    drawn = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
-    return each[drawn, np.arange(each.shape[1])].mean(axis=0)
+    chosen = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
+    return each[chosen, np.arange(each.shape[1])].mean(axis=0)
 
 
 def needed(
@@ -314,7 +315,7 @@ class BinDifference:
 
 
 def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
-    """Second minus first in each bin of what is known about labels, test pictures drawn again."""
+    """Second minus first in each bin of what is known about labels."""
     seeds = sorted(set(first.judged) & set(second.judged))
     found = []
     evaluation = first.judged[seeds[0]].evaluation

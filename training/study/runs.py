@@ -114,7 +114,7 @@ def run_one(
     folder = study / RUNS_NAME / run.folder
     train(
         {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
-        drawn=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
+        draws_file=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
     )  # fmt: skip
     device = {"gpu": "cuda"}.get(options.device, options.device)
     for which in JUDGED:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from training.study.results import ENOUGH, BinDifference, Cell, Difference, Worth, mean
+from training.study.results import ENOUGH, BinDifference, Cell, Difference, Equivalent, mean
 
 TITLES = {
     "tp": "TP",
@@ -53,7 +53,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
     )
 
 
-def worth_words(found: Worth) -> str:
+def worth_words(found: Equivalent) -> str:
     """What synthetic images are worth in photographs."""
     name, title = found.cell.name, TITLES[found.measure]
     if np.isinf(found.images) and found.most <= 0:
