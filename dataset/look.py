@@ -1,15 +1,16 @@
 """What pictures look like, in figures: how a target stands out, and whether an outline is one in the picture too.
 
-The thresholds were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a seventh of
-them; docs/dataset.md has the figures.
+The thresholds of color were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
+seventh of them, that of outlines on 46 in all weathers; docs/dataset.md has the figures.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from geometry.color import LUMINANCE
@@ -17,12 +18,16 @@ from geometry.color import LUMINANCE
 NOTHING = 1.0  # of 255: a target that differs less from what is around it, and within itself, is not in the picture
 FAINT = 8.0  # of 255: hard to make out; sound renders had 20.9 and more
 BLACK, WHITE = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
-UNLIKE = 1.2  # outlines: of 240 sound pictures the lowest had 1.36
+UNLIKE = 1.0  # outlines: see docs/dataset.md for what was measured
+SHIFTS = (0.25, 0.5, 0.8, 1.2)  # of a mask's extent: how far its outline is moved to compare it
+DIRECTIONS = 16  # in which it is moved
+SECTORS = 12  # about a mask's center, in which steps across its outline are averaged
+LEAST_SHARE, FEWEST = 0.3, 8  # a moved outline must be this far visible outside of the mask, and so many must be
 SMALLEST = 30  # pixels of a mask that has an outline to speak of
 WIDEST = 640  # pixels of the patch that is looked at; larger ones are averaged down
 AROUND = 0.25  # of a mask's longer side: how far around it its surroundings go
 _SOFT = 1.0  # pixels by which a mask is blurred to tell which way its outline faces
-_NOISE = 0.5  # of 255: gradients that say nothing
+_NOISE = 0.05  # of 255: gradients that tell nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +42,7 @@ class Appearance:
     darkest, brightest
         Its luminance, 5th and 95th percentile.
     outline
-        See `outline_strength`; nan for masks of fewer than `SMALLEST` pixels.
+        See `outline_strength`.
     """
 
     contrast: float
@@ -60,46 +65,85 @@ def appearance(
     others
         Where it shows other targets, which are no surroundings.
     """
-    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    if not len(columns):
+    if not mask.any():
         return None
-    margin = max(3, int(AROUND * max(np.ptp(columns), np.ptp(rows))))
-    patch = (
-        slice(max(rows[0] - margin, 0), rows[-1] + margin + 1),
-        slice(max(columns[0] - margin, 0), columns[-1] + margin + 1),
-    )
-    colours, inside, around = picture[patch].astype(np.float32), mask[patch], ~(mask | others)[patch]
-    if (step := -(-max(inside.shape) // WIDEST)) > 1:
-        colours = ndimage.uniform_filter(colours, (step, step, 0))[::step, ::step]
-        inside, around = inside[::step, ::step], around[::step, ::step]
+    near = _patch(mask, AROUND)
+    colours, inside, around = _smaller(picture[near], mask[near], ~(mask | others)[near])
     if not inside.any():
         return None
-    luminance = colours @ LUMINANCE.astype(np.float32)
+    luminance = colours @ LUMINANCE
     low, darkest, brightest, high = np.percentile(luminance[inside], [10, 5, 95, 90])
     apart = np.abs(colours[inside].mean(axis=0) - colours[around].mean(axis=0)).max() if around.any() else 0.0
+    wide = _patch(mask, SHIFTS[-1])
     return Appearance(
         contrast=float(max(apart, high - low)),
         darkest=float(darkest),
         brightest=float(brightest),
-        outline=outline_strength(luminance, inside) if np.count_nonzero(inside) >= SMALLEST else np.nan,
+        outline=outline_strength(*_smaller(picture[wide], mask[wide], ~(mask | others)[wide])),
     )
 
 
-def outline_strength(luminance: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> float:
-    """How much steeper a picture is across a mask's outline than elsewhere; about 1 for an outline of something else.
+def _patch(mask: Bool[np.ndarray, "h w"], margin: float) -> tuple[slice, slice]:
+    """Return rows and columns of a mask, with a margin in lengths of its longer side and at least 3 pixels."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    pixels = max(3, int(margin * max(np.ptp(columns), np.ptp(rows))))
+    return (
+        slice(max(rows[0] - pixels, 0), rows[-1] + pixels + 1),
+        slice(max(columns[0] - pixels, 0), columns[-1] + pixels + 1),
+    )
 
-    The mean of the gradient's component across the outline, over the mean that the gradients elsewhere would have in a
-    direction of chance (2 / pi of their length). nan where a mask has no outline in the picture.
+
+def _smaller(
+    picture: UInt8[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "m n 3"], Bool[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
+    """Average a picture down to at most `WIDEST` pixels, and the masks with it."""
+    colours = picture.astype(np.float32)
+    if (step := -(-max(inside.shape) // WIDEST)) == 1:
+        return colours, inside, around
+    smooth = ndimage.uniform_filter(colours, (step, step, 0))
+    return smooth[::step, ::step], inside[::step, ::step], around[::step, ::step]
+
+
+def outline_strength(
+    colours: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
+) -> float:
+    """Return how much steeper a picture is across a mask's outline than across the same outline moved elsewhere.
+
+    In standard deviations of the moved outlines, so about 0 for the outline of something else; nan if the mask or its
+    surroundings are too small. Steepness is the gradient's component across the outline, averaged within sectors, in
+    the color channel where it's largest. Moved outlines only count where they are outside of the mask.
     """
-    gradient = np.stack([ndimage.sobel(luminance, axis) for axis in (0, 1)]) / 8.0
+    if np.count_nonzero(mask) < SMALLEST:
+        return np.nan
     soft = ndimage.gaussian_filter(mask.astype(np.float32), _SOFT)
     facing = np.stack([ndimage.sobel(soft, axis) for axis in (0, 1)])
     length = np.hypot(*facing)
-    if not length.max() > 0.0:
-        return np.nan
     edge = length > 0.5 * length.max()
-    if edge.all():
+    y, x = np.nonzero(edge)
+    facing = facing[:, edge] / length[edge]
+    gradient = np.stack([ndimage.sobel(colours, axis) for axis in (0, 1)]) / 8.0  # (2, h, w, 3)
+    sector = (SECTORS * (np.arctan2(y - y.mean(), x - x.mean()) / (2.0 * np.pi) + 0.5)).astype(int) % SECTORS
+    here = _across(gradient[:, y, x], facing, sector)
+    height, width = mask.shape
+    free = around & ~ndimage.binary_dilation(mask, iterations=2)
+    elsewhere = []
+    turns = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
+    for far, turn in product(SHIFTS, turns):
+        rows = y + round(max(4.0, far * np.ptp(y)) * np.sin(turn))
+        columns = x + round(max(4.0, far * np.ptp(x)) * np.cos(turn))
+        counts = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        counts[counts] = free[rows[counts], columns[counts]]
+        if np.count_nonzero(counts) >= LEAST_SHARE * len(y):
+            elsewhere.append(_across(gradient[:, rows[counts], columns[counts]], facing[:, counts], sector[counts]))
+    if len(elsewhere) < FEWEST:
         return np.nan
-    across = np.abs((gradient * facing).sum(axis=0)[edge] / length[edge]).mean()
-    elsewhere = np.hypot(*gradient)[~edge].mean() * 2.0 / np.pi
-    return float(across / (elsewhere + _NOISE))
+    return float((here - np.median(elsewhere)) / (np.std(elsewhere) + _NOISE))
+
+
+def _across(
+    gradient: Float[np.ndarray, "2 n 3"], facing: Float[np.ndarray, "2 n"], sector: Int[np.ndarray, " n"]
+) -> float:
+    """Return the mean step across an outline; within a sector, steps up and down (noise, snow) cancel out."""
+    steps = (gradient * facing[..., None]).sum(axis=0)
+    sums = np.stack([np.bincount(sector, steps[:, channel], minlength=SECTORS) for channel in range(3)])
+    return float(np.abs(sums).max(axis=0).sum() / len(sector))
