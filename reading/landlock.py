@@ -46,7 +46,7 @@ SYSTEM = (
         "/run/opengl-driver",
     ),
     *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/alternatives", "/etc/fonts", "/etc/localtime"),
-    *("/etc/passwd", "/etc/nsswitch.conf", "/etc/OpenCL", "/etc/vulkan", "/etc/glvnd", "/var/cache/fontconfig"),
+    *("/etc/OpenCL", "/etc/vulkan", "/etc/glvnd", "/var/cache/fontconfig"),
     *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/version", "/proc/modules", "/proc/devices"),
     *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
     *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),

@@ -114,6 +114,7 @@ def main(what, *paths):
     sky(folder / "sky.exr")
 
 
-main(*sys.argv[1:])
-sys.stdout.flush()
-os._exit(0)  # Blender's fluids crash at its end
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+    sys.stdout.flush()
+    os._exit(0)  # Blender's fluids crash at its end

@@ -14,6 +14,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colours are in
+IMPORTS = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
 SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
@@ -74,6 +75,13 @@ def disarm() -> list[str]:
                 kind = modifier.type.lower().replace("_", " ")
                 left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache is no part of the file")
                 obj.modifiers.remove(modifier)
+    for tree in bpy.data.node_groups:
+        if odd := [node for node in tree.nodes if node.bl_idname in IMPORTS]:
+            left_out.append(
+                f"the text or table that the nodes {tree.name!r} import is left out, since it is no model or picture"
+            )
+            for node in odd:
+                tree.nodes.remove(node)
     for scene in bpy.data.scenes:
         bodies = scene.rigidbody_world
         if bodies and bodies.point_cache and not _keep_in_memory(bodies.point_cache):

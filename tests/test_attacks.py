@@ -1,0 +1,136 @@
+"""Asset files that try to read a secret outside their folders, and to write there.
+
+The kernel says which files were opened (inotify), so that no test has to guess how what was read might show.
+"""
+
+import ctypes
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import AssetError
+from planning.config import parse_config
+from planning.loading import load_library
+from planning.write import write_plan
+from reading.export import export
+from reading.landlock import abi
+from render.supervisor import render_plan
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILDER = Path(__file__).with_name("attack_files.py")
+OPEN, ACCESS = 0x20, 0x01  # of inotify(7)
+# What Blender doesn't open by itself without a screen or a viewer, so that nothing is shown by its staying shut.
+IDLE = {"osl", "sound", "movie_clip", "sequence0001", "gltf_url", "disk_cache_000001_00"}
+pytestmark = [pytest.mark.blender, pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)]
+
+
+class Opened:
+    """Names of the files in a folder that any process opened since this was made."""
+
+    def __init__(self, folder: Path) -> None:
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._queue = libc.inotify_init1(os.O_NONBLOCK)
+        assert libc.inotify_add_watch(self._queue, os.fsencode(folder), OPEN | ACCESS) >= 0, ctypes.get_errno()
+
+    def names(self) -> set[str]:
+        """Take what has happened."""
+        found = set()
+        while True:
+            try:
+                events = os.read(self._queue, 1 << 16)
+            except BlockingIOError:
+                return found
+            while events:
+                *_, size = struct.unpack_from("iIII", events)
+                found.add(events[16 : 16 + size].rstrip(b"\0").decode().split(".")[0])
+                events = events[16 + size :]
+
+
+def run(*arguments: object) -> None:
+    """Run the builder in a Blender of its own."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    command = [sys.executable, "-P", str(BUILDER), *map(str, arguments)]
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": path})
+
+
+@pytest.fixture(scope="module")
+def attack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project in `mine`, whose assets try to reach `secret` and `target`."""
+    folder = tmp_path_factory.mktemp("attack")
+    for name in ("mine/assets", "secret", "target"):
+        (folder / name).mkdir(parents=True)
+    run("build", folder / "mine/assets", folder / "secret", folder / "target")
+    (folder / "mine/assets/all/everything.blend").stat()
+    return folder
+
+
+def written(folder: Path) -> set[str]:
+    """What is there besides the files of the project, once what building has left is gone."""
+    return {str(path) for path in folder.rglob("*") if "mine/out" not in str(path)}
+
+
+def test_a_file_with_every_attack_in_it_reads_and_writes_nothing_outside(attack: Path, tmp_path: Path) -> None:
+    before, opened = written(attack), Opened(attack / "secret")
+    export(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery")
+    assert opened.names() == set()
+    assert written(attack) == before
+
+
+def test_texts_and_tables_beside_an_asset_are_not_drawn(attack: Path, tmp_path: Path) -> None:
+    report = export(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
+    assert report.triangles == 3 * 12, "three cubes, and nothing that they import"
+    assert sum("is left out, since it is no model or picture" in doubt for doubt in report.doubts) == 3
+
+
+@pytest.mark.thorough
+def test_blender_opens_the_secrets_by_itself(attack: Path) -> None:
+    """Otherwise the other tests would show nothing."""
+    opened = Opened(attack / "secret")
+    secrets = {path.name.split(".")[0] for path in (attack / "secret").iterdir()}
+    run("open", *(path for path in assets(attack) if path.stem in secrets))
+    assert secrets - opened.names() <= IDLE
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("scheduler", [None])
+def test_no_attack_succeeds_on_the_way_to_a_picture(attack: Path, scheduler: object) -> None:
+    before, opened = written(attack), Opened(attack / "secret")
+    sound = []
+    for path in assets(attack):
+        try:
+            load_library(config(attack, [path]))
+        except AssetError as error:
+            print(error)
+            continue
+        sound.append(path)
+    assert len(sound) > 30
+    made = config(attack, sound)
+    plan = write_plan(made, load_library(made).assets, attack / "mine/plan.jsonl")
+    report = render_plan(plan.path, attack / "mine/out/dataset", scheduler=scheduler, device="cpu")
+    assert report.failed == []
+    assert len(list((attack / "mine/out/dataset/images").glob("*.png"))) == len(sound)
+    assert opened.names() == set()
+    assert written(attack) - before == {str(plan.path)}
+
+
+def assets(attack: Path) -> list[Path]:
+    suffixes = (".blend", ".gltf", ".glb", ".obj", ".fbx")
+    return [path for path in sorted(attack.glob("mine/assets/*.*")) if path.suffix in suffixes]
+
+
+def config(attack: Path, vehicles: list[Path]):
+    data = {
+        "assets": {
+            "hdris": ["assets/sky.exr"],
+            "vehicles": [{"path": f"assets/{path.name}", "name": path.stem, "category": "tank"} for path in vehicles],
+            "sceneries": [{"path": "assets/all/everything.blend"}],
+            "cache": "out/cache",
+        },
+        "budget": {"images_per_class": len(vehicles)},
+        "render": {"width": 32, "height": 24, "samples": 1},
+    }
+    return parse_config(data, path=attack / "mine/hulldown.toml")
