@@ -12,12 +12,15 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.clusters import cluster
 from geometry.errors import AssetError
 from planning.config import parse_config
 from planning.loading import load_library
+from planning.plan_file import read_plan
 from planning.write import write_plan
 from reading.export import export
 from reading.landlock import abi
+from render.scheduler import Scheduler
 from render.supervisor import render_plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,26 +98,37 @@ def test_blender_opens_the_secrets_by_itself(attack: Path) -> None:
     assert secrets - opened.names() <= IDLE
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("scheduler", [None])
-def test_no_attack_succeeds_on_the_way_to_a_picture(attack: Path, scheduler: object) -> None:
-    before, opened = written(attack), Opened(attack / "secret")
-    sound = []
+@pytest.fixture(scope="module")
+def planned(attack: Path) -> Path:
+    """The plan of all files that can be read, one image each; nothing may be reached on the way."""
+    before, opened, sound = written(attack), Opened(attack / "secret"), []
     for path in assets(attack):
         try:
             load_library(config(attack, [path]))
-        except AssetError as error:
-            print(error)
+        except AssetError:
             continue
         sound.append(path)
     assert len(sound) > 30
     made = config(attack, sound)
-    plan = write_plan(made, load_library(made).assets, attack / "mine/plan.jsonl")
-    report = render_plan(plan.path, attack / "mine/out/dataset", scheduler=scheduler, device="cpu")
-    assert report.failed == []
-    assert len(list((attack / "mine/out/dataset/images").glob("*.png"))) == len(sound)
+    plan = write_plan(made, load_library(made).assets, attack / "mine/out/plan.jsonl")
     assert opened.names() == set()
-    assert written(attack) - before == {str(plan.path)}
+    assert written(attack) == before
+    return plan.path
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("where", ["here", "cluster"])
+def test_no_attack_succeeds_on_the_way_to_a_picture(attack: Path, planned: Path, where: str, tmp_path: Path) -> None:
+    before, opened, out = written(attack), Opened(attack / "secret"), attack / "mine/out" / where
+    if where == "here":
+        report = render_plan(planned, out, device="cpu")
+    else:
+        with cluster(tmp_path / "nodes", 1) as nodes:
+            report = render_plan(planned, out, scheduler=Scheduler(nodes.address), device="cpu")
+    assert report.failed == ()
+    assert report.rendered == len(read_plan(planned))
+    assert opened.names() == set()
+    assert written(attack) == before
 
 
 def assets(attack: Path) -> list[Path]:
