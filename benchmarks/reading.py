@@ -21,11 +21,12 @@ from benchmarks.reading_things import LITTER
 from benchmarks.tables import table
 from geometry.errors import AssetError
 from geometry.transforms import apply
-from reading.build import Options, build_vehicle
+from reading.build import build_vehicle
 from reading.doubts import vehicle_doubts
 from reading.kinds import refuse_wrong_kind
+from reading.options import Options
 from reading.report import Row
-from reading.stance import stood
+from reading.stance import stand_upright
 
 ROOT = Path(__file__).parents[1]
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
@@ -111,7 +112,7 @@ def _angle(a: Any, b: Any) -> float:
 
 def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     options = Options()
-    upright = stood(drawn, unit=opened.unit, said=opened.up, up=None)
+    upright = stand_upright(drawn, unit=opened.unit, said=opened.up, up=None)
     refuse_wrong_kind("vehicle", upright.pieces, options)
     built = build_vehicle("it", drawn.meshes, upright, drawn.markers, options=options)
     names = built.shape.part_names

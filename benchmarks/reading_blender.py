@@ -20,8 +20,9 @@ from benchmarks.reading_things import LITTER, Model, Thing
 from geometry.transforms import apply
 from reading.blender.evaluate import evaluate
 from reading.blender.importers import open_file
-from reading.build import Options, build_vehicle
-from reading.stance import metres_from_file, stood
+from reading.build import build_vehicle
+from reading.options import Options
+from reading.stance import metres_from_file, stand_upright
 
 
 def main() -> None:
@@ -36,7 +37,7 @@ def main() -> None:
         _write(model, case, path)
         opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]))
         metres = metres_from_file(opened.unit, opened.up)
-        drawn = evaluate(bpy.context.scene, metres_from_file=metres, twins=opened.twins)
+        drawn = evaluate(bpy.context.scene, metres_from_file=metres, duplicates=opened.duplicates)
         points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
         truth = Truth({t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0))
         (folder / f"{number:04d}.pickle").write_bytes(pickle.dumps((case, truth, opened, drawn)))
@@ -48,8 +49,8 @@ def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
     opened = open_file(path, "blend")
     metres = metres_from_file(opened.unit, "z")
-    drawn = evaluate(bpy.context.scene, metres_from_file=metres, twins=opened.twins)
-    upright = stood(drawn, unit=opened.unit, said="z", up="z")
+    drawn = evaluate(bpy.context.scene, metres_from_file=metres, duplicates=opened.duplicates)
+    upright = stand_upright(drawn, unit=opened.unit, said="z", up="z")
     built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
     names = built.shape.part_names
     shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(metres))

@@ -20,11 +20,11 @@ from planning.paint import paint_doubts, paint_notes
 from planning.plan_file import Plan
 from planning.row import HdriSource, Source
 from planning.schema import CACHE_NAME, ModelEntry, SceneryEntry
-from reading.build import Options
 from reading.cache import cached
 from reading.export import Exported
 from reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from reading.inspect import Inspected, draw
+from reading.options import Options
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.report import FileReport, refuse_missing
 from reading.sky_report import REMEDY

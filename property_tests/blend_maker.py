@@ -15,7 +15,7 @@ from pathlib import Path
 
 import bpy
 
-from reading.blender import reader, twins
+from reading.blender import duplicates, reader
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all there is; the limits of reading are tested elsewhere
 
@@ -267,7 +267,7 @@ def main():
             answers.flush()
             job_file = Path(job["answer"]).with_name("job.json")
             job_file.write_text(json.dumps(job), encoding="utf-8")
-            twins.FEWEST = message["make"]["fewest"]
+            duplicates.FEWEST = message["make"]["fewest"]
             reader.main(str(job_file))
             answer = Path(job["answer"]).read_text(encoding="utf-8")
         except Exception:

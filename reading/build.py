@@ -10,19 +10,20 @@ import numpy as np
 from jaxtyping import Float
 
 from assets.scenery import Scenery
-from assets.textures import TEXTURE_SIZE
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError
 from geometry.meshes import Mesh, merge
 from geometry.transforms import apply
-from reading.drawn import Evaluated
+from placement.footprint import contact_footprint
+from reading.evaluated import Evaluated
 from reading.nose import forward_said
+from reading.options import Options
 from reading.part_names import GUN_PART, TURRET_PART
 from reading.parts import Asked, Parts, find_parts
 from reading.report import PartRow
 from reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
 from reading.scenery_roles import removed_names, unmatched
-from reading.stance import Stood, heading, vehicle_from_upright
+from reading.stance import Upright, heading, vehicle_from_upright
 from reading.strays import find_strays
 from reading.wet_faces import dry_part, is_partly_water, wet_part
 
@@ -30,53 +31,6 @@ KILOMETRE = 1000.0
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """How to read a file; None leaves it to the file.
-
-    Parameters
-    ----------
-    up
-        The file's axis that points up: "z", "y", "x", or one of them with a minus.
-    scale
-        Metres to one unit of the file.
-    forward
-        Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x,
-        or a vector.
-    yaw_deg
-        Degrees counter-clockwise from there to where it really points.
-    keep, drop
-        Patterns of what belongs to a vehicle and what does not; of a scenery, `drop` is in neither plan nor picture.
-    turret, gun
-        Pattern of a vehicle's turret and gun; "" for none.
-    turret_pivot, gun_pivot
-        About what they turn: a point in the file's axes and units, or the name of an object.
-    include, exclude
-        Patterns of what is ground and what is not in all sceneries.
-    ground, not_ground, water
-        The same of this scenery; and all of its water, or None to find it by name, material and shape.
-    texture_size
-        Texels of the longer side that a texture which cuts out is kept at.
-    """
-
-    up: str | None = None
-    scale: float | None = None
-    forward: str | float | tuple[float, ...] | None = None
-    yaw_deg: float = 0.0
-    keep: tuple[str, ...] = ()
-    drop: tuple[str, ...] = ()
-    turret: str | None = None
-    gun: str | None = None
-    turret_pivot: str | tuple[float, float, float] | None = None
-    gun_pivot: str | tuple[float, float, float] | None = None
-    include: tuple[str, ...] = ()
-    exclude: tuple[str, ...] = ()
-    ground: tuple[str, ...] = ()
-    not_ground: tuple[str, ...] = ()
-    water: tuple[str, ...] | None = None
-    texture_size: int = TEXTURE_SIZE
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -100,7 +54,7 @@ class BuiltScenery:
 
 
 def build_vehicle(
-    name: str, meshes: Sequence[Mesh], upright: Stood, markers: Sequence[tuple[Link, ...]], *, options: Options
+    name: str, meshes: Sequence[Mesh], upright: Upright, markers: Sequence[tuple[Link, ...]], *, options: Options
 ) -> BuiltVehicle:
     """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
@@ -156,6 +110,8 @@ def build_vehicle(
     placed = [_compact(meshes[pieces[kept[j]].mesh], points[j], pieces[kept[j]].name) for j in order]
     mesh, _ = merge(placed, name=name)
     low, high = mesh.bounds
+    if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
+        raise AssetError("is a sheet on its edge, which has no length or no width to stand on", remedy="set its `up`")
     underside = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     to_underside = np.eye(4)
     to_underside[:3, 3] = -underside
@@ -190,8 +146,8 @@ def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
         PartRow(
             name=shape.part_names[i],
             parent=shape.part_names[shape.part_parent[i]],
-            pivot=_three(shape.part_pivot[i]),
-            axis=_three(shape.part_axis[i]),
+            pivot=_xyz(shape.part_pivot[i]),
+            axis=_xyz(shape.part_axis[i]),
             limits=(float(shape.part_limits[i, 0]), float(shape.part_limits[i, 1])),
             why=parts.why[i],
         )
@@ -199,7 +155,7 @@ def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
     )
 
 
-def _three(vector: np.ndarray) -> tuple[float, float, float]:
+def _xyz(vector: np.ndarray) -> tuple[float, float, float]:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 

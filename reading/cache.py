@@ -24,9 +24,9 @@ from filelock import FileLock
 from assets.bundle import FORMAT
 from geometry.errors import AssetError
 from geometry.files import open_regular, replacing
-from reading.build import Options
 from reading.export import Exported, export
 from reading.formats import format_of
+from reading.options import Options
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reading.build import Options
+from reading.options import Options
 from reading.report import Missing, Row
 from reading.roles import Piece, Role
 from reading.scenery_roles import is_water_name

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from geometry.errors import AssetError
-from reading.build import Options
 from reading.formats import format_of
 from reading.landlock import asset_folders, confined
+from reading.options import Options
 from reading.references import refuse_odd_references
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched

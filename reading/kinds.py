@@ -8,7 +8,7 @@ import numpy as np
 
 from assets.naming import VEHICLE, says
 from geometry.errors import AssetError
-from reading.build import Options
+from reading.options import Options
 from reading.roles import FLAT, Piece, Role, vehicle_roles
 from reading.scenery_roles import scenery_roles
 

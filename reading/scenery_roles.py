@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
 
 from assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
+from reading.options import Options
 from reading.roles import Piece, Role
 from reading.shape import ground_by_shape, is_wide_and_level, sheets_between
-
-if TYPE_CHECKING:
-    from reading.build import Options
 
 LEVELS = ("object", "mesh", "collection", "material")
 VOLUME = "has volume shaders only"

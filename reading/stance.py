@@ -11,7 +11,7 @@ from jaxtyping import Float
 from assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
 from geometry.transforms import apply, rotation_z
 from reading.axes import Up, Wheels, find_up, find_wheels, up_matrix
-from reading.drawn import Evaluated
+from reading.evaluated import Evaluated
 from reading.nose import Forward, find_forward
 from reading.roles import Piece
 from reading.solids import Solids, find_solids
@@ -20,7 +20,7 @@ NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Stood:
+class Upright:
     """Pieces in metres with z up.
 
     Parameters
@@ -41,7 +41,7 @@ class Stood:
     solids: Solids
 
 
-def stood(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Stood:
+def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Upright:
     """What is drawn, upright.
 
     Parameters
@@ -61,7 +61,7 @@ def stood(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Stood:
     # As the file says, z is up in this frame.
     found = Up(up, "as the config says") if up else _in_file(find_up(find_wheels(solids), "z"), said)
     if found.axis == said:
-        return Stood(list(drawn.pieces), metres, found, solids)
+        return Upright(list(drawn.pieces), metres, found, solids)
     upright = metres_from_file(unit, found.axis)
     turn = (upright @ np.linalg.inv(metres))[:3, :3]
     pieces = []
@@ -69,7 +69,7 @@ def stood(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Stood:
         used = np.unique(drawn.meshes[piece.mesh].faces)
         turned = own[used] @ turn.T
         pieces.append(replace(piece, bounds=np.stack([turned.min(axis=0), turned.max(axis=0)])))
-    return Stood(pieces, upright, found, solids.turned(turn))
+    return Upright(pieces, upright, found, solids.turned(turn))
 
 
 def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
@@ -90,7 +90,7 @@ def _in_file(found: Up, said: str) -> Up:
 
 
 def heading(
-    upright: Stood, kept: Sequence[int], *, forward: str | float | tuple[float, ...] | None, yaw_deg: float
+    upright: Upright, kept: Sequence[int], *, forward: str | float | tuple[float, ...] | None, yaw_deg: float
 ) -> tuple[Forward, Solids, Wheels | None]:
     """Where the nose of the kept pieces points, their solids numbered like `kept`, and their wheels; z up.
 

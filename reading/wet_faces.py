@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from geometry.meshes import Mesh
 from geometry.transforms import apply
-from reading.drawn import Evaluated
+from reading.evaluated import Evaluated
 from reading.roles import Piece
 from reading.scenery_roles import is_water_name
 from reading.shape import is_wide_and_level, level_share

@@ -18,8 +18,8 @@ from geometry.errors import AssetError
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh
 from geometry.rays import RayCaster
-from reading.build import Options
 from reading.export import Exported, exported_by, job_for
+from reading.options import Options
 
 HERE = Path(__file__).resolve().parent
 SIZE, FOV = 160, math.radians(40)  # of messy_blends.py

@@ -6,13 +6,15 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import apply, rotation_z
 from reading.axes import UPS, up_matrix
-from reading.build import BuiltVehicle, Options, build_vehicle
-from reading.drawn import Evaluated
+from reading.build import BuiltVehicle, build_vehicle
+from reading.evaluated import Evaluated
+from reading.options import Options
 from reading.roles import Link, Piece
-from reading.stance import metres_from_file, stood
+from reading.stance import metres_from_file, stand_upright
 
 BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BOX_FACES = np.array(
@@ -74,7 +76,7 @@ def read(parts: dict[str, Mesh], pose: np.ndarray | None = None, *, said: str = 
         )
     given = Options(**options)
     return build_vehicle(
-        "v", found.meshes, stood(found, unit=1.0, said=said, up=given.up), found.markers, options=given
+        "v", found.meshes, stand_upright(found, unit=1.0, said=said, up=given.up), found.markers, options=given
     )
 
 
@@ -195,7 +197,7 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
 )  # fmt: skip
 def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
     found = drawn(TANK | {name: mesh}, **{name: hidden})
-    upright = stood(found, unit=1.0, said="z", up=None)
+    upright = stand_upright(found, unit=1.0, said="z", up=None)
     (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
     assert doubt.startswith(f"{name!r}: ")
     assert what in doubt
@@ -227,7 +229,7 @@ def test_what_two_signs_show_to_be_no_part_is_left_out(
     name: str, mesh: Mesh, hidden: bool, said: tuple, yaw: float
 ) -> None:
     found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
-    upright = stood(found, unit=1.0, said="z", up=None)
+    upright = stand_upright(found, unit=1.0, said="z", up=None)
     built = build_vehicle("v", found.meshes, upright, (), options=Options())
     assert [r.use for r in built.roles] == ["vehicle"] * len(TANK) + ["dropped"]
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
@@ -271,3 +273,10 @@ def test_mirrors_say_where_the_nose_is() -> None:
         built = read(car, turned(rotation_z(np.radians(yaw))))
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
         assert any("its nose was found by shape alone" in d for d in built.doubts)
+
+
+def test_a_sheet_on_its_edge_is_refused_where_it_is_read():
+    """It was a traceback when it was planned."""
+    sheet = Mesh(np.array([[-0.5, 0, 0], [0.5, 0, 0], [-0.5, 0, 1.0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(AssetError, match="no length or no width"):
+        read({"Hull": sheet})

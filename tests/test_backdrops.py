@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from assets.bundle import load_scenery
-from reading.build import Options
 from reading.export import export
+from reading.options import Options
 from render.jobs import SceneryFile
 
 MADE = """

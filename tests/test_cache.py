@@ -20,9 +20,9 @@ from planning.config import Config, parse_config
 from planning.loading import load_assets, load_library, load_planned_assets
 from planning.plan_file import Plan
 from planning.write import make_header
-from reading.build import Options
 from reading.cache import cached, sha256
 from reading.export import Exported
+from reading.options import Options
 from reading.report import FileReport, Missing
 from reading.watch import ReadLimits
 

@@ -27,7 +27,7 @@ from demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism
 from geometry.errors import AssetError, ConfigError
 from planning.budget import make_budget
 from planning.config import parse_config
-from reading.build import Options
+from reading.options import Options
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -9,8 +9,8 @@ import pytest
 from assets.bundle import load_vehicle
 from geometry.errors import AssetError
 from geometry.transforms import apply
-from reading.build import Options
 from reading.export import export
+from reading.options import Options
 from tests.messy_export import SCENERIES, VEHICLES, Messy, alpha, into_asset, iou, silhouette
 
 pytestmark = pytest.mark.blender

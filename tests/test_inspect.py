@@ -13,10 +13,10 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, HulldownError
 from geometry.meshes import Mesh
-from reading.build import Options
 from reading.doubts import scenery_doubts, vehicle_doubts
 from reading.formats import format_of
 from reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
+from reading.options import Options
 from reading.report import FileReport, Missing, PartRow, Row, gathered
 from reading.roles import Link, Piece, Role
 

@@ -5,10 +5,11 @@ import pytest
 
 from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says, words
 from geometry.errors import AssetError
-from reading.build import Options, build_scenery
+from reading.build import build_scenery
 from reading.doubts import vehicle_doubts
-from reading.drawn import Evaluated
+from reading.evaluated import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
+from reading.options import Options
 from reading.parts import Asked, find_parts
 from reading.roles import Link, Piece, vehicle_roles
 from reading.scenery_roles import scenery_roles

@@ -6,10 +6,11 @@ import pytest
 from geometry.errors import AssetError
 from geometry.meshes import Mesh
 from geometry.transforms import rigid, rotation_about
-from reading.build import Options, build_scenery
+from reading.build import build_scenery
 from reading.doubts import scenery_doubts
-from reading.drawn import Evaluated
+from reading.evaluated import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
+from reading.options import Options
 from reading.roles import Piece
 from reading.scenery_roles import VOLUME, matching, scenery_roles
 from reading.shape import level_share

@@ -13,8 +13,8 @@ from assets.bundle import load_scenery
 from assets.scenery import Scenery
 from geometry.errors import AssetError
 from placement.terrain import Terrain
-from reading.build import Options
 from reading.export import Exported, export
+from reading.options import Options
 from tests.test_backdrops import SHOWN
 
 MADE = """

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 
-from reading.blender import reader, twins
+from reading.blender import duplicates, reader
 from reading.blender.opening import open_blend
 from reading.export import job_for
 
@@ -193,13 +193,13 @@ if __name__ == "__main__":
     answer = {}
     for name, fewest in (("all", 10**9), ("few", 1)):
         (folder / name).mkdir()
-        twins.FEWEST = fewest
+        duplicates.FEWEST = fewest
         told = job_for(path, folder / name, kind="scenery")
         job = folder / name / "job.json"
         job.write_text(json.dumps(told))
         reader.main(str(job))
         answer[name] = drawn(told["tidy"])
     taken = {}
-    open_blend(str(path), then=lambda: taken.update(twins.set_aside()))
-    answer["taken"] = sorted(twin.name for same in taken.values() for twin in same)
+    open_blend(str(path), then=lambda: taken.update(duplicates.take_duplicates()))
+    answer["taken"] = sorted(duplicate.name for same in taken.values() for duplicate in same)
     (folder / "answer.json").write_text(json.dumps(answer))

@@ -19,11 +19,11 @@ from geometry.meshes import Mesh
 from geometry.transforms import apply
 from reading.blender.capture import OUR_CAMERA, visit_render
 from reading.blender.cutouts import CutoutReader
+from reading.blender.duplicates import Duplicate
 from reading.blender.poses import Poses
 from reading.blender.shaders import is_clear, is_displaced, is_volume
 from reading.blender.strands import curves_mesh, strand_curves, strand_systems
-from reading.blender.twins import Twin
-from reading.drawn import Evaluated, Left
+from reading.evaluated import Evaluated, Left
 from reading.roles import Link, Piece
 from reading.scenery_roles import VOLUME
 from reading.shape import level_share
@@ -48,7 +48,7 @@ def evaluate(
     scene: Any,
     *,
     metres_from_file: Float[np.ndarray, "4 4"],
-    twins: Mapping[str, Sequence[Twin]],
+    duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int = TEXTURE_SIZE,
     keep_mesh: Callable[[Any, Any, list[Any]], None] | None = None,
     keep_look: Callable[[Any], None] | None = None,
@@ -61,8 +61,8 @@ def evaluate(
         A Blender scene.
     metres_from_file
         The file's scale and up axis, for the bounds of the pieces.
-    twins
-        What `reading.blender.twins` took out of the scene; each is read behind the one that it equals.
+    duplicates
+        What `reading.blender.duplicates` took out of the scene; each is read behind the one that it equals.
     texture_size
         Texels of the longer side that textures which cut out are kept at.
     keep_mesh
@@ -81,10 +81,12 @@ def evaluate(
     cutouts.bake([material for material in bpy.data.materials if material.users])
     visit_render(
         scene,
-        lambda depsgraph: _Reader(depsgraph, result, metres_from_file, cutouts, twins, keep_mesh, keep_look).read(),
+        lambda depsgraph: _Reader(
+            depsgraph, result, metres_from_file, cutouts, duplicates, keep_mesh, keep_look
+        ).read(),
     )
     result.doubts += cutouts.doubts
-    _list_hidden(scene, result, twins)
+    _list_hidden(scene, result, duplicates)
     return result
 
 
@@ -95,12 +97,12 @@ class _Reader:
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
         cutouts: CutoutReader,
-        twins: Mapping[str, Sequence[Twin]],
+        duplicates: Mapping[str, Sequence[Duplicate]],
         keep_mesh: Callable[[Any, Any, list[Any]], None] | None,
         keep_look: Callable[[Any], None] | None,
     ) -> None:
         self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
-        self.cutouts, self.twins, self.keep_mesh, self.keep_look = cutouts, twins, keep_mesh, keep_look
+        self.cutouts, self.duplicates, self.keep_mesh, self.keep_look = cutouts, duplicates, keep_mesh, keep_look
         self.poses = Poses(depsgraph)
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
@@ -136,11 +138,11 @@ class _Reader:
     def _leave(self, instance: Any, why: str) -> None:
         if instance.object.name == OUR_CAMERA:
             return
-        for name in (instance.object.name, *(twin.name for twin in self._twins(instance))):
+        for name in (instance.object.name, *(duplicate.name for duplicate in self._duplicates(instance))):
             self.result.left[Left(name, instance.object.type, why)] += 1
 
-    def _twins(self, instance: Any) -> Sequence[Twin]:
-        return () if instance.is_instance else self.twins.get(instance.object.original.name_full, ())
+    def _duplicates(self, instance: Any) -> Sequence[Duplicate]:
+        return () if instance.is_instance else self.duplicates.get(instance.object.original.name_full, ())
 
     def _read_mesh(self, instance: Any) -> None:
         drawn = instance.object
@@ -214,18 +216,18 @@ class _Reader:
                 level=0.0 if hair else self._level(number, pose, bounds),
             )
         )
-        for twin in () if hair else self._twins(instance):
-            self._add_twin(twin, self.result.pieces[-1], drawn)
+        for duplicate in () if hair else self._duplicates(instance):
+            self._add_twin(duplicate, self.result.pieces[-1], drawn)
 
-    def _add_twin(self, twin: Twin, piece: Piece, drawn: Any) -> None:
+    def _add_twin(self, duplicate: Duplicate, piece: Piece, drawn: Any) -> None:
         """Add what is like `piece`, that of `drawn`, but for its names and its pose."""
         if self.keep_look:
             self.keep_look(drawn)
-        bounds = self._bounds(twin.name, twin.pose, self.used[piece.mesh])
-        link = replace(piece.chain[0], name=twin.name, pose=twin.pose)
-        level = self._level(piece.mesh, twin.pose, bounds)
+        bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
+        link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
+        level = self._level(piece.mesh, duplicate.pose, bounds)
         self.result.pieces.append(
-            replace(piece, data=twin.data, chain=(link,), pose=twin.pose, bounds=bounds, level=level)
+            replace(piece, data=duplicate.data, chain=(link,), pose=duplicate.pose, bounds=bounds, level=level)
         )
 
     def _bounds(
@@ -371,14 +373,14 @@ def _is_hidden(original: Any) -> bool:
     return bool(original.hide_viewport or not original.visible_get())
 
 
-def _list_hidden(scene: Any, result: Evaluated, twins: Mapping[str, Sequence[Twin]]) -> None:
+def _list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
     """Name what the file holds but the render does not."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     off = dict(_switched_off(layer.layer_collection, False))
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN:
-            for name in (obj.name, *(twin.name for twin in twins.get(obj.name_full, ()))):
+            for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
                 result.left[Left(name, obj.type, _why_hidden(obj, off))] += 1
 
 

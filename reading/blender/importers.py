@@ -10,8 +10,8 @@ import bpy
 
 from geometry.errors import AssetError
 from reading.blender.blocks import refuse_odd_references
+from reading.blender.duplicates import Duplicate, take_duplicates
 from reading.blender.opening import open_blend
-from reading.blender.twins import Twin, set_aside
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
 AGAIN = "open it in Blender and save it again"
@@ -31,7 +31,7 @@ class Opened:
         The Blender that wrote it, or its format.
     doubts
         What a person should look at.
-    twins
+    duplicates
         What was taken out of the scene, by the name of the object that it equals.
     """
 
@@ -39,7 +39,7 @@ class Opened:
     up: str
     written_by: str
     doubts: tuple[str, ...] = ()
-    twins: Mapping[str, Sequence[Twin]] = field(default_factory=dict)
+    duplicates: Mapping[str, Sequence[Duplicate]] = field(default_factory=dict)
 
 
 def open_file(path: Path, kind: str) -> Opened:
@@ -78,9 +78,9 @@ def open_file(path: Path, kind: str) -> Opened:
 
 def _open_blend(path: Path) -> Opened:
     refuse_odd_references(path)
-    twins: dict[str, list[Twin]] = {}
+    duplicates: dict[str, list[Duplicate]] = {}
     try:
-        doubts = open_blend(str(path), then=lambda: twins.update(set_aside()))
+        doubts = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
     except RuntimeError as error:
         raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
     version = ".".join(map(str, bpy.data.version[:2]))
@@ -104,7 +104,7 @@ def _open_blend(path: Path) -> Opened:
             f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
             f"before 2.80, so that what wore them is rendered in one colour; give its materials image nodes"
         )
-    return Opened(unit, "z", f"Blender {version}", tuple(doubts), twins)
+    return Opened(unit, "z", f"Blender {version}", tuple(doubts), duplicates)
 
 
 def _lost_pictures() -> list[str]:

@@ -26,14 +26,15 @@ from reading.blender.materials import material_rows
 from reading.blender.pictures import read_picture
 from reading.blender.textures import missing_files, used_files
 from reading.blender.tidy import Keeper, write_scenery, write_vehicle
-from reading.build import Options, build_scenery, build_vehicle
+from reading.build import build_scenery, build_vehicle
 from reading.doubts import scenery_doubts, vehicle_doubts
-from reading.drawn import Evaluated
+from reading.evaluated import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
+from reading.options import Options
 from reading.report import FileReport, Missing, Row, gathered
 from reading.roles import Piece
 from reading.scenery_roles import scenery_roles
-from reading.stance import metres_from_file, stood
+from reading.stance import metres_from_file, stand_upright
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 
@@ -62,7 +63,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     drawn = evaluate(
         bpy.context.scene,
         metres_from_file=metres,
-        twins=opened.twins,
+        duplicates=opened.duplicates,
         texture_size=options.texture_size,
         keep_mesh=keeper.keep_mesh,
         keep_look=keeper.keep_look,
@@ -71,7 +72,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
     if not drawn.dressed:
         drawn.doubts.append(BARE)
     common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
-    upright = stood(drawn, unit=unit, said=opened.up, up=options.up) if job["kind"] != "scenery" else None
+    upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up) if job["kind"] != "scenery" else None
     pieces = upright.pieces if upright else drawn.pieces
     roles = scenery_roles(pieces, options)
     kind = job["kind"] or likely_kind(pieces, options, roles=roles)
@@ -84,7 +85,7 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         save_vehicle(job["bundle"], vehicle.shape)
         names = vehicle.shape.part_names
         uses = [names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
-        size = _three(vehicle.shape.size_xyz)
+        size = _xyz(vehicle.shape.size_xyz)
         rows, missing = _rows(drawn, uses, [r.why for r in vehicle.roles]), _missing(drawn, uses)
         report = FileReport(
             kind=kind,
@@ -112,14 +113,14 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         uses = [r.use for r in roles]
         solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
         extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
-        size = _three(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
+        size = _xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
         rows, missing = _rows(drawn, uses, [r.why for r in roles]), _missing(drawn, uses)
         report = FileReport(
             kind=kind,
             size=size,
             triangles=sum(p.faces for p, _ in solid),
             rows=rows,
-            origin=_three(scenery.scenery.origin),
+            origin=_xyz(scenery.scenery.origin),
             missing=missing,
             doubts=(
                 *([odd] if odd else []),
@@ -169,7 +170,7 @@ def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Ro
             reason,
             len(pieces),
             pieces[0].faces,
-            _three(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
+            _xyz(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
         )
         for (name, use, reason), pieces in groups.items()
     ]
@@ -177,7 +178,7 @@ def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Ro
     return gathered(rows)
 
 
-def _three(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+def _xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 

@@ -25,7 +25,7 @@ HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # us
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Twin:
+class Duplicate:
     """An object that was taken out of the scene.
 
     Parameters
@@ -43,24 +43,24 @@ class Twin:
     pose: Float[np.ndarray, "4 4"]
 
 
-def set_aside() -> dict[str, list[Twin]]:
-    """Remove twins from the open file if there are many, by the name of the object that stays for them.
+def take_duplicates() -> dict[str, list[Duplicate]]:
+    """Remove duplicates from the open file if there are many, by the name of the object that stays for them.
 
     To be called when the file is read and nothing of it is evaluated.
     """
     groups = [same for same in _alike().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < FEWEST:
         return {}
-    twins = {
+    duplicates = {
         same[0].name: [
-            Twin(obj.name, obj.data.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)
+            Duplicate(obj.name, obj.data.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)
         ]
         for same in groups
     }
     meshes = {obj.data for same in groups for obj in same[1:]}
     bpy.data.batch_remove([obj for same in groups for obj in same[1:]])
     bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
-    return twins
+    return duplicates
 
 
 def _alike() -> dict[tuple[object, ...], list[Any]]:
