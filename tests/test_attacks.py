@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from benchmarks.clusters import cluster
+
 from geometry.errors import AssetError
 from planning.config import parse_config
 from planning.loading import load_library
