@@ -28,6 +28,7 @@ from geometry.errors import AssetError, ConfigError
 from planning.budget import make_budget
 from planning.config import parse_config
 from reading.options import Options
+from tests.parameters import few
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -52,11 +53,6 @@ for path in sys.argv[1:]:
             digest.update(xyz.tobytes())
     print("FILE " + json.dumps({"digest": digest.hexdigest(), "kinds": kinds, "instances": count}))
 """
-
-
-def few(names, *always):
-    """Parameters of which `make test` takes those that are named, and `make thorough` all."""
-    return [name if name in always else pytest.param(name, marks=pytest.mark.thorough) for name in names]
 
 
 def _child(*arguments: object) -> str:

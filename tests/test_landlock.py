@@ -21,6 +21,7 @@ from render.confinement import Confinement
 from render.jobs import render_job
 from render.messages import Settings, to_json
 from render.pool import Pool
+from tests.parameters import few
 from tests.render_plans import ASSETS, make_row
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,11 +76,6 @@ for line in lines:
 print(json.dumps(done))
 """
 needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
-
-
-def few(cases: tuple[str, ...], always: str) -> list:
-    """Parameters of which `make test` takes one, and `make thorough` all."""
-    return [case if case == always else pytest.param(case, marks=pytest.mark.thorough) for case in cases]
 
 
 @pytest.fixture

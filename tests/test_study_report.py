@@ -15,8 +15,9 @@ from tests.training_pictures import make_dataset
 from training.labels import read_labels
 from training.study.charts import Line, beside, over_photographs, png
 from training.study.manifest import write_manifest
+from training.study.page import blocks, markdown
 from training.study.paper import LABELS, PAPER
-from training.study.report import write_report
+from training.study.report import compared_runs, write_report
 from training.study.results import Difference, needed
 from training.study.runs import JUDGED, predictions_path
 
@@ -122,14 +123,14 @@ def test_where_nothing_is_found_synthetic_images_have_no_worth(pictures, tmp_pat
         fractions=[1.0, 0.25],
         skill=dict.fromkeys(SKILL, 0),
     )
-    assert write_report(tmp_path / "out")["worth"] == []
+    assert compared_runs(tmp_path / "out")["worth"] == []
 
 
 def test_what_is_better_than_all_photographs_is_worth_an_open_number(pictures, tmp_path):
     skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
     finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
-    found = write_report(tmp_path / "out")["worth"]
+    found = compared_runs(tmp_path / "out")["worth"]
     (open_above,) = [one for one in found if (one["name"], one["measure"]) == ("mixed at 100 %", "recall")]
     assert open_above["photographs"] is None
     assert "open above" in open_above["words"]
@@ -164,29 +165,29 @@ def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_
     for run in gone:
         (out / "runs" / run["folder"] / "weights.pt").unlink()
     (out / "failures.json").write_text(json.dumps({"mixed-25-seed1": "ended by signal 9"}))
-    report = write_report(out)
+    report = compared_runs(out)
     assert report["missing"] == {
         "mixed-25-seed1": "ended by signal 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
-    assert "mixed-25-seed1: ended by signal 9" in (out / "report.md").read_text()
+    assert "mixed-25-seed1: ended by signal 9" in markdown(blocks(report))
     with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
-        write_report(tmp_path)
+        compared_runs(tmp_path)
 
 
 def test_one_seed_says_that_nothing_is_known_of_another_training(pictures, tmp_path):
     finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], arms=["real"], fractions=[1.0])
-    assert "one seed only" in write_report(tmp_path / "out")["sureness"]
+    assert "one seed only" in compared_runs(tmp_path / "out")["sureness"]
 
 
 def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     make_dataset(tmp_path / "valid", 8, seed=7)
     keys = {"seeds": [0], "arms": ["real"], "fractions": [1.0, 0.5]}
     finished_study(pictures, tmp_path, tmp_path / "out", valid=str(tmp_path / "valid"), **keys)
-    report = write_report(tmp_path / "out")
+    report = compared_runs(tmp_path / "out")
     assert report["study"]["threshold"] == "validation"
     # The false alarms have 0.55, every true detection more: the best threshold leaves them out.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
-    assert "best F1 on the validation photographs" in (tmp_path / "out" / "report.md").read_text()
+    assert "best F1 on the validation photographs" in markdown(blocks(report))
 
 
 def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):

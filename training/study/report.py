@@ -43,7 +43,22 @@ WORTH_BY = ("f1", "recall", "ap50")
 
 
 def write_report(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
-    """Compare the finished runs of a study and write what came out into its folder.
+    """Compare the finished runs of a study, as `compared_runs`, and write report and charts into its folder."""
+    study = Path(study)
+    report = compared_runs(study, progress=progress)
+    drawn = charts_of(report)
+    for name, (as_png, as_svg) in drawn.items():
+        _write(study / f"{name}.png", as_png)
+        _write(study / f"{name}.svg", as_svg)
+    told: list[Block] = blocks(report)
+    _write(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
+    _write(study / "report.md", markdown(told).encode())
+    _write(study / "report.html", html(told, {name: as_svg for name, (_, as_svg) in drawn.items()}).encode())
+    return report
+
+
+def compared_runs(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+    """Compare the finished runs of a study.
 
     Parameters
     ----------
@@ -75,20 +90,11 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
             progress(done, len(finished))
     found = _compared(manifest, runs)
     failures = read_failures(study)
-    report = {
+    return {
         **found,
         "missing": {run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
         "times": {run.name: _time(study, run) for run in finished},
     }
-    drawn = charts_of(report)
-    for name, (as_png, as_svg) in drawn.items():
-        _write(study / f"{name}.png", as_png)
-        _write(study / f"{name}.svg", as_svg)
-    told: list[Block] = blocks(report)
-    _write(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    _write(study / "report.md", markdown(told).encode())
-    _write(study / "report.html", html(told, {name: as_svg for name, (_, as_svg) in drawn.items()}).encode())
-    return report
 
 
 def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, valid: Labels | None) -> Judged:
