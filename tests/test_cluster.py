@@ -72,10 +72,10 @@ class Course:
         return line
 
 
-def assert_same(one, two):
+def assert_same(one, two, images=IMAGES):
     assert (one / "annotations.json").read_bytes() == (two / "annotations.json").read_bytes()
     pictures = [{path.name: path.read_bytes() for path in (made / "images").iterdir()} for made in (one, two)]
-    assert len(pictures[0]) == IMAGES
+    assert len(pictures[0]) == images
     assert pictures[0] == pictures[1]
     assert not (two / ".unfinished").exists()
     assert (one / "provenance.json").read_bytes() == (two / "provenance.json").read_bytes()
@@ -289,3 +289,48 @@ def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_pa
     assert "File too large" in line
     Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert_same(folder / "whole", tmp_path / "d")
+
+
+SECRET = """
+import sys
+import bpy
+source, secret, target = sys.argv[1:]
+image = bpy.data.images.new("secret", 8, 8)
+image.generated_color = (1.0, 0.9, 0.0, 1.0)
+image.filepath_raw = secret
+image.file_format = "PNG"
+image.save()
+bpy.ops.wm.open_mainfile(filepath=source)
+material = bpy.data.materials.new("ground")
+tree = material.node_tree
+texture = tree.nodes.new("ShaderNodeTexImage")
+texture.image = bpy.data.images.load(secret)
+tree.links.new(texture.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+for thing in bpy.data.objects:
+    if thing.type == "MESH":
+        thing.data.materials.clear()
+        thing.data.materials.append(material)
+bpy.ops.wm.save_as_mainfile(filepath=target, relative_remap=False)
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
+def test_a_texture_elsewhere_is_as_missing_as_on_one_machine(folder, tmp_path, hidden):
+    """It was magenta in a local render and visible on a cluster."""
+    client, secret = tmp_path / "client" / "pack" / "worlds", tmp_path / "secret" / "ground.png"
+    for made in (client, secret.parent):
+        made.mkdir(parents=True)
+    for name in ("tank.blend", "grey.exr"):
+        shutil.copy(folder / name, client / name)
+    command = [sys.executable, "-c", SECRET, str(folder / "field.blend"), str(secret), str(client / "field.blend")]
+    subprocess.run(command, check=True, capture_output=True)
+    plan = plan_in(client, images=2)
+    render_plan(plan, tmp_path / "whole", device="cpu")
+    with cluster(tmp_path / "nodes") as nodes:
+        nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(tmp_path / "client")) if hidden else ())
+        Course(tmp_path / "d", plan, nodes.address)
+        kept = contents_of(nodes) if (nodes.folder / "sent").is_dir() else {}
+    assert_same(tmp_path / "whole", tmp_path / "d", images=2)
+    assert sha256(secret) not in kept

@@ -20,6 +20,7 @@ from render.blender.nodes import add_node
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
+MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
 FINE = 1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
 
 
@@ -133,6 +134,8 @@ class HdriWorld:
             pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
             small.pixels.foreach_get(pixels)
             small.buffers_free()  # and stays, as of `_colour_space`
+            if len(self._small) >= MOST_MAPS:
+                del self._small[next(iter(self._small))]
             self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
         return self._small[self._path]
 
