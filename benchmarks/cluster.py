@@ -25,7 +25,7 @@ from render.node import SHARE_VARIABLE
 from render.pool import DEFAULT_LIMITS, Pool
 from render.remaining import sort_key
 from render.scheduler import Scheduler
-from render.supervisor import render_plan
+from render.supervisor import Engine, render_plan
 from tests.clusters import Cluster, blenders, cluster
 from tests.oracles.resuming import differences
 
@@ -104,7 +104,7 @@ def _pool(nodes: Cluster, assets: RenderAssets, output: Path) -> ClusterPool:
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
     """A plan on three workers, of which one, or its Blender, is killed again and again; another takes its place."""
     plan, assets = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
-    render_plan(plan.path, folder / "whole", assets=assets, device="cpu")
+    render_plan(plan.path, folder / "whole", assets=assets, engine=Engine(device="cpu"))
     found: dict[str, Any] = {"images": len(plan), "workers": 3}
     rng = np.random.default_rng(3)
     for name in ("quiet", "killed"):
@@ -114,13 +114,12 @@ def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
                 plan.path,
                 folder / name / "dataset",
                 assets=assets,
-                device="cpu",
-                scheduler=Scheduler(nodes.address),
                 progress=lambda progress, nodes=nodes, victims=victims, kill=name == "killed": (
                     _strike(nodes, victims, rng)
                     if kill and len(victims) < n and progress.finished > 3 * (len(victims) + 1)
                     else None
                 ),
+                engine=Engine(device="cpu", scheduler=Scheduler(nodes.address)),
             )
         found[name] = {
             "seconds": report.seconds,

@@ -65,20 +65,117 @@ class RenderReport:
         return self.already + self.rendered == self.images
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Images of a plan.
+
+    Parameters
+    ----------
+    limit
+        Only the first so many; None for all.
+    share
+        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `dataset.join`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such part.
+    """
+
+    limit: int | None = None
+    share: tuple[int, int] = (1, 1)
+
+    def __post_init__(self) -> None:
+        if self.limit is not None and self.limit < 0:
+            raise ValueError(f"limit: expected at least 0, got {self.limit}")
+        if not 1 <= self.share[0] <= self.share[1]:
+            raise ValueError(f"share: expected (k, n) with k from 1 to n, got {self.share}")
+
+
+WHOLE = Part()
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """What renders: Blender processes of this machine, or the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    workers
+        Processes of this machine; None for one a GPU, or one if there is none.
+    device
+        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
+    blender
+        An installed Blender to use in place of the bpy module.
+    scheduler
+        Of a Dask cluster whose workers render; None for processes of this machine.
+    require_confinement
+        Whether to use only workers of a cluster that can confine Blender.
+    limits
+        Time, memory and attempts.
+    """
+
+    workers: int | None = None
+    device: str = "auto"
+    blender: str | None = None
+    scheduler: Scheduler | None = None
+    require_confinement: bool = False
+    limits: Limits = DEFAULT_LIMITS
+
+    def pool(self, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]) -> Renders:
+        """What does the jobs of a session.
+
+        Raises
+        ------
+        HulldownError
+            If Dask isn't installed, or no scheduler answers.
+        """
+        if self.scheduler is None:
+            return Pool(
+                logs,
+                blender=self.blender,
+                device=self.device,
+                workers=self.workers,
+                limits=self.limits,
+                say=session.say,
+                stopping=stopping,
+                confinement=confinement_of(assets, session.unfinished, gpu=self.device != "cpu"),
+            )
+        return _cluster_pool(self.scheduler)(
+            self.scheduler,
+            assets,
+            device=self.device,
+            limits=self.limits,
+            say=session.say,
+            stopping=stopping,
+            require_confinement=self.require_confinement,
+        )
+
+
+DEFAULT_ENGINE = Engine()
+
+
+def _cluster_pool(scheduler: Scheduler) -> type[ClusterPool]:
+    """Dask's side, which is loaded by those that use it only."""
+    try:
+        from render.cluster_pool import ClusterPool
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise HulldownError(
+            "needs Dask, which is not installed", path=scheduler.address, remedy="pip install 'hulldown[cluster]'"
+        ) from None
+    return ClusterPool
+
+
 def render_plan(
     plan_path: Path | str,
     dataset_folder: Path | str,
     *,
+    engine: Engine = DEFAULT_ENGINE,
+    part: Part = WHOLE,
     assets: RenderAssets | None = None,
     cache: Path | None = None,
-    workers: int | None = None,
-    device: str = "auto",
-    limit: int | None = None,
-    share: tuple[int, int] = (1, 1),
-    blender: str | None = None,
-    scheduler: Scheduler | None = None,
-    require_confinement: bool = False,
-    limits: Limits = DEFAULT_LIMITS,
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
@@ -90,26 +187,14 @@ def render_plan(
         The plan.
     dataset_folder
         Where to add images and annotations.
+    engine
+        What renders.
+    part
+        Which images of the plan.
     assets
         The plan's files; those that its header names if not given.
     cache
         Where these are kept; beside the plan if None.
-    workers
-        Processes that render; None for one a GPU, or one if there is none.
-    device
-        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
-    limit
-        Only the first so many images of the plan.
-    share
-        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `dataset.join`.
-    blender
-        An installed Blender to use in place of the bpy module.
-    scheduler
-        Of a Dask cluster whose workers render; None for processes of this machine.
-    require_confinement
-        Whether to use only workers of a cluster that can confine Blender.
-    limits
-        Time, memory and attempts.
     read_limits
         When the reading of an asset that the cache does not have is given up.
     progress
@@ -120,12 +205,10 @@ def render_plan(
     HulldownError
         If plan, assets or dataset cannot be used, or Blender does not work at all.
     """
-    if limit is not None and limit < 0:
-        raise ValueError(f"limit: expected at least 0, got {limit}")
-    if not 1 <= share[0] <= share[1]:
-        raise ValueError(f"share: expected (k, n) with k from 1 to n, got {share}")
-    if blender is not None and shutil.which(blender) is None:
-        raise HulldownError("is no program that can be started", path=blender, remedy="name Blender's executable")
+    if engine.blender is not None and shutil.which(engine.blender) is None:
+        raise HulldownError(
+            "is no program that can be started", path=engine.blender, remedy="name Blender's executable"
+        )
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
@@ -138,36 +221,16 @@ def render_plan(
             limits=read_limits,
         )
     outline = Outline(plan)
-    wanted = len(plan) if limit is None else min(limit, len(plan))
+    wanted = len(plan) if part.limit is None else min(part.limit, len(plan))
     had_logs = (folder / LOGS_NAME).exists()
     with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
         pool: Renders | None = None
         try:
-            remaining = Remaining(outline, dataset, wanted, share=share)
+            remaining = Remaining(outline, dataset, wanted, share=part.share)
             session = Session(plan, dataset, remaining, assets, say)
-            if scheduler is None:
-                pool = Pool(
-                    confined(folder, LOGS_NAME),
-                    blender=blender,
-                    device=device,
-                    workers=workers,
-                    limits=limits,
-                    say=session.say,
-                    stopping=stopping,
-                    confinement=confinement_of(assets, session.unfinished, gpu=device != "cpu"),
-                )
-            else:
-                pool = _cluster(scheduler)(
-                    scheduler,
-                    assets,
-                    device=device,
-                    limits=limits,
-                    say=session.say,
-                    stopping=stopping,
-                    require_confinement=require_confinement,
-                )
+            pool = engine.pool(confined(folder, LOGS_NAME), assets, session, stopping)
             with pool:
                 session.render(pool)
         except Stopped:
@@ -196,19 +259,6 @@ def render_plan(
         interrupted=interrupted,
         seconds=time.monotonic() - start,
     )
-
-
-def _cluster(scheduler: Scheduler) -> type[ClusterPool]:
-    """Dask's side, which is loaded by those that use it only."""
-    try:
-        from render.cluster_pool import ClusterPool
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise HulldownError(
-            "needs Dask, which is not installed", path=scheduler.address, remedy="pip install 'hulldown[cluster]'"
-        ) from None
-    return ClusterPool
 
 
 def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:

@@ -21,7 +21,7 @@ from planning.write import write_plan
 from reading.export import export
 from reading.landlock import abi
 from render.scheduler import Scheduler
-from render.supervisor import render_plan
+from render.supervisor import Engine, render_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILDER = Path(__file__).with_name("attack_files.py")
@@ -121,10 +121,10 @@ def planned(attack: Path) -> Path:
 def test_no_attack_succeeds_on_the_way_to_a_picture(attack: Path, planned: Path, where: str, tmp_path: Path) -> None:
     before, opened, out = written(attack), Opened(attack / "secret"), attack / "mine/out" / where
     if where == "here":
-        report = render_plan(planned, out, device="cpu")
+        report = render_plan(planned, out, engine=Engine(device="cpu"))
     else:
         with cluster(tmp_path / "nodes", 1) as nodes:
-            report = render_plan(planned, out, scheduler=Scheduler(nodes.address), device="cpu")
+            report = render_plan(planned, out, engine=Engine(scheduler=Scheduler(nodes.address), device="cpu"))
     assert report.failed == ()
     assert report.rendered == len(read_plan(planned))
     assert opened.names() == set()

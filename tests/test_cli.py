@@ -145,7 +145,7 @@ def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
 
     monkeypatch.setattr("render.supervisor.render_plan", rendered)
     assert cli.main(["render", "plan.jsonl", "-o", "dataset", *flags]) == 2
-    assert given["limits"].job_s == seconds
+    assert given["engine"].limits.job_s == seconds
 
 
 def test_join_says_what_it_has_done(run, tmp_path):

@@ -24,7 +24,7 @@ from reading.landlock import abi
 from render.cluster import Cluster
 from render.node import refusal, versions
 from render.scheduler import Scheduler
-from render.supervisor import render_plan
+from render.supervisor import Engine, render_plan
 from tests.blender_plans import IMAGES, make_worlds, plan_in
 from tests.certificates import certificates, needs_openssl
 from tests.clusters import HIDDEN, ROOT, blenders, cluster
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("cluster")
     make_worlds(made)
     plan_in(made)
-    render_plan(made / "plan.jsonl", made / "whole", device="cpu")
+    render_plan(made / "plan.jsonl", made / "whole", engine=Engine(device="cpu"))
     return made
 
 
@@ -56,7 +56,7 @@ class Course:
         self.said, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
         scheduler = Scheduler(address)
-        self.report = render_plan(plan, folder, scheduler=scheduler, device="cpu", progress=self._show)
+        self.report = render_plan(plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu"))
 
     def _show(self, progress):
         self.workers.add(progress.workers)
@@ -105,7 +105,9 @@ def test_a_plan_is_rendered_over_tls(folder, tmp_path):
     with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
         assert nodes.address.startswith("tls://")
         scheduler = Scheduler(nodes.address, **files)
-        assert render_plan(folder / "plan.jsonl", tmp_path / "d", device="cpu", scheduler=scheduler).complete
+        assert render_plan(
+            folder / "plan.jsonl", tmp_path / "d", engine=Engine(device="cpu", scheduler=scheduler)
+        ).complete
     assert_same(folder / "whole", tmp_path / "d")
 
 
@@ -249,7 +251,7 @@ def test_libraries_and_textures_are_sent_too(tmp_path):
     made.mkdir()
     make_worlds(made, "linked_worlds.py")
     plan = plan_in(made, vehicle="vehicles/tank.obj", scenery="sceneries/field.blend")
-    render_plan(plan, tmp_path / "whole", device="cpu")
+    render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(made)))
         course = Course(tmp_path / "d", plan, nodes.address)
@@ -267,7 +269,7 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
     lines[2] |= {"width": 2, "height": 2}
     plan = folder / "poisoned.jsonl"
     plan.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    whole = render_plan(plan, tmp_path / "whole", device="cpu")
+    whole = render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     course = Course(tmp_path / "d", plan, nodes.address)
     assert course.report.failed == whole.failed == ("images/00000002.png",)
     for name in ("annotations.json", "failures.jsonl"):
@@ -327,7 +329,7 @@ def test_a_texture_elsewhere_is_as_missing_as_on_one_machine(folder, tmp_path, h
     command = [sys.executable, "-c", SECRET, str(folder / "field.blend"), str(secret), str(client / "field.blend")]
     subprocess.run(command, check=True, capture_output=True)
     plan = plan_in(client, images=2)
-    render_plan(plan, tmp_path / "whole", device="cpu")
+    render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(tmp_path / "client")) if hidden else ())
         Course(tmp_path / "d", plan, nodes.address)

@@ -23,7 +23,7 @@ from render.jobs import SceneryFile, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
 from render.messages import to_json
 from render.process import WORKER, WorkerProcess, worker_command
-from render.supervisor import render_plan
+from render.supervisor import Part, render_plan
 from tests.blender_plans import copied, draw, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
@@ -130,7 +130,7 @@ def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan
 
 
 def test_the_same_plan_is_the_same_files(dataset, plan, assets, tmp_path):
-    render_plan(plan.path, tmp_path / "again", assets=assets, limit=2)
+    render_plan(plan.path, tmp_path / "again", assets=assets, part=Part(limit=2))
     pictures = sorted((tmp_path / "again" / "images").iterdir())
     assert [p.read_bytes() for p in pictures] == [(dataset / "images" / p.name).read_bytes() for p in pictures]
     assert not any(str(plan.path.parent).encode() in p.read_bytes() for p in pictures)

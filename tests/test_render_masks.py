@@ -11,7 +11,7 @@ from planning.plan_file import read_plan
 from planning.row import PlannedVehicle
 from render.jobs import mask_job
 from render.masks import RowMasks, verify_masks
-from render.supervisor import render_plan
+from render.supervisor import Engine, render_plan
 from tests.render_plans import ASSETS, make_row, write_plan
 
 
@@ -35,7 +35,7 @@ def as_annotated(coco, monkeypatch, labels=2):
 )
 def test_a_label_that_is_damaged_is_a_finding_and_others_are_measured(tmp_path, blender, monkeypatch, change):
     plan = write_plan(tmp_path, [make_row(i) for i in range(2)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     path = tmp_path / "d" / "annotations.json"
     coco = json.loads(path.read_text())
     as_annotated(coco, monkeypatch, labels=1)
@@ -50,7 +50,7 @@ def test_a_label_that_is_damaged_is_a_finding_and_others_are_measured(tmp_path, 
 
 def test_a_label_without_mask_and_area_has_its_box_measured(tmp_path, blender, monkeypatch):
     plan = write_plan(tmp_path, [make_row(0)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     path = tmp_path / "d" / "annotations.json"
     coco = json.loads(path.read_text())
     as_annotated(coco, monkeypatch, labels=1)
@@ -68,7 +68,7 @@ def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_p
     beside = make_row(0, world_from_vehicle=pose.tolist(), bbox=[2.0, 6.0, 4.0, 4.0])
     other = {key: beside[key] for key in PlannedVehicle.__struct_fields__ if key in beside}
     plan = write_plan(tmp_path, [make_row(i, companions=[other]) for i in range(2)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     path = tmp_path / "d" / "annotations.json"
     coco = json.loads(path.read_text())
     as_annotated(coco, monkeypatch)

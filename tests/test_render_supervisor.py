@@ -19,7 +19,7 @@ from dataset.join import join
 from geometry.errors import DatasetError
 from reading.landlock import confinement
 from render.jobs import RenderAssets
-from render.supervisor import render_plan
+from render.supervisor import Engine, Part, render_plan
 from tests.render_plans import ASSETS, contents, make_row, write_plan
 
 
@@ -28,7 +28,11 @@ def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
     plan = write_plan(tmp_path, [make_row(i) for i in range(7)])
     seen = []
     report = render_plan(
-        plan, tmp_path / "d", assets=ASSETS, blender=blender, workers=workers, progress=lambda p: seen.append(p)
+        plan,
+        tmp_path / "d",
+        assets=ASSETS,
+        progress=lambda p: seen.append(p),
+        engine=Engine(blender=blender, workers=workers),
     )
     assert (report.images, report.already, report.rendered, report.failed) == (7, 0, 7, ())
     assert report.complete
@@ -43,7 +47,7 @@ def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
 
 def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     coco = COCO(tmp_path / "d" / "annotations.json")
     annotation = coco.anns[1]
     # 16 px over 53.13 degrees: f = 16 px; the cube's near face is 2 m wide, 10 m away: from 6.4 to 9.6 px.
@@ -58,12 +62,12 @@ def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
 def test_a_picture_of_any_size_that_blender_writes_is_taken(tmp_path, blender, monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses from twice as many on; a row has 256
     plan = write_plan(tmp_path, [make_row(0)])
-    assert render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender).complete
+    assert render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender)).complete
 
 
 def test_provenance_says_what_was_used(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
     assert entry["blender"] == ["fake"]
     assert entry["devices"] == ["CPU"]
@@ -79,21 +83,21 @@ def test_provenance_is_there_with_the_first_image(tmp_path, blender):
         there[progress.finished] = (tmp_path / "d" / "provenance.json").exists()
 
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, progress=look)
+    render_plan(plan, tmp_path / "d", assets=ASSETS, progress=look, engine=Engine(blender=blender))
     assert there == {0: False, 1: True, 2: True, 3: True}
 
 
 def test_a_second_run_does_nothing_twice(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(i) for i in range(6)])
-    first = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, limit=4)
+    first = render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=4))
     assert (first.images, first.rendered) == (4, 4)
-    second = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    second = render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     assert (second.images, second.already, second.rendered) == (6, 4, 2)
     before = contents(tmp_path / "d")
-    third = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    third = render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     assert (third.already, third.rendered) == (6, 0)
     assert contents(tmp_path / "d") == before
-    render_plan(plan, tmp_path / "whole", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "whole", assets=ASSETS, engine=Engine(blender=blender))
     assert contents(tmp_path / "whole") == before
 
 
@@ -105,7 +109,7 @@ def test_shares_are_the_whole_and_each_row_is_in_one(tmp_path, blender, limit, n
     plan = write_plan(tmp_path, rows)
     parts = [tmp_path / str(k) for k in range(1, n + 1)]
     reports = [
-        render_plan(plan, part, assets=assets, blender=blender, limit=limit, share=(k, n))
+        render_plan(plan, part, assets=assets, engine=Engine(blender=blender), part=Part(limit=limit, share=(k, n)))
         for k, part in enumerate(parts, start=1)
     ]
     assert all(report.complete for report in reports)
@@ -113,7 +117,7 @@ def test_shares_are_the_whole_and_each_row_is_in_one(tmp_path, blender, limit, n
     assert sum(sizes) == (limit or 8)
     assert max(sizes) - min(sizes) <= 1
     assert join(parts, tmp_path / "joined").added == sum(sizes)
-    render_plan(plan, tmp_path / "whole", assets=assets, blender=blender, limit=limit)
+    render_plan(plan, tmp_path / "whole", assets=assets, engine=Engine(blender=blender), part=Part(limit=limit))
     assert contents(tmp_path / "joined") == contents(tmp_path / "whole")
     for name in ("annotations.json", "provenance.json"):
         assert (tmp_path / "joined" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -129,18 +133,18 @@ def test_a_picture_that_cannot_be_recorded_keeps_its_name(tmp_path, blender, mon
     with monkeypatch.context() as patch:
         patch.setattr(CocoDataset, "append", full)
         with pytest.raises(DatasetError, match="the disk is full"):
-            render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
-    render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
-    render_plan(plan, tmp_path / "whole", assets=ASSETS, blender=blender)
+            render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+    render_plan(plan, tmp_path / "whole", assets=ASSETS, engine=Engine(blender=blender))
     assert contents(tmp_path / "d") == contents(tmp_path / "whole")
 
 
 def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender):
     one = write_plan(tmp_path / "one", [make_row(i) for i in range(3)])
     two = write_plan(tmp_path / "two", [make_row(i, strength=2.0) for i in range(3)])
-    render_plan(one, tmp_path / "d", assets=ASSETS, blender=blender, limit=2)
-    render_plan(two, tmp_path / "d", assets=ASSETS, blender=blender)
-    render_plan(one, tmp_path / "d", assets=ASSETS, blender=blender)
+    render_plan(one, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
+    render_plan(two, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+    render_plan(one, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     images, annotations, categories, pictures = contents(tmp_path / "d")
     assert [image["id"] for image in images] == [1, 2, 3, 4, 5, 6]
     assert [annotation["image_id"] for annotation in annotations] == [1, 2, 3, 4, 5, 6]
@@ -151,7 +155,7 @@ def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender):
 def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, blender):
     rows = [make_row(i, **({"width": 65536} if i == 2 else {})) for i in range(4)]
     plan = write_plan(tmp_path, rows)
-    report = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    report = render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     assert report.failed == ("images/00000003.png",)
     assert report.rendered == 3
     assert not report.complete
@@ -160,26 +164,26 @@ def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, blender
     assert failure["index"] == 2
     assert len(failure["reasons"]) == 3
     assert [image["id"] for image in read_coco(tmp_path / "d")["images"]] == [1, 2, 4]
-    again = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender)
+    again = render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     assert (again.already, again.failed) == (3, ("images/00000003.png",))
 
 
 def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, blender):
     rows = [make_row(i, **({"width": 65536} if i == 2 else {})) for i in range(4)]
     plan, dataset = write_plan(tmp_path, rows), tmp_path / "d"
-    render_plan(plan, dataset, assets=ASSETS, blender=blender, limit=1)
+    render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=1))
     other = [f"images/{name}.png" for name in ("00000004", "2-1f0c9a77-00000001")]
     lines = [{"file_name": name, "reasons": []} for name in (*other, "images/00000002.png")]
     (dataset / "failures.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
-    render_plan(plan, dataset, assets=ASSETS, blender=blender, limit=2)
+    render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
     assert [line["file_name"] for line in read_failures(dataset)] == other
-    render_plan(plan, dataset, assets=ASSETS, blender=blender, limit=3)
+    render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=3))
     assert [line["file_name"] for line in read_failures(dataset)] == [*other, "images/00000003.png"]
 
 
 def run_apart(plan, dataset, blender, workers):
     os.setsid()
-    render_plan(plan, dataset, assets=ASSETS, blender=blender, workers=workers)
+    render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender, workers=workers))
     os._exit(0)
 
 
@@ -196,7 +200,7 @@ def test_killed_runs_lose_and_double_nothing(tmp_path, blender, number):
             os.kill(process.pid, number)
             process.join()
     assert process.exitcode == 0
-    render_plan(plan, tmp_path / "whole", assets=ASSETS, blender=blender)
+    render_plan(plan, tmp_path / "whole", assets=ASSETS, engine=Engine(blender=blender))
     assert contents(tmp_path / "d") == contents(tmp_path / "whole")
     assert not (tmp_path / "d" / ".unfinished").exists()
 
@@ -209,7 +213,7 @@ def test_stopping_says_so_and_ends_the_workers(tmp_path, blender):
             os.kill(os.getpid(), signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)  # ignored, where the tests run in the background
-    report = render_plan(plan, tmp_path / "d", assets=ASSETS, blender=blender, progress=stop_after_five)
+    report = render_plan(plan, tmp_path / "d", assets=ASSETS, progress=stop_after_five, engine=Engine(blender=blender))
     assert report.interrupted
     assert not report.complete
     assert 5 <= report.rendered < 500

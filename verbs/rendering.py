@@ -40,7 +40,7 @@ from verbs.terminal import (
 
 def _render(arguments: argparse.Namespace) -> int:
     from render.pool import DEFAULT_LIMITS
-    from render.supervisor import render_plan
+    from render.supervisor import Engine, Part, render_plan
 
     with titled_bar(unit="images") as advance:
 
@@ -53,17 +53,18 @@ def _render(arguments: argparse.Namespace) -> int:
         report = render_plan(
             arguments.plan,
             arguments.output,
-            workers=arguments.workers,
-            device=arguments.device,
-            limit=arguments.limit,
-            share=arguments.share,
-            blender=arguments.blender,
-            scheduler=_scheduler(arguments),
-            require_confinement=arguments.require_confinement,
-            limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
             read_limits=read_limits(arguments),
             cache=arguments.cache,
             progress=show,
+            engine=Engine(
+                workers=arguments.workers,
+                device=arguments.device,
+                blender=arguments.blender,
+                scheduler=_scheduler(arguments),
+                require_confinement=arguments.require_confinement,
+                limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
+            ),
+            part=Part(limit=arguments.limit, share=arguments.share),
         )
     if arguments.json:
         print_json(dataclasses.asdict(report))
