@@ -47,7 +47,7 @@ def measure(
 
     for where, row, assets in pictures:
         truth, _ = picture(row, assets, {**PAPER, "samples": reference_samples, "denoise": False})
-        x, y, w, h = row.bbox
+        x, y, w, h = row.target.bbox
         box = np.s_[int(y) : int(np.ceil(y + h)), int(x) : int(np.ceil(x + w))]
         points = {}
         for name in rng.permutation(list(VARIANTS)):

@@ -49,4 +49,4 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
 
 
 def _lacking(record: dict[str, object], kind: type[Struct]) -> list[str]:
-    return [info.name for info in msgspec.structs.fields(kind) if info.required and info.name not in record]
+    return [name for name in fields(kind) if name not in record]

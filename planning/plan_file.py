@@ -142,7 +142,7 @@ def read_plan(path: str | Path) -> Plan:
     >>> plan = read_plan("plan.jsonl")
     >>> len(plan), plan.header.seed
     (22, 0)
-    >>> plan[3].bbox._fields, plan[3].world_from_camera.shape
+    >>> plan[3].target.bbox._fields, plan[3].world_from_camera.shape
     (('x', 'y', 'width', 'height'), (4, 4))
     """
     path = Path(path)

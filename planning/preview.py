@@ -74,11 +74,12 @@ def preview_sheet(
 
 def caption(row: Row) -> str:
     """What a picture does not say by itself."""
-    distance = np.linalg.norm(row.world_from_camera[:3, 3] - row.world_from_vehicle[:3, 3])
-    colour = next((f", {coat.colour}" for coat in row.paint if coat.colour and not row.empty), "")
+    target = row.target
+    distance = np.linalg.norm(row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3])
+    colour = next((f", {coat.colour}" for coat in target.paint if coat.colour and not row.empty), "")
     return (
-        f"{row.image_id}: {'nothing' if row.empty else row.vehicle}{colour} in {row.scenery}, {distance:.0f} m, "
-        f"{'' if row.empty else f'{100 * row.visible_fraction:.0f} % visible, '}{row.hdri}{_weather(row.weather)}"
+        f"{row.image_id}: {'nothing' if row.empty else target.vehicle}{colour} in {row.scenery}, {distance:.0f} m, "
+        f"{'' if row.empty else f'{100 * target.visible_fraction:.0f} % visible, '}{row.hdri}{_weather(row.weather)}"
     )
 
 

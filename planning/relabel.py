@@ -43,10 +43,9 @@ def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:
         replace(vehicle, **labels)
         for vehicle, labels in zip(row.planned, _labels(row, site, stage.fleet, config), strict=True)
     )
-    assert isinstance(target, Row)
     n = len(row.companions)
     label: Label = "none" if row.background else "full"
-    return replace(target, label=label, companions=extras[:n], distractors=extras[n:])
+    return replace(row, target=replace(target, label=label), companions=extras[:n], distractors=extras[n:])
 
 
 def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str, object]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
@@ -96,8 +96,8 @@ Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge
 Turn = Annotated[float, _is("a number from -360 to 360", "1e-9 degrees", _to(9), ge=-360, le=360)]
 FieldOfView = Annotated[float, _is("a number above 0 and below 180", "1e-12 degrees", _to(12), gt=0, lt=180)]
 Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, rotation to 1e-12", _poses)]
-Frame = Annotated[Box, _is("[x, y, width, height]", "1e-6 pixels", _boxes)]
-FrameOrNone = Annotated[Box | None, _is("[x, y, width, height] or null", "1e-6 pixels", _boxes)]
+_FRAME = "[x, y, width, height]"
+FrameOrNone = Annotated[Box | None, _is(f"{_FRAME} or null", "1e-6 pixels", _boxes)]
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
 EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
@@ -135,13 +135,9 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     air_contrast: Annotated[Share, _means("share of its contrast that is left after haze, docs/weather.md")]
 
 
-class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
-    """An image of a plan and the vehicle that its camera is framed on; see docs/plan-file.md.
+class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
+    """An image of a plan without the vehicle that its camera is framed on."""
 
-    That is its target, unless it is a background: then it is left out of the picture, or it is a distractor.
-    """
-
-    bbox: Annotated[Frame, _means("the surface in the frame")]
     index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
     image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
     file_name: Annotated[PictureName, _means("where the picture goes; no two differ in capitals only", recorded=False)]
@@ -182,15 +178,28 @@ class Row(PlannedVehicle, frozen=True, eq=False, kw_only=True, gc=False):
     ]
     left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)]
 
+
+class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
+    """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
+
+    Parameters
+    ----------
+    target
+        The vehicle that the camera is framed on. In a background it is left out of the picture, or it is a distractor.
+        A line of a plan has its fields beside those of the image.
+    """
+
+    target: PlannedVehicle
+
     @property
     def planned(self) -> list[PlannedVehicle]:
         """What the camera is framed on, in the picture or not, then companions, then distractors."""
-        return [self, *self.companions, *self.distractors]
+        return [self.target, *self.companions, *self.distractors]
 
     @property
     def empty(self) -> bool:
         """Whether the vehicle that the camera is framed on is left out of the picture."""
-        return self.background and self.category is not None
+        return self.background and self.target.category is not None
 
     @property
     def vehicles(self) -> list[PlannedVehicle]:
@@ -308,7 +317,10 @@ class Field:
 
 @cache
 def fields(kind: type[Struct]) -> Mapping[str, Field]:
-    """The fields of a declared type, in the order in which they are written."""
+    """The fields of a declared type, in the order in which they are written; of a row, those of its target, too."""
+    if kind is Row:
+        targets = fields(PlannedVehicle)
+        return {**targets, "bbox": replace(targets["bbox"], expected=_FRAME), **fields(_Image)}
     hints = get_type_hints(kind, include_extras=True)
     found = {}
     for name in kind.__struct_fields__:
@@ -338,16 +350,31 @@ def picture_name(index: int) -> str:
     return f"images/{index + 1:08d}.png"
 
 
-decode_row = msgspec.json.Decoder(Row, dec_hook=decoded_pose).decode
+_decode_image = msgspec.json.Decoder(_Image, dec_hook=decoded_pose).decode
+_decode_target = msgspec.json.Decoder(PlannedVehicle, dec_hook=decoded_pose).decode
 decode_header = msgspec.json.Decoder(Header).decode
 _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 
 
+def decode_row(line: bytes) -> Row:
+    """The row in a line of a plan."""
+    target, image = _decode_target(line), _decode_image(line)
+    if target.bbox is None:
+        raise msgspec.ValidationError("Expected `array`, got `null` - at `$.bbox`")
+    return Row(target=target, **msgspec.structs.asdict(image))
+
+
 def encode(record: Struct) -> bytes:
-    """One line: a header or a row; floats with the fewest digits that read back exactly."""
-    return _encoder.encode(record) + b"\n"
+    """One line: a header, a row, or a vehicle; floats with the fewest digits that read back exactly."""
+    return _encoder.encode(_flat(record) if isinstance(record, Row) else record) + b"\n"
+
+
+def _flat(row: Row) -> dict[str, Any]:
+    """The fields of a line."""
+    image = msgspec.structs.asdict(row)
+    return {**msgspec.structs.asdict(image.pop("target")), **image}
 
 
 def encode_rows(rows: list[Row]) -> bytes:
     """A line for each row."""
-    return _encoder.encode_lines(rows)
+    return _encoder.encode_lines([_flat(row) for row in rows])

@@ -61,8 +61,7 @@ def rows_of(
     found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()
     return [
         Row(
-            **vehicles[target[i]],
-            **seen,
+            target=PlannedVehicle(**vehicles[target[i]], **seen, label="none" if background[i] else "full"),
             index=image,
             image_id=image + 1,
             file_name=picture_name(image),
@@ -82,7 +81,6 @@ def rows_of(
             weather=weather,
             sample_seed=seed,
             background=background[i],
-            label="none" if background[i] else "full",
             companions=beside[j, Role.COMPANION],
             distractors=beside[j, Role.DISTRACTOR],
             rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},

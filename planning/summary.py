@@ -166,11 +166,13 @@ class Summary:
             return
         for row in rows:
             if row.background:
-                self.backgrounds["" if row.empty else row.vehicle] += 1
+                self.backgrounds["" if row.empty else row.target.vehicle] += 1
             else:
-                size = next(name for name, limit in SIZES.items() if row.bbox.width * row.bbox.height < limit)
-                self.vehicles[str(row.category), row.vehicle] += 1
-                self.sizes[str(row.category), size] += 1
+                box, category = row.target.bbox, str(row.target.category)
+                assert box is not None  # a target has one
+                size = next(name for name, limit in SIZES.items() if box.width * box.height < limit)
+                self.vehicles[category, row.target.vehicle] += 1
+                self.sizes[category, size] += 1
             self.sceneries[row.scenery] += 1
             self.hdris[row.hdri] += 1
             self.positions += row.shot == 0
@@ -190,18 +192,18 @@ class Summary:
             return
         cameras, vehicles = (
             np.stack([pose[:3, 3] for pose in poses])
-            for poses in ([row.world_from_camera for row in rows], [row.world_from_vehicle for row in rows])
+            for poses in ([row.world_from_camera for row in rows], [row.target.world_from_vehicle for row in rows])
         )
-        away, boxes = cameras - vehicles, np.array([row.bbox for row in rows])
+        away, boxes = cameras - vehicles, np.array([row.target.bbox for row in rows])
         values = {
             "distance_m": np.linalg.norm(away, axis=1),
             "elevation_deg": np.degrees(np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))),
             "exposure_ev": np.array([row.exposure_ev for row in rows]),
             "box_px": np.sqrt(boxes[:, 2] * boxes[:, 3]),
-            "air_contrast": np.array([row.air_contrast for row in rows if row.weather]),
+            "air_contrast": np.array([row.target.air_contrast for row in rows if row.weather]),
         }
         for key, histogram in self.histograms.items():
-            histogram.add(values[key] if key in values else np.array([getattr(row, key) for row in rows]))
+            histogram.add(values[key] if key in values else np.array([getattr(row.target, key) for row in rows]))
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers."""

@@ -129,7 +129,7 @@ def test_every_row_keeps_every_limit(config):
 
 def budget_is_met(rows, budget):
     """Every vehicle has exactly its images, and backgrounds come beside them."""
-    images = Counter(row.vehicle for row in rows if not row.background)
+    images = Counter(row.target.vehicle for row in rows if not row.background)
     assert [images[name] for name in budget.vehicles] == budget.images.tolist()
     assert sum(row.background for row in rows) == budget.backgrounds
 
@@ -147,7 +147,7 @@ def guests_keep_their_distance(row, config):
     limits = config.placement
     for kind, (low, high) in (("companions", limits.companion_distance), ("distractors", limits.distractor_distance)):
         for vehicle in getattr(row, kind):
-            away = math.dist(vehicle.world_from_vehicle[:2, 3], row.world_from_vehicle[:2, 3])
+            away = math.dist(vehicle.world_from_vehicle[:2, 3], row.target.world_from_vehicle[:2, 3])
             assert low - 1e-6 <= away <= high + 1e-6
     for one in row.planned:
         for other in row.planned:
@@ -214,7 +214,7 @@ def within(value, bounds):
 
 def camera_within_limits(row, config):
     limits = config.camera
-    shape, pose = SHAPES[row.vehicle], np.array(row.world_from_vehicle)
+    shape, pose = SHAPES[row.target.vehicle], np.array(row.target.world_from_vehicle)
     camera = np.array(row.world_from_camera)
     assert within(row.fov_x_deg, limits.fov_x_deg)
     centre = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]
@@ -226,7 +226,7 @@ def camera_within_limits(row, config):
         assert near * limits.distance_factor[0] * (1 - 1e-9) <= distance <= far * limits.distance_factor[1] * (1 + 1e-9)
     else:
         low, high = limits.target_fraction
-        size = min(row.bbox_amodal[2:])
+        size = min(row.target.bbox_amodal[2:])
         share = share_of_the_image(row, limits.size_measure)
         assert low * (1 - 4 * PIXELS / size) <= share <= high * (1 + 4 * PIXELS / size)
     assert limits.distance_m[0] - 1e-6 <= distance <= limits.distance_m[1] + 1e-6
@@ -235,20 +235,20 @@ def camera_within_limits(row, config):
     scenery = ASSETS.sceneries[row.scenery]
     ground = TERRAINS[scenery.name].top_hits(camera[None, :2, 3]).z[0] if scenery.ground else 0.0
     assert camera[2, 3] - ground >= limits.ground_clearance - 1e-9
-    vertices = apply(pose, shape.vertices_at(row.articulation))
+    vertices = apply(pose, shape.vertices_at(row.target.articulation))
     found = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera))
     amodal = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera), frame=False)
-    assert row.bbox == pytest.approx(found, abs=1e-6)
-    assert row.bbox_amodal == pytest.approx(amodal, abs=1e-6)
-    assert within(row.truncated_fraction, limits.truncated_fraction)
-    assert row.truncated_fraction == pytest.approx(1 - np.prod(found[2:]) / np.prod(amodal[2:]), abs=2 * ROUNDED)
-    assert within(row.visible_fraction, limits.visible_fraction)
-    assert min(row.bbox[2:]) >= limits.min_box_px - PIXELS
+    assert row.target.bbox == pytest.approx(found, abs=1e-6)
+    assert row.target.bbox_amodal == pytest.approx(amodal, abs=1e-6)
+    assert within(row.target.truncated_fraction, limits.truncated_fraction)
+    assert row.target.truncated_fraction == pytest.approx(1 - np.prod(found[2:]) / np.prod(amodal[2:]), abs=2 * ROUNDED)
+    assert within(row.target.visible_fraction, limits.visible_fraction)
+    assert min(row.target.bbox[2:]) >= limits.min_box_px - PIXELS
 
 
 def share_of_the_image(row, measure):
     """How much of the image the box fills, frame or no frame."""
-    (width, height), (image_width, image_height) = row.bbox_amodal[2:], (row.width, row.height)
+    (width, height), (image_width, image_height) = row.target.bbox_amodal[2:], (row.width, row.height)
     return {
         "height": height / image_height,
         "width": width / image_width,
@@ -268,7 +268,7 @@ def light_within_limits(row, config):
         assert within(row.weather.visibility_m, getattr(config.weather, key))
     if kind == "rain":
         assert within(row.weather.rain_mm_h, config.weather.rain_mm_h)
-    assert row.air_contrast >= config.weather.min_contrast - ROUNDED
+    assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED
     for vehicle in row.planned:
         centre = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]
         away = np.linalg.norm(centre - np.array(row.world_from_camera)[:3, 3])

@@ -56,7 +56,7 @@ class Segmenter:
     def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
         """Where an empty background would show the vehicle that it is framed on."""
         world = self._scenery(row.scenery).with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
-        return vehicle_mask(self._posed(row), row.camera, xywh=np.array(row.bbox), world=world)
+        return vehicle_mask(self._posed(row.target), row.camera, xywh=np.array(row.target.bbox), world=world)
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         name = vehicle.vehicle

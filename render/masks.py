@@ -176,8 +176,8 @@ def _intruder(folder: Path, name: str, row: Row, assets: RenderAssets) -> Findin
     if look is None or not look.outline >= INTRUDER:
         return None
     problem = (
-        f"seems to show {row.vehicle!r}, which is left out of it: it changes along that outline ({look.outline:.2f}, "
-        f"expected less than {INTRUDER})"
+        f"seems to show {row.target.vehicle!r}, which is left out of it: it changes along that outline "
+        f"({look.outline:.2f}, expected less than {INTRUDER})"
     )
     return Finding("warning", name, problem, look.outline)
 

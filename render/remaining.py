@@ -93,7 +93,7 @@ def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
 
 def sort_key(row: Row) -> tuple[str, str, str, str]:
     """Sorts rows by what takes long to change, the longest first: scenery, vehicle, kind of weather, HDRI."""
-    return row.scenery, row.vehicle, row.weather.kind if row.weather else "", row.hdri
+    return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.hdri
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:

@@ -72,7 +72,7 @@ def test_the_plan_keeps_its_limits(made, assets):
 
 
 def test_backgrounds_come_beside_the_classes_exactly(rows):
-    assert Counter(row.category for row in rows if not row.background) == {"tank": 6, "truck": 6}
+    assert Counter(row.target.category for row in rows if not row.background) == {"tank": 6, "truck": 6}
     backgrounds = [row for row in rows if row.background]
     assert len(backgrounds) == 4
     assert Counter(row.empty for row in backgrounds) == {True: 2, False: 2}
@@ -80,7 +80,7 @@ def test_backgrounds_come_beside_the_classes_exactly(rows):
         assert row.labelled == []
         assert row.companions == []
         assert {distractor.category for distractor in row.distractors} <= {None}
-        assert (row in row.vehicles) == (row.category is None)
+        assert (row.target in row.vehicles) == (row.target.category is None)
 
 
 def test_distractors_are_labelled_only_if_they_have_a_class(rows):

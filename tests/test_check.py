@@ -117,7 +117,7 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
 
 def test_a_moved_vehicle_with_its_own_labels_differs_from_the_plan_only(made, planner, tmp_path):
     row = next(row for row in made if not row.background and row.scenery == "hills")
-    pose = row.world_from_vehicle.copy()
+    pose = row.target.world_from_vehicle.copy()
     pose[2, 3] += 0.05
 
     def moved(_, lines):

@@ -38,9 +38,9 @@ def test_its_numbers_say_so(outside):
 def test_it_is_not_labelled(outside, assets):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     for row in outside:
-        assert row.labelled == [row]
+        assert row.labelled == [row.target]
         (record,) = annotation_records(row, segmenter.segmentations(row))
-        assert record["bbox"] == list(row.bbox)
+        assert record["bbox"] == list(row.target.bbox)
 
 
 def test_it_is_counted_and_previewed(plan, outside, assets):

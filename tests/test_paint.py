@@ -158,5 +158,5 @@ def test_a_preview_has_the_first_coats_colour(made):
     assert previewed(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
     assert previewed(own, [Coat(["*"], None, 0.0, 0.0, 0.5)]) == pytest.approx([0.2, 0.2, 0.2])
     assert previewed(own, [Coat(["*"], None, 120.0)]) == pytest.approx([0.2, 0.3, 0.4])
-    row = next(row for row in made if row.paint and not row.empty)
-    assert f"{row.vehicle}, {row.paint[0].colour} in {row.scenery}" in caption(row)
+    row = next(row for row in made if row.target.paint and not row.empty)
+    assert f"{row.target.vehicle}, {row.target.paint[0].colour} in {row.scenery}" in caption(row)

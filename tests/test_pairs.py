@@ -40,7 +40,7 @@ def test_pairs_without_a_place_are_left_out_and_the_classes_stay_balanced(tmp_pa
     assert {(pair.vehicle, pair.scenery) for pair in made.header.left_out} == {(v, "yard") for v in BASE.vehicles}
     assert all("vehicles are placed within 5.6 x 5.6 m" in pair.why for pair in made.header.left_out)
     rows = list(made)
-    assert Counter(row.category for row in rows) == {"tank": 24, "truck": 24}
+    assert Counter(row.target.category for row in rows) == {"tank": 24, "truck": 24}
     assert {row.scenery for row in rows} == {"hills", "bare"}
     assert check_plan(made, assets) == []
     notes = summarise(made, left_out=made.header.left_out).notes()

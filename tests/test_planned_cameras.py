@@ -35,7 +35,7 @@ def drawn(**camera):
     )
     rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {"bare": bare("bare")}, ("noon",))))
     assert all(row.rejected == {} for row in rows)
-    poses = np.array([row.world_from_vehicle for row in rows])
+    poses = np.array([row.target.world_from_vehicle for row in rows])
     centres = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]
     away = np.array([row.world_from_camera for row in rows])[:, :3, 3] - centres
     distance = np.linalg.norm(away, axis=1)
@@ -46,7 +46,7 @@ def drawn(**camera):
         "azimuth": np.degrees(np.arctan2(away[:, 1], away[:, 0])),
         "elevation": np.degrees(np.arcsin(away[:, 2] / distance)),
         "fov": fov,
-        "box": np.array([row.bbox for row in rows]),
+        "box": np.array([row.target.bbox for row in rows]),
     }
 
 

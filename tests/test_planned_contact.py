@@ -38,7 +38,7 @@ def test_gaps_are_measured_to_the_underside(tmp_path):
     assets = Assets({"t72": on_rails()}, {"t72": "tank"}, {"hills": scenery}, ("noon",))
     made = write_plan(config, assets, tmp_path / "plan.jsonl")
     # Rigid rails on this ground: something is in the air, and not the belly.
-    gap = [row.gap for row in made]
+    gap = [row.target.gap for row in made]
     assert 0.02 < np.median(gap) < BELLY
 
 

@@ -34,7 +34,7 @@ def planned(scenery, *, images=20, **sections):
 def test_visible_fractions_in_a_wood(low, high, images):
     wood = hills("wood", height=0.5, size=120.0, trees=250)
     rows, rejected = planned(wood, images=images, camera={"visible_fraction": [low, high], "max_tries": 300})
-    assert all(low <= row.visible_fraction <= high for row in rows)
+    assert all(low <= row.target.visible_fraction <= high for row in rows)
     assert rejected["hidden"] > 0
     assert bool(rejected["exposed"]) == (high < 1.0)
 
@@ -47,9 +47,9 @@ def test_contact_on_rough_ground(limit):
     rows, rejected = planned(rough, placement={**loose, limit: 0.1})
     key = limit.removeprefix("max_")
     assert rejected[key] > 5
-    assert all(getattr(row, key) <= 0.1 for row in rows)
+    assert all(getattr(row.target, key) <= 0.1 for row in rows)
     other = {"gap": "penetration", "penetration": "gap"}[key]
-    assert max(getattr(row, other) for row in rows) > 0.1
+    assert max(getattr(row.target, other) for row in rows) > 0.1
 
 
 @pytest.mark.parametrize("clearance", [0.0, 3.0])
@@ -67,8 +67,8 @@ def test_vehicles_keep_their_distance_from_obstacles(clearance):
     ]
     nearest = []
     for row in rows:
-        poses = TANK.vehicle_from_parts(row.articulation)
-        world = apply(row.world_from_vehicle, np.concatenate([apply(poses[k], points[k]) for k in range(3)]))
+        poses = TANK.vehicle_from_parts(row.target.articulation)
+        world = apply(row.target.world_from_vehicle, np.concatenate([apply(poses[k], points[k]) for k in range(3)]))
         away = [np.maximum(np.maximum(low - world, world - high), 0.0) for low, high in boxes]
         nearest.append(min(np.linalg.norm(d, axis=1).min() for d in away))
     assert min(nearest) >= clearance

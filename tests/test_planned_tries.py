@@ -39,7 +39,7 @@ def rows():
 
 
 def test_the_world_needs_many_tries(rows):
-    tries = [row.tries for row in rows]
+    tries = [row.target.tries for row in rows]
     assert max(tries) > 20
 
 
@@ -47,7 +47,7 @@ def test_the_world_needs_many_tries(rows):
 def test_a_plan_succeeds_for_every_cut_of_the_work_or_for_none(rows, size, candidates, monkeypatch):
     # Seen with 16,384 positions and 200 tries: one worker completed the plan, four gave up.
     monkeypatch.setattr("planning.search.CANDIDATES", candidates)
-    most = max(row.tries for row in rows)
+    most = max(row.target.tries for row in rows)
     assert encode_rows(rows_in_blocks(planner_of(most), size)) == encode_rows(rows)
     with pytest.raises(ConfigError, match="finds no place to stand: of"):
         rows_in_blocks(planner_of(most - 1), size)
@@ -57,9 +57,9 @@ def test_a_plan_succeeds_for_every_cut_of_the_work_or_for_none(rows, size, candi
 def test_the_same_position_is_named_however_the_work_is_cut(rows, size, candidates, monkeypatch):
     monkeypatch.setattr("planning.search.CANDIDATES", candidates)
     monkeypatch.setattr("planning.search.SCOUTS", 2)
-    limit = int(np.median([row.tries for row in rows]))
-    first = next(row for row in rows if row.tries > limit)
-    message = rf"^position {first.position}: vehicle '{first.vehicle}' .* of {limit} tries"
+    limit = int(np.median([row.target.tries for row in rows]))
+    first = next(row for row in rows if row.target.tries > limit)
+    message = rf"^position {first.position}: vehicle '{first.target.vehicle}' .* of {limit} tries"
     with pytest.raises(ConfigError, match=message):
         rows_in_blocks(planner_of(limit), size)
 
@@ -70,7 +70,7 @@ def test_no_position_is_tried_more_often_than_allowed(rows, limit):
     planner = planner_of(limit)
     for row in rows[:8]:
         position = row.position
-        if row.tries <= limit:
+        if row.target.tries <= limit:
             assert encode_rows(planner.rows(position, position + 1)) == encode_rows([row])
         else:
             with pytest.raises(ConfigError, match=f"of {limit} tries"):
@@ -82,7 +82,7 @@ def test_places_without_a_view_count_as_tries():
     unseen = {"min_box_px": 700, "max_tries": 1}
     with pytest.raises(ConfigError, match=r"finds no place to stand: of 6 tries .*could not be seen by any camera"):
         blind_planner(unseen, 6).rows(0, 1)
-    assert all(row.tries <= 30 for row in blind_planner({"min_box_px": 100, "max_tries": 1}, 30).rows(0, 8))
+    assert all(row.target.tries <= 30 for row in blind_planner({"min_box_px": 100, "max_tries": 1}, 30).rows(0, 8))
 
 
 def blind_planner(camera, max_tries):

@@ -41,12 +41,12 @@ def clear(row):
 def test_the_vehicle_is_where_its_box_is(plan, artist):
     row = altered(clear(plan[0]), companions=[])
     with_it = artist.shade(row, 160, 90)
-    lifted = row.world_from_vehicle.copy()
+    lifted = row.target.world_from_vehicle.copy()
     lifted[2, 3] += 500.0
-    away = altered(row, world_from_vehicle=lifted)
+    away = altered(row, target=altered(row.target, world_from_vehicle=lifted))
     changed = np.abs(artist.shade(away, 160, 90) - with_it).max(axis=2) > 1e-9
-    x, y, w, h = (v / 12 for v in row.bbox)
-    lit = paint_of(row.vehicle)
+    x, y, w, h = (v / 12 for v in row.target.bbox)
+    lit = paint_of(row.target.vehicle)
     inside = np.zeros((90, 160), dtype=bool)
     inside[int(y) : int(y + h) + 1, int(x) : int(x + w) + 1] = True
     # Outside the box only the shadow differs, and that is dark.
@@ -98,7 +98,8 @@ def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
 
 
 def test_a_caption_says_what_the_picture_does_not(plan):
-    row = altered(plan[0], weather=Weather(visibility_m=250.0, kind="fog"), visible_fraction=0.5)
+    target = altered(plan[0].target, visible_fraction=0.5)
+    row = altered(plan[0], weather=Weather(visibility_m=250.0, kind="fog"), target=target)
     words = caption(row)
-    assert words.startswith(f"1: {row.vehicle} in {row.scenery}, ")
+    assert words.startswith(f"1: {row.target.vehicle} in {row.scenery}, ")
     assert words.endswith(f"50 % visible, {row.hdri}, fog 250 m")

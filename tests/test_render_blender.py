@@ -93,7 +93,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, assets):
     masks = cycles_masks(plan, range(len(plan)), assets)
     assert {plan[m.index].scenery for m in masks} == {"field", "centimetres", "map"}
     assert any(plan[m.index].companions for m in masks)
-    assert any(plan[m.index].truncated_fraction > 0 for m in masks)
+    assert any(plan[m.index].target.truncated_fraction > 0 for m in masks)
     for found in masks:
         row = plan[found.index]
         camera = row.camera
@@ -101,7 +101,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, assets):
             expected = vehicle_mask(standing(assets, target), camera)
             assert iou(alone, expected) >= 0.99
         # Everything on the tank is thicker than a pixel, so the outermost pixel centres are within one of the box.
-        assert np.abs(corners(mask_box(found.alone[0])) - corners(row.bbox)).max() <= 1.0
+        assert np.abs(corners(mask_box(found.alone[0])) - corners(row.target.bbox)).max() <= 1.0
 
 
 def corners(xywh):
@@ -211,7 +211,8 @@ def test_fog_follows_koschmieders_law(plan, assets, folder, tmp_path, visibility
     row = altered(
         plan[0],
         **looking(0.0, 0.0, fov_x_deg=90.0, at=(0.0, 0.0, 0.0)),
-        **{"scenery": "walls", "world_from_vehicle": sunk, "companions": [], "strength": 1.0, "weather": None},
+        **{"scenery": "walls", "companions": [], "strength": 1.0, "weather": None},
+        target=altered(plan[0].target, world_from_vehicle=sunk),
     )
     fog = altered(row, weather=Weather(visibility_m=visibility, kind="fog"))
     messages = [job(fog, assets, SETTINGS, tmp_path / "fog.png")]
@@ -357,7 +358,7 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     row = altered(plan[0], **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
     up = np.eye(4)
     up[2, 3] = 500.0
-    row = altered(row, world_from_vehicle=up, articulation={}, companions=[])
+    row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
     talk = Conversation(worker_command(None), tmp_path / "log")
     assert talk.ask(to_json(mask_job(row, assets, tmp_path / "m.npy")))["done"] == "mask"
     talk.worker.stop()

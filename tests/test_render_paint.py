@@ -71,11 +71,16 @@ def assets(plan):
     return render_assets(plan)
 
 
+def repainted(row, coats):
+    """The row with other coats on its target."""
+    return altered(row, target=altered(row.target, paint=coats))
+
+
 @pytest.fixture(scope="module")
 def row(plan):
     """The planned row with its companion at the right of the target, in the picture."""
     (other,) = plan[0].companions
-    pose = plan[0].world_from_vehicle.copy()
+    pose = plan[0].target.world_from_vehicle.copy()
     pose[:3, 3] += 7.0 * plan[0].world_from_camera[:3, 0]
     return altered(plan[0], companions=[altered(other, world_from_vehicle=pose)])
 
@@ -86,8 +91,8 @@ def pictures(row, assets, folder):
     red = row
     (other,) = red.companions
     blue = altered(other, paint=[Coat(["*"], "#1010c0")])
-    bare = altered(red, paint=[], companions=[altered(other, paint=[])])
-    turned = altered(bare, paint=[Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tyre"], None, 120.0)])
+    bare = repainted(altered(red, companions=[altered(other, paint=[])]), [])
+    turned = repainted(bare, [Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tyre"], None, 120.0)])
     return rendered([bare, red, altered(red, companions=[blue]), turned, bare], assets, folder)
 
 
@@ -193,7 +198,7 @@ def test_nothing_of_the_paint_is_left_in_the_next_picture(pictures):
 
 def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folder):
     """Paint comes into materials that are wet, and stays as they dry."""
-    bare = altered(row, paint=[], companions=[])
+    bare = repainted(altered(row, companions=[]), [])
     red = altered(row, companions=[])
     rows = [altered(bare, weather=RAIN), altered(red, weather=RAIN), red, altered(bare, weather=SNOW)]
     alone = [rendered([one], assets, folder)[0] for one in rows]

@@ -42,7 +42,7 @@ def test_masks_and_visible_shares_in_a_wood_are_those_of_cycles(plan, tmp_path):
     report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), assets=assets)
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows) >= 0.99
-    planned = np.array([row.visible_fraction for row in plan])
+    planned = np.array([row.target.visible_fraction for row in plan])
     found = cycles_masks(plan, range(len(plan)), assets)
     shown = np.array([masks.visible[0].sum() / masks.alone[0].sum() for masks in found])
     assert planned.min() < 0.7, "leaves hide something"

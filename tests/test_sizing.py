@@ -37,8 +37,8 @@ def config_of(**camera):
 
 def amodal_size(row, assets):
     """By the exact rule, from the row's poses alone."""
-    shape = assets.vehicles[row.vehicle]
-    vertices = apply(row.world_from_vehicle, shape.vertices_at(row.articulation))
+    shape = assets.vehicles[row.target.vehicle]
+    vertices = apply(row.target.world_from_vehicle, shape.vertices_at(row.target.articulation))
     intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
     camera = Camera(intrinsics, np.array(row.world_from_camera))
     return surface_box(vertices, shape.mesh.faces, camera, frame=False)[2:]
@@ -50,7 +50,7 @@ def test_the_box_has_the_size_that_was_asked_for(assets, measure, truncated):
     config = config_of(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated)
     for row in plan(config, assets):
         assert MEASURES[measure](*amodal_size(row, assets)) == pytest.approx(0.15, rel=RELATIVE)
-        assert truncated[0] <= row.truncated_fraction <= truncated[1]
+        assert truncated[0] <= row.target.truncated_fraction <= truncated[1]
 
 
 def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):

@@ -61,8 +61,8 @@ def test_distance_and_side_are_those_of_the_centre(rows):
         label = label_records(row)[0]
         assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)
         middle = apply(row.world_from_camera, np.array([label["bbox_3d"]["center"]]))[0]
-        eye = apply(np.linalg.inv(row.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
-        eye = eye - apply(np.linalg.inv(row.world_from_vehicle), middle[None])[0]
+        eye = apply(np.linalg.inv(row.target.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
+        eye = eye - apply(np.linalg.inv(row.target.world_from_vehicle), middle[None])[0]
         assert label["azimuth_seen"] == pytest.approx(math.atan2(eye[1], eye[0]), abs=1e-8)
 
 

@@ -32,7 +32,8 @@ def row(i, **changes):
         "distractors": [], "left_out": 0, "background": False, "horizon_deg": None, "exposure_ev": 0.0,
         "white_balance_k": 0.0,
     }  # fmt: skip
-    return Row(**TARGET | image | changes)
+    mine = {key: changes.pop(key) for key in TARGET if key in changes}
+    return Row(**image | changes, target=PlannedVehicle(**TARGET | mine))
 
 
 ROWS = [

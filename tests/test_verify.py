@@ -9,7 +9,7 @@ from PIL import Image
 from annotate.masks import encode
 from dataset import check_pictures
 from dataset.coco import CocoDataset
-from dataset.planned import IMAGE_KEYS, label_records
+from dataset.planned import image_record, label_records
 from dataset.verify import Finding, compare, verify
 from geometry.errors import ConfigError, DatasetError
 from planning.row import decode_row
@@ -178,10 +178,11 @@ def planned(tmp_path):
             name = run.file_name(row["file_name"])
             Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
             boxes = []
-            for label in label_records(decode_row(json.dumps(row))):
+            decoded = decode_row(json.dumps(row))
+            for label in label_records(decoded):
                 n += 1
                 boxes.append({"id": n, **label})
-            image = {"id": run.image_offset + i + 1, "file_name": name, **{key: row[key] for key in IMAGE_KEYS}}
+            image = {"id": run.image_offset + i + 1, "file_name": name, **image_record(decoded)}
             dataset.append(image, boxes)
     return folder, plan
 

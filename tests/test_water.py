@@ -94,7 +94,7 @@ def test_no_vehicle_and_no_camera_is_below_water(name):
     # All corners of the footprint are sampled: no vertex of the underside is below.
     feet = TANK.mesh.vertices[TANK.mesh.vertices[:, 2] < 1e-9]
     for row in rows:
-        points = feet @ row.world_from_vehicle[:3, :3].T + row.world_from_vehicle[:3, 3]
+        points = feet @ row.target.world_from_vehicle[:3, :3].T + row.target.world_from_vehicle[:3, 3]
         assert not (heights_of_water(scenery, points[:, :2]) - points[:, 2] > 1e-6).any()
         eye = row.world_from_camera[None, :3, 3]
         assert not (eye[:, 2] - heights_of_water(scenery, eye[:, :2]) < 0.5).any()
@@ -109,7 +109,7 @@ def test_a_lake_drowned_one_position_in_ten_and_drowns_none():
     below = []
     for scenery in (lake, unknown):
         rows = list(plan(config_for(scenery, images=120), assets_of(scenery)))
-        below.append(sum(bool(row.world_from_vehicle[2, 3] < level) for row in rows))
+        below.append(sum(bool(row.target.world_from_vehicle[2, 3] < level) for row in rows))
         below.append(sum(bool(row.world_from_camera[2, 3] < level) for row in rows))
     assert below[:2] == [0, 0]
     assert min(below[2:]) >= 4
@@ -119,7 +119,7 @@ def test_what_fords_stands_in_water_as_deep_as_it_may():
     lake = WATERS["one lake"]
     config = config_for(lake, images=60, placement={"fording_depth": 1.0})
     rows = list(plan(config, assets_of(lake)))
-    depth = np.array([0.3 - row.world_from_vehicle[2, 3] for row in rows])
+    depth = np.array([0.3 - row.target.world_from_vehicle[2, 3] for row in rows])
     assert depth.max() <= 1.1  # of the origin; a foot may be higher
     assert (depth > 0.3).sum() > 5
 

@@ -131,8 +131,8 @@ def test_contrast_falls_with_distance():
 
 
 def distance(row):
-    model = ASSETS.vehicles[row.vehicle]
-    centre = row.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
+    model = ASSETS.vehicles[row.target.vehicle]
+    centre = row.target.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
     return np.linalg.norm(centre[:3] - row.world_from_camera[:3, 3])
 
 
@@ -140,15 +140,15 @@ def test_no_target_is_fainter_than_asked():
     thick = {"fog": 0.7, "visibility_m": [100.0, 200.0]}
     loose = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.0}), ASSETS))
     rows = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.2}), ASSETS))
-    assert min(row.air_contrast for row in loose) < 0.2
-    assert min(row.air_contrast for row in rows) >= 0.2
+    assert min(row.target.air_contrast for row in loose) < 0.2
+    assert min(row.target.air_contrast for row in rows) >= 0.2
     assert len(rows) == len(loose)
     assert sum(row.rejected.get("faint", 0) for row in rows) > 0
     assert [row.weather for row in rows] == [row.weather for row in loose]
     for row in rows:
         clear = row.weather is None
         wanted = 1.0 if clear else math.exp(math.log(0.02) * distance(row) / row.weather.visibility_m)
-        assert row.air_contrast == pytest.approx(wanted, abs=1e-8)
+        assert row.target.air_contrast == pytest.approx(wanted, abs=1e-8)
 
 
 def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
