@@ -28,12 +28,9 @@ def run(quick: bool) -> dict:
     """Measure."""
     sizes = (20_000, 200_000) if quick else (20_000, 500_000, 2_000_000, 8_000_000)
     rays, rounds = (100_000, 3) if quick else (1_000_000, 5)
-    # Before Blender is imported here: what it adds to the search path keeps it from being imported in a new process.
-    build = {str(n): _build(n, 1 if quick else 3) for n in (sizes if quick else sizes[2:3])}
     return {
         "rays": rays,
         "speed": {str(n): _speed(n, rays, rounds) for n in sizes},
-        "build": build,
         "errors": _errors(300 if quick else 2_000),
     }
 
@@ -64,19 +61,6 @@ def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
     }
 
 
-def _build(faces: int, rounds: int) -> dict[str, dict[str, float]]:
-    taken: dict[str, list[dict[str, float]]] = {}
-    for _ in range(rounds):
-        for name in peers.BUILDERS:
-            cost = peers.cost_of_building(name, faces)
-            if cost is not None:
-                taken.setdefault(name, []).append(cost)
-    return {
-        name: {key: float(np.median([cost[key] for cost in costs])) for key in ("seconds", "peak_mb")}
-        for name, costs in taken.items()
-    }
-
-
 def _errors(n: int) -> dict[str, dict[str, dict[str, float]]]:
     blender = _scene_ray_cast if importlib.util.find_spec("bpy") else None
     return {name: errors(mesh, xy, blender) for name, mesh, xy in cases(n)}
@@ -99,8 +83,6 @@ def report(results: dict) -> str:
         f"{results['rays']:,} random points, in random order, over hilly terrain; everything counted (sorting, "
         "certifying, repairing, writing out). Multiples are of raw embreex on one thread in the same round.",
         table(["", *sizes], rows),
-        "### Building",
-        _build_table(results["build"]),
         "Errors of each method on the hard cases are on a [page of their own](hard-cases.md).",
     ])  # fmt: skip
 
@@ -121,21 +103,6 @@ def _gain(speed: dict[str, dict[str, float]], name: str) -> str:
 def _beside(speed: dict[str, dict[str, float]]) -> str:
     blender = speed.get(BLENDER)
     return f"{speed[DEFAULT]['ratio'] / blender['ratio']:.0f} ×" if blender else ""
-
-
-def _build_table(build: dict[str, dict[str, dict[str, float]]]) -> str:
-    rows = []
-    for name in next(iter(build.values())):
-        pairs = [(figures[name], figures[RAW]) for figures in build.values()]
-        rows.append((
-            name,
-            *(
-                f"{own['seconds']:.2f} s ({own['seconds'] / base['seconds']:.2f} ×), "
-                f"{own['peak_mb']:.0f} MB ({own['peak_mb'] / max(base['peak_mb'], 1e-3):.2f} ×)"
-                for own, base in pairs
-            ),
-        ))  # fmt: skip
-    return table(["", *(f"{int(n):,} triangles" for n in build)], rows)
 
 
 def hard_cases(results: dict) -> str:

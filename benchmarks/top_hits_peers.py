@@ -1,11 +1,7 @@
-"""Who else answers "what lies under these points", each behind one call; built in this process, one at a time."""
+"""Peers that find the ground under points, each behind one call."""
 
 from __future__ import annotations
 
-import multiprocessing
-import resource
-import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -139,47 +135,3 @@ def blender_peer(mesh: Mesh) -> dict[str, Query]:
         return [tree.ray_cast((x, y, above), down) for x, y in xy.tolist()]
 
     return {"Blender scene.ray_cast": cast, "mathutils BVHTree": cast_tree}
-
-
-BUILDERS: dict[str, Callable[[Mesh], object]] = {
-    "raw embreex": raw_embreex,
-    "hulldown": Terrain,
-    "trimesh": lambda mesh: trimesh_peer(mesh)["trimesh intersects_first"](mesh.bounds[:1, :2]),
-    "Open3D": open3d_peer,
-    "Blender": blender_peer,
-}
-
-
-def cost_of_building(name: str, faces: int) -> dict[str, float] | None:
-    """Seconds and peak MB above the mesh's own, in a process of its own; None without the library."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_build, (name, faces))
-
-
-def _build(name: str, faces: int) -> dict[str, float] | None:
-    try:
-        BUILDERS[name](hills(50))  # imports and first-call costs
-    except ImportError:
-        return None
-    mesh = hills(faces)
-    _forget_peak()
-    before = _memory("VmRSS")
-    start = time.perf_counter()
-    kept = BUILDERS[name](mesh)
-    seconds = time.perf_counter() - start
-    peak = _memory("VmHWM") - before
-    del kept
-    return {"seconds": seconds, "peak_mb": peak / 1024}
-
-
-def _forget_peak() -> None:
-    if sys.platform == "linux":
-        with open("/proc/self/clear_refs", "w") as file:
-            file.write("5")  # resets VmHWM
-
-
-def _memory(key: str) -> float:
-    if sys.platform != "linux":
-        return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    with open("/proc/self/status") as file:
-        return next(float(line.split()[1]) for line in file if line.startswith(key))
