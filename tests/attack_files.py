@@ -19,7 +19,7 @@ from writing_blends import CASES as WRITERS
 from writing_blends import cube, sky
 
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
-CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)  # two faces
+CORNERS = np.eye(4, 3, dtype=np.float32)[[3, 0, 1, 3, 1, 2, 3, 2, 0, 0, 2, 1]]  # of a tetrahedron's faces
 
 
 def picture(path, color=(1.0, 0.0, 1.0)):
@@ -274,12 +274,12 @@ def gltf(path, secret, uri, *, buffer=False):
         "textures": [{"source": 0}], "images": [{"uri": path.with_suffix(".png").name if buffer else uri}],
         "buffers": [{"uri": uri if buffer else path.with_suffix(".bin").name, "byteLength": len(inside)}],
         "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 72},
-            {"buffer": 0, "byteOffset": 72, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 0, "byteLength": 144},
+            {"buffer": 0, "byteOffset": 144, "byteLength": 96},
         ],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 1]},
-            {"bufferView": 1, "componentType": 5126, "count": 6, "type": "VEC2"},
+            {"bufferView": 0, "componentType": 5126, "count": 12, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 1]},
+            {"bufferView": 1, "componentType": 5126, "count": 12, "type": "VEC2"},
         ],
     }  # fmt: skip
     picture(path.with_suffix(".png"))
@@ -301,7 +301,7 @@ def files_of_other_formats(assets, secret):
     inside = gltf(assets / "gltf_points.gltf", secret, f"{up}/gltf_points.bin", buffer=True)
     (secret / "gltf_points.bin").write_bytes(inside)
     gltf(assets / "glb.glb", secret, f"{up}/{picture(secret / 'glb.png').name}")
-    body = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl loot\nf 1/1 2/2 3/3\nf 1/1 3/3 4/2\n"
+    body = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl loot\nf 1/1 3/3 2/2\nf 1/1 4/2 3/3\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\n"
     text(assets / "obj_material.obj", f"mtllib {up}/obj_material.mtl\n" + body)
     text(secret / "obj_material.mtl", "newmtl loot\nKd 1 0 1\n")
     text(assets / "obj_picture.obj", "mtllib obj_picture.mtl\n" + body)
