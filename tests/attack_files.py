@@ -19,7 +19,9 @@ from writing_blends import CASES as WRITERS
 from writing_blends import cube, sky
 
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
-CORNERS = np.eye(4, 3, dtype=np.float32)[[3, 0, 1, 3, 1, 2, 3, 2, 0, 0, 2, 1]]  # of a tetrahedron's faces
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+CORNERS = CUBE[np.concatenate([QUADS[:, :3], QUADS[:, [0, 2, 3]]])].reshape(-1, 3)
 
 
 def picture(path, color=(1.0, 0.0, 1.0)):
@@ -274,12 +276,12 @@ def gltf(path, secret, uri, *, buffer=False):
         "textures": [{"source": 0}], "images": [{"uri": path.with_suffix(".png").name if buffer else uri}],
         "buffers": [{"uri": uri if buffer else path.with_suffix(".bin").name, "byteLength": len(inside)}],
         "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 144},
-            {"buffer": 0, "byteOffset": 144, "byteLength": 96},
+            {"buffer": 0, "byteOffset": 0, "byteLength": 432},
+            {"buffer": 0, "byteOffset": 432, "byteLength": 288},
         ],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 12, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 1]},
-            {"bufferView": 1, "componentType": 5126, "count": 12, "type": "VEC2"},
+            {"bufferView": 0, "componentType": 5126, "count": 36, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 1]},
+            {"bufferView": 1, "componentType": 5126, "count": 36, "type": "VEC2"},
         ],
     }  # fmt: skip
     picture(path.with_suffix(".png"))
@@ -301,7 +303,8 @@ def files_of_other_formats(assets, secret):
     inside = gltf(assets / "gltf_points.gltf", secret, f"{up}/gltf_points.bin", buffer=True)
     (secret / "gltf_points.bin").write_bytes(inside)
     gltf(assets / "glb.glb", secret, f"{up}/{picture(secret / 'glb.png').name}")
-    body = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl loot\nf 1/1 3/3 2/2\nf 1/1 4/2 3/3\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\n"
+    body = "".join("v {} {} {}\n".format(*corner) for corner in CUBE) + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl loot\n"
+    body += "".join("f {}/1 {}/2 {}/3 {}/4\n".format(*quad) for quad in QUADS + 1)
     text(assets / "obj_material.obj", f"mtllib {up}/obj_material.mtl\n" + body)
     text(secret / "obj_material.mtl", "newmtl loot\nKd 1 0 1\n")
     text(assets / "obj_picture.obj", "mtllib obj_picture.mtl\n" + body)
