@@ -65,10 +65,9 @@ def test_an_origin_far_away_costs_no_digits():
     np.testing.assert_allclose(hits.distance[open_], 1e6, rtol=0, atol=1e-5)
 
 
-def test_threads_and_batches_change_nothing(monkeypatch):
-    monkeypatch.setattr("geometry.rays.BLOCK", 1000)  # several blocks of few rays
+def test_threads_and_batches_change_nothing():
     rng = np.random.default_rng(3)
-    n = 8005
+    n = 200_005  # several blocks
     origins, directions = rng.uniform(-3, 3, (n, 3)), rng.normal(size=(n, 3))
     caster = RayCaster(HOUSE)
     one, two = caster.cast(origins, directions), caster.cast(origins, directions, threads=2)

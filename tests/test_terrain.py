@@ -181,10 +181,9 @@ def test_a_long_border_across_many_cells_is_marked_all_along():
     assert not (sheets.state(*xy.T.copy()) == SINGLE).any()
 
 
-def test_threads_and_batches_change_nothing(monkeypatch):
-    monkeypatch.setattr("geometry.rays.BLOCK", 1000)  # several blocks of few points
+def test_threads_and_batches_change_nothing():
     terrain = Terrain(hills(30))
-    xy = np.random.default_rng(1).uniform(-1, 31, (8005, 2))
+    xy = np.random.default_rng(1).uniform(-1, 31, (200_005, 2))  # several blocks
     one, three, few = terrain.top_hits(xy), terrain.top_hits(xy, threads=3), terrain.top_hits(xy[:9])
     for field in ("z", "normal", "face"):
         np.testing.assert_array_equal(getattr(one, field), getattr(three, field))
