@@ -22,8 +22,8 @@ from jaxtyping import Int
 from geometry.errors import ConfigError
 from geometry.files import open_in_place
 from planning.misfit import misfit
-from planning.rejections import BY_KEY
 from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
+from planning.tally import BY_KEY
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'

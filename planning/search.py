@@ -26,10 +26,10 @@ from planning.draws import Draws, Purpose, RowStreams
 from planning.extras import MOST, Extras, Role, offsets
 from planning.instances import Instances, drawn_angles
 from planning.placing import clear_of_vehicles, settle_clear, unsettled
-from planning.rejections import AIMING, KINDS, PLACING, sentence, tally
 from planning.schema import Config
 from planning.search_limits import COMPANION_TRIES, PLACE_TRIES
 from planning.stage import Fleet, Site
+from planning.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192

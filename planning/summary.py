@@ -20,8 +20,8 @@ from camera.weather_kinds import KINDS
 from geometry.files import replacing
 from placement.rejection import Rejection
 from planning.paint import OWN
-from planning.rejections import AIMING, BY_KEY, PLACING
 from planning.row import LeftOut, Row
+from planning.tally import AIMING, BY_KEY, PLACING
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}

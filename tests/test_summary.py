@@ -10,9 +10,9 @@ from rich.console import Console
 
 from camera.weather_kinds import Weather
 from placement.rejection import Rejection
-from planning.rejections import AIMING, BY_KEY, PLACING, sentence
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
 from planning.summary import Histogram, summarise
+from planning.tally import AIMING, BY_KEY, PLACING, sentence
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},

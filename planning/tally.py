@@ -1,4 +1,4 @@
-"""How often each rejection was met, and in words."""
+"""Count rejected tries by reason, and put the counts into words."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ BY_KEY = {r.key: r for r in Rejection}
 
 
 def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
-    """How often each code stands beside each row."""
+    """Return how often each code occurs with each row."""
     return np.bincount(row * KINDS + codes, minlength=rows * KINDS).reshape(rows, KINDS)
 
 
 def sentence(counts: Mapping[Rejection, int]) -> str:
-    """The rejections of one kind in words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
+    """Put rejections of one kind into words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
     total = sum(counts.values())
     met = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
     return f"of {total:,} tries " + ", ".join(f"{_percent(counts[r], total)} {r.phrase}" for r in met)
