@@ -16,8 +16,9 @@ from typing import Any, Literal, get_args, get_origin
 import tomlkit
 from pydantic.fields import FieldInfo
 
+from planning.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
 from planning.paint import PaintEntry
-from planning.schema import Config, DistractorEntry, SceneryEntry, VehicleEntry
+from planning.schema import Config
 from planning.section import Section
 
 PAGE = Path(__file__).parents[1] / "docs" / "config.md"

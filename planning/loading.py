@@ -15,11 +15,11 @@ from assets.library import AssetFile, Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
+from planning.asset_sections import CACHE_NAME, ModelEntry, SceneryEntry
 from planning.config import Config, hdri_paths, parse_config
 from planning.paint import paint_doubts, paint_notes
 from planning.plan_file import Plan
 from planning.row import HdriSource, Source
-from planning.schema import CACHE_NAME, ModelEntry, SceneryEntry
 from reading.cache import cached
 from reading.export import Exported
 from reading.hdri import Hdri, read_hdris, refuse_no_hdri

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+Pair = tuple[float, float]
+Patterns = Annotated[tuple[str, ...], Field(strict=False)]
+AtLeastZero = Annotated[float, Field(ge=0)]
 
 
 class Section(BaseModel):
@@ -32,3 +38,9 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
 
     check.bounds = lowest, highest  # type: ignore[attr-defined]  # for the docs
     return BeforeValidator(check)
+
+
+def are_numbers(values: Sequence[Any]) -> bool:
+    """Whether all are finite numbers, and none is true or false."""
+    # NaN fails the comparison, and so do integers that are no float.
+    return all(isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= sys.float_info.max for x in values)
