@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from benchmarks.clusters import cluster
 
 from geometry.errors import AssetError
 from planning.config import parse_config
@@ -22,6 +21,7 @@ from reading.export import export
 from reading.landlock import abi
 from render.scheduler import Scheduler
 from render.supervisor import Engine, render_plan
+from tests.clusters import cluster
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILDER = Path(__file__).with_name("attack_files.py")
