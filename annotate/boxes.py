@@ -22,6 +22,7 @@ from camera.projection import NEAR, Camera
 from geometry.arrays import checked
 
 POSES = 4096  # poses of a batch whose matrices are held at a time
+CLEAR = 1e-6  # pixels beside the image from which on no rounding brings a point into it
 BLOCK = 1 << 15  # points moved at a time: what stays in the second-level cache
 
 
@@ -141,9 +142,9 @@ class VehicleBoxes:
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
         angles = self.shape.angles([articulation or {}])
         camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
-        framed, extremes = self._framed(camera_from_parts, lenses([camera.intrinsics]))
-        if framed[0]:
-            return _xywh(extremes[0])
+        hull = self._hull(camera_from_parts, lenses([camera.intrinsics]))
+        if hull.framed[0]:
+            return _xywh(hull.extremes[0])
         return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
 
     def boxes(
@@ -178,23 +179,20 @@ class VehicleBoxes:
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
-            framed, extremes = self._framed(camera_from_parts, Lenses(each.f[rows], each.size[rows]))
-            xywh[rows][framed, :2] = amodal[rows][framed, :2] = extremes[framed, :2]
-            xywh[rows][framed, 2:] = amodal[rows][framed, 2:] = extremes[framed, 2:] - extremes[framed, :2]
-            for i in np.flatnonzero(~framed).tolist():
-                for out, frame in ((xywh, True), (amodal, False)):
+            hull = self._hull(camera_from_parts, Lenses(each.f[rows], each.size[rows]))
+            boxes = np.concatenate([hull.extremes[:, :2], hull.extremes[:, 2:] - hull.extremes[:, :2]], axis=1)
+            xywh[rows][hull.framed], amodal[rows][hull.in_front] = boxes[hull.framed], boxes[hull.in_front]
+            for out, frame, known in ((xywh, True, hull.framed | hull.out), (amodal, False, hull.in_front)):
+                for i in np.flatnonzero(~known & ~hull.behind).tolist():
                     frustum = Frustum.of_each(each, start + i, frame=frame)
                     found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if found is None else found
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
-    def _framed(
-        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses
-    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
-        """Which poses are wholly inside the frustum, and the extremes in pixels of those."""
+    def _hull(self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses) -> _Hull:
         width, height = lens.size.T
         n = len(camera_from_parts)
-        nearest, extremes = np.empty(n), np.empty((n, 4))
+        nearest, farthest, extremes = np.empty(n), np.empty(n), np.empty((n, 4))
         step = max(1, BLOCK // self._parts.extreme.shape[1])
         for start in range(0, n, step):
             rows = slice(start, start + step)
@@ -202,14 +200,32 @@ class VehicleBoxes:
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 x /= z
                 y /= z
-            nearest[rows] = z.min(axis=1)
+            nearest[rows], farthest[rows] = z.min(axis=1), z.max(axis=1)
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, found in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = found
         extremes *= lens.f[:, None]
         extremes += np.stack([width, height, width, height], axis=1) / 2.0
         u0, v0, u1, v1 = extremes.T
-        return (nearest >= NEAR) & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height), extremes
+        in_front = nearest >= NEAR
+        return _Hull(
+            extremes,
+            behind=farthest < NEAR,
+            in_front=in_front,
+            framed=in_front & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height),
+            out=in_front & ((u1 < -CLEAR) | (v1 < -CLEAR) | (u0 > width + CLEAR) | (v0 > height + CLEAR)),
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Hull:
+    """Where the convex hulls of n poses are: their extremes in pixels, which are meant for those in front."""
+
+    extremes: Float[np.ndarray, "n 4"]
+    behind: Bool[np.ndarray, " n"]  # wholly behind the near plane
+    in_front: Bool[np.ndarray, " n"]  # wholly in front of it
+    framed: Bool[np.ndarray, " n"]  # wholly in the image
+    out: Bool[np.ndarray, " n"]  # wholly beside the image
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:

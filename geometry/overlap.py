@@ -6,8 +6,11 @@ crosses of their edges are all the axes there are to look at. All tests are clos
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
+
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from geometry.boxtree import BoxTree
 from geometry.cutouts import Solidity
@@ -15,7 +18,7 @@ from geometry.instances import InstancedScene
 from geometry.transforms import apply, compose, invert_rigid, rotate
 
 ROOM = 100.0  # metres; what is farther away shuts nothing in, as a sky dome does not
-PAIRS = 1 << 16  # pairs of box and triangle tested at a time
+PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
@@ -68,19 +71,37 @@ def triangles_touch_box(
     ----------
     Akenine-Moeller, Fast 3D triangle-box overlap testing, JGT 6(1), 2001.
     """
-    touch = ~((triangles.min(axis=1) > half) | (triangles.max(axis=1) < -half)).any(axis=1)
+    corners = np.ascontiguousarray(np.moveaxis(triangles, 0, 2))
+    return _touch_origin_box([list(corner) for corner in corners], list(np.ascontiguousarray(half.T)))
+
+
+def _touch_origin_box(
+    corners: list[list[Float[np.ndarray, " p"]]], half: list[Float[np.ndarray, " p"]]
+) -> Bool[np.ndarray, " p"]:
+    """`triangles_touch_box` of coordinates: x, y, z of the three corners, each an array of its own for speed."""
+    touch = np.ones(len(half[0]), dtype=bool)
+    for a, b, c, size in zip(*corners, half, strict=True):
+        touch &= ~(np.minimum(np.minimum(a, b), c) > size)
+        touch &= ~(np.maximum(np.maximum(a, b), c) < -size)
     left = np.flatnonzero(touch)
-    corners, size = triangles[left], half[left]
-    edges = np.roll(corners, -1, axis=1) - corners
-    normal = np.cross(edges[:, 0], edges[:, 1])
-    apart = np.abs((normal * corners[:, 0]).sum(axis=1)) > (np.abs(normal) * size).sum(axis=1)
+    corners = [[x[left] for x in corner] for corner in corners]
+    half = [size[left] for size in half]
+    edges = [[y - x for x, y in zip(corners[e], corners[(e + 1) % 3], strict=True)] for e in range(3)]
+    offset, reach = 0.0, 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        for edge in range(3):
-            ej, ek = edges[:, edge, j], edges[:, edge, k]
-            along = ej[:, None] * corners[:, :, k] - ek[:, None] * corners[:, :, j]
-            reach = np.abs(ek) * size[:, j] + np.abs(ej) * size[:, k]
-            apart |= (along.min(axis=1) > reach) | (along.max(axis=1) < -reach)
+        normal = edges[0][j] * edges[1][k] - edges[0][k] * edges[1][j]
+        offset = offset + normal * corners[0][i]
+        reach = reach + np.abs(normal) * half[i]
+    apart = np.abs(offset) > reach
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for edge in edges:
+            ej, ek = edge[j], edge[k]
+            a, b, c = (ej * corner[k] - ek * corner[j] for corner in corners)
+            reach = np.abs(ek) * half[j] + np.abs(ej) * half[k]
+            apart |= np.minimum(np.minimum(a, b), c) > reach
+            apart |= np.maximum(np.maximum(a, b), c) < -reach
     touch[left] = ~apart
     return touch
 
@@ -101,6 +122,7 @@ class SceneTouch:
         self._solid = np.arange(len(scene.bounds)) if solid is None else np.flatnonzero(solid)
         self._instances = BoxTree(scene.bounds[self._solid])
         self._trees: dict[int, BoxTree] = {}
+        self._corners: dict[int, Float[np.ndarray, "3 3 f"]] = {}
         self._solidity: dict[int, Solidity | None] = {}
 
     def touched(
@@ -121,7 +143,7 @@ class SceneTouch:
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
         for traced in np.unique(self._scene.traced[instance]):
-            mine = np.flatnonzero(self._scene.traced[instance] == traced)
+            mine = np.flatnonzero((self._scene.traced[instance] == traced) & ~touched[box])
             self._touch_mesh(int(traced), half, world_from_box, box[mine], instance[mine], touched)
         within = ((bounds[:, 0] <= centre[box]) & (centre[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
@@ -142,21 +164,30 @@ class SceneTouch:
         if traced not in self._trees:
             corners = mesh.triangles
             self._trees[traced] = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
+            self._corners[traced] = np.ascontiguousarray(corners.transpose(1, 2, 0))
             self._solidity[traced] = None if mesh.cutouts is None else Solidity(mesh)
         solidity = self._solidity[traced]
         mesh_from_box = compose(self._scene.traced_from_world[instance], world_from_box[box])
         corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
         pair, face = self._trees[traced].overlapping(corners.min(axis=1), corners.max(axis=1))
         box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_traced[instance])
-        for i in range(0, len(pair), PAIRS):
-            which = pair[i : i + PAIRS]
-            triangles = apply(box_from_mesh[which], mesh.vertices[mesh.faces[face[i : i + PAIRS]]])
-            touching = triangles_touch_box(triangles, half[box[which]])
-            if solidity is not None:
-                pose = mesh_from_box[which[touching]]
-                sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
-                touching[touching] = solidity.solid(face[i : i + PAIRS][touching], pose[:, :3, 3], sides)
-            touched[box[which[touching]]] = True
+        moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))
+        sizes = np.ascontiguousarray(half.T)
+        for some in _few_first(box[pair]):
+            some = some[~touched[box[pair[some]]]]
+            for i in range(0, len(some), PAIRS):
+                which, faces = pair[some[i : i + PAIRS]], face[some[i : i + PAIRS]]
+                into = moves[:, :, which]
+                corners = [
+                    [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
+                    for x, y, z in self._corners[traced][:, :, faces]
+                ]
+                touching = _touch_origin_box(corners, list(sizes[:, box[which]]))
+                if solidity is not None:
+                    pose = mesh_from_box[which[touching]]
+                    sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
+                    touching[touching] = solidity.solid(faces[touching], pose[:, :3, 3], sides)
+                touched[box[which[touching]]] = True
 
     def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         axes = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])
@@ -164,3 +195,13 @@ class SceneTouch:
         origins = np.repeat(world_from_box[:, :3, 3], len(axes), axis=0)
         met = self._scene.cast(origins, directions.reshape(-1, 3), max_distance=ROOM).instance.reshape(-1, len(axes))
         return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._solid)
+
+
+def _few_first(box: Int[np.ndarray, " p"]) -> Iterator[Int[np.ndarray, " q"]]:
+    """The first few pairs of each box, then more, then all others: most boxes that touch anything need no more."""
+    order = np.argsort(box, kind="stable")
+    begins = np.diff(box[order], prepend=-1) > 0
+    index = np.arange(len(box))
+    rank = index - np.maximum.accumulate(np.where(begins, index, 0))
+    for first, last in pairwise((0, 8, 64, len(box) + 64)):
+        yield order[(rank >= first) & (rank < last)]
