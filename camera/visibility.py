@@ -21,8 +21,8 @@ from geometry.transforms import apply, invert_rigid
 
 # What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
 TOUCHING = 1e-3
-# Rays of all cameras whose array work is done at once.
-BLOCK = 1 << 16
+# Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
+BLOCK = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, slots=True)
