@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -61,10 +62,12 @@ class VehicleTarget:
         self.parts = tuple(
             _part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
         )
-        # At rest one caster for all is quicker than one a part.
-        self.at_rest = (
-            self.parts if len(self.parts) == 1 else (_part(0, shape.mesh, np.arange(len(face_part)), shape.mesh.name),)
-        )
+
+    @cached_property
+    def at_rest(self) -> tuple[TargetPart, ...]:
+        """The vehicle at rest as one part: quicker than one a part, for those who articulate nothing."""
+        mesh = self.shape.mesh
+        return self.parts if len(self.parts) == 1 else (_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
     def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
         """Vehicle-frame points with the convex hull of the articulated vehicle; any projected box is theirs."""

@@ -178,11 +178,11 @@ class SceneTouch:
             for i in range(0, len(some), PAIRS):
                 which, faces = pair[some[i : i + PAIRS]], face[some[i : i + PAIRS]]
                 into = moves[:, :, which]
-                corners = [
+                moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
                     for x, y, z in self._corners[traced][:, :, faces]
                 ]
-                touching = _touch_origin_box(corners, list(sizes[:, box[which]]))
+                touching = _touch_origin_box(moved, list(sizes[:, box[which]]))
                 if solidity is not None:
                     pose = mesh_from_box[which[touching]]
                     sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -68,7 +69,7 @@ class RayCaster:
     Parameters
     ----------
     mesh
-        What the rays meet; it is copied.
+        What the rays meet; it is copied when the first ray is cast.
 
     Raises
     ------
@@ -82,12 +83,23 @@ class RayCaster:
         self._radius = 0.5 * math.sqrt(sum(side * side for side in (high - low).tolist()))
         self._top = np.float32((high - self._centre)[2])
         self.mesh = mesh
-        self._scene = EmbreeScene(_device(os.getpid()), robust=True)
-        with np.errstate(over="ignore"):  # of vertices that no face uses
-            vertices = (mesh.vertices - self._centre).astype(np.float32)
-        TriangleMesh(self._scene, vertices, mesh.faces)
-        # Builds the BVH now; afterwards the scene is only read, from any number of threads.
-        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+        self._built: EmbreeScene | None = None
+        self._building = threading.Lock()
+
+    @property
+    def _scene(self) -> EmbreeScene:
+        """The hierarchy, built when the first ray asks for it."""
+        if self._built is None:
+            with self._building:
+                if self._built is None:
+                    scene = EmbreeScene(_device(os.getpid()), robust=True)
+                    with np.errstate(over="ignore"):  # of vertices that no face uses
+                        vertices = (self.mesh.vertices - self._centre).astype(np.float32)
+                    TriangleMesh(scene, vertices, self.mesh.faces)
+                    # Builds the BVH now; afterwards the scene is only read, from any number of threads.
+                    scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+                    self._built = scene
+        return self._built
 
     def cast(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1

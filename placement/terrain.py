@@ -52,6 +52,8 @@ class Terrain:
     ground
         A mesh: all ground triangles, of any winding, connected or not, in metres, with coordinates within 1e30.
         Triangles that are exactly vertical or have no area are no ground. Or the height of a plane without end.
+    caster
+        Of the same mesh, if there is one already.
 
     Examples
     --------
@@ -63,7 +65,7 @@ class Terrain:
     ([2.0, nan], [0, -1])
     """
 
-    def __init__(self, ground: Mesh | float) -> None:
+    def __init__(self, ground: Mesh | float, *, caster: RayCaster | None = None) -> None:
         self._plane = not isinstance(ground, Mesh)
         if not isinstance(ground, Mesh):
             z = float(checked(ground, "ground", ()))
@@ -85,7 +87,10 @@ class Terrain:
         self._sheets = SheetMap(mesh.vertices[:, :2], top.corners, bounds, self._exact.count)
         # Faces without XY area would slow Embree down, and could only mislead it.
         every = len(top.mesh_face) == len(mesh.faces)
-        self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
+        if every and caster is not None:
+            self._caster = caster
+        else:
+            self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
 
     @classmethod
     def flat(cls, z: float) -> Terrain:

@@ -16,6 +16,7 @@ from assets.vehicle import VehicleShape
 from camera.clearance import CameraRoom
 from camera.target import VehicleTarget
 from camera.world import Plane, World
+from geometry.rays import RayCaster
 from placement.clearance import Obstacles
 from placement.footprint import underside
 from placement.settle import Footing, stacked
@@ -191,7 +192,11 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     world = World.of(scenery, fallback_z=fallback_z)
     ground, obstacles = world.ground, world.obstacles
     assert ground is not None
-    terrain = Terrain.flat(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh)
+    terrain = (
+        Terrain.flat(ground.z)
+        if isinstance(ground, Plane)
+        else Terrain(ground.mesh, caster=ground if isinstance(ground, RayCaster) else None)
+    )
     surface, solid = scenery.water(), scenery.solid
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
