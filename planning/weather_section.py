@@ -50,5 +50,5 @@ class WeatherSection(Section):
     def _shares_of_one_whole(self) -> WeatherSection:
         total = math.fsum(getattr(self, name) for name in KINDS)
         if total > 1.0 + 1e-9:
-            raise ValueError(f"fog, rain, snow and dust are {total:g} together; expected shares of at most 1 in all")
+            raise ValueError(f"{', '.join(KINDS)} are {total:g} together; expected shares of at most 1 in all")
         return self

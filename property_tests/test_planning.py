@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from annotate.boxes import surface_box
 from camera.intrinsics import Intrinsics
 from camera.projection import Camera
+from camera.weather_kinds import KINDS
 from geometry.errors import ConfigError
 from geometry.rays import RayCaster
 from geometry.transforms import apply
@@ -263,11 +264,11 @@ def light_within_limits(row, config):
     kind = "clear" if row.weather is None else row.weather.kind
     if row.weather is not None:
         assert getattr(config.weather, kind) > 0.0
-    if kind in ("fog", "snow", "dust"):
-        key = {"fog": "visibility_m", "snow": "snow_visibility_m", "dust": "dust_visibility_m"}[kind]
-        assert within(row.weather.visibility_m, getattr(config.weather, key))
-    if kind == "rain":
-        assert within(row.weather.rain_mm_h, config.weather.rain_mm_h)
+        for key, value in (
+            (KINDS[kind].visibility, row.weather.visibility_m),
+            (KINDS[kind].rate, row.weather.rain_mm_h),
+        ):
+            assert key is None or within(value, getattr(config.weather, key))
     assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED
     for vehicle in row.planned:
         centre = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]

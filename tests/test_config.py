@@ -6,6 +6,7 @@ import tomllib
 
 import pytest
 
+from camera.weather_kinds import KINDS
 from geometry.errors import ConfigError
 from planning.config import hdri_paths, load_config, parse_config
 from planning.config_keys import ENTRIES, PAGE, keys_of, page, sections
@@ -133,14 +134,12 @@ RANGE = "expected a number or [low, high] with"
         ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg; did you mean camera.fov_x_deg?"),
         ("[placment]\nmargin = 1", "unknown key placment; did you mean placement?"),
         (
-            "[weather]\nqwerty = 1",
-            "unknown key weather.qwerty; known here: dust, dust_cover, dust_visibility_m, exposure_s, fog, "
-            "min_contrast, rain, rain_mm_h, snow, snow_cover, snow_visibility_m, vehicle_dust_cover, "
-            "vehicle_snow_cover, visibility_m, wind_m_s",
+            "[ground]\nqwerty = 1",
+            "unknown key ground.qwerty; known here: exclude, fallback_z, include",
         ),
         (
             "[weather]\nfog = 0.6\nrain = 0.5",
-            "weather: fog, rain, snow and dust are 1.1 together; expected shares of at most 1 in all",
+            f"weather: {', '.join(KINDS)} are 1.1 together; expected shares of at most 1 in all",
         ),
         ("[camera]\nfov_x_deg = [50, 40]", f"camera.fov_x_deg = [50, 40]: {RANGE} 0.1 <= low <= high <= 179"),
         ("[camera]\nfov_x_deg = 'wide'", f"camera.fov_x_deg = 'wide': {RANGE} 0.1 <= low <= high <= 179"),
