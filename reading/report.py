@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+import msgspec
 from rich.markup import escape
 from rich.table import Table
 
@@ -60,15 +61,11 @@ def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
         stem = row.name.rstrip("0123456789").rstrip(" ._-")
         families.setdefault((stem if stem != row.name else row.name, row.kind, row.use), []).append(row)
     result: list[Row] = []
-    for (stem, kind, use), family in families.items():
+    for (stem, _, _), family in families.items():
         if len(family) < FAMILY:
             result += family
             continue
-        size = tuple(max(row.size[axis] for row in family) for axis in range(3))
-        count = sum(row.count for row in family)
-        result.append(
-            Row(f"{stem}*", kind, use, family[0].why, count, family[0].triangles, (size[0], size[1], size[2]))
-        )
+        result.append(_together(family, f"{stem}*", family[0].why))
     return tuple(result)
 
 
@@ -85,10 +82,15 @@ def _dropped_together(rows: Sequence[Row]) -> list[Row]:
             continue
         names = ", ".join(row.name for row in family[:LISTED])
         more = f" and {len(family) - LISTED} more" if len(family) > LISTED else ""
-        size = tuple(max(row.size[axis] for row in family) for axis in range(3))
-        count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
-        result.append(Row(names + more, family[0].kind, "dropped", why, count, triangles, (size[0], size[1], size[2])))
+        result.append(_together(family, names + more, why))
     return result
+
+
+def _together(family: Sequence[Row], name: str, why: str) -> Row:
+    """One row for all, as large as the largest."""
+    size = (max(row.size[0] for row in family), max(row.size[1] for row in family), max(row.size[2] for row in family))
+    count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
+    return Row(name, family[0].kind, family[0].use, why, count, triangles, size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,13 +200,7 @@ class FileReport:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> FileReport:
         """The report that `to_json` gave."""
-        known: dict[str, Any] = {k: tuple(v) if isinstance(v, (list, tuple)) else v for k, v in data.items()}
-        known["rows"] = tuple(Row(**{**r, "size": tuple(r["size"])}) for r in data["rows"])
-        triples = ("pivot", "axis", "limits")
-        known["parts"] = tuple(PartRow(**{**p, **{k: tuple(p[k]) for k in triples}}) for p in data["parts"])
-        known["materials"] = tuple(MaterialRow(**{**m, "colour": tuple(m["colour"])}) for m in data["materials"])
-        known["missing"] = tuple(Missing(m["path"], tuple(m["wanted_by"])) for m in data["missing"])
-        return cls(**known)
+        return msgspec.convert(data, cls)
 
 
 def _materials(rows: Sequence[MaterialRow]) -> list[str]:

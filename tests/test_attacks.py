@@ -78,7 +78,9 @@ def written(folder: Path) -> set[str]:
 
 def test_a_file_with_every_attack_in_it_reads_and_writes_nothing_outside(attack: Path, tmp_path: Path) -> None:
     before, opened = written(attack), Opened(attack / "secret")
-    export(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery")
+    report = export(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery").report
+    missing = {Path(missing.path).name for missing in report.missing}
+    assert {"image.png", "relative.png", "udim.<UDIM>.png", "font.ttf", "linked.blend"} <= missing, "it is reported"
     assert opened.names() == set()
     assert written(attack) == before
 
