@@ -35,6 +35,7 @@ def test_contrast_is_the_difference_to_what_is_around_a_target(scene):
     assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
 
 
+@pytest.mark.thorough
 def test_contrast_is_measured_however_many_pictures_there_are(tmp_path):
     records = [(i, 1, (2, 2, 8, 8), rectangle(2, 2, 8, 8)) for i in range(1, 5002)]
     coco = dataset(records, images=5001)

@@ -1,7 +1,6 @@
 """COCO's matching, against pycocotools' own decisions."""
 
 import contextlib
-import copy
 import io
 
 import numpy as np
@@ -80,11 +79,6 @@ def assert_official(coco, found):
         assert {g: int(d) for g, d in enumerate(mine.detection) if d >= 0} == real
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_random_boxes_are_matched_as_pycocotools_matches_them(seed):
-    assert_official(*random_case(seed))
-
-
 def test_more_than_a_hundred_detections_in_an_image():
     coco, _ = random_case(1, images=2, classes=2, per_image=30)
     rng = np.random.default_rng(0)
@@ -136,18 +130,3 @@ def test_pairs_are_the_same_in_one_piece_and_in_many(monkeypatch):
     assert len(whole.box) > 50
     for key in Pairs.__slots__:
         assert np.array_equal(getattr(whole, key), getattr(pieces, key))
-
-
-def test_the_order_of_a_file_changes_no_count():
-    coco, found = random_case(5)
-    counts = set()
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        shuffled = copy.deepcopy(coco)
-        rng.shuffle(shuffled["images"])
-        rng.shuffle(shuffled["categories"])
-        order = rng.permutation(len(found))
-        labels, predictions = loaded(shuffled, [found[i] for i in order])
-        mine = match(labels, predictions, overlapping(labels, predictions))
-        counts.add((int((mine.box >= 0).sum()), int((mine.detection >= 0).sum()), float(np.nansum(mine.iou))))
-    assert len(counts) == 1

@@ -113,16 +113,11 @@ def test_worth_is_read_off_the_real_curve(study):
     assert not [key for key in worth if key[0] == "mixed at 100 %"]
 
 
-def test_where_nothing_is_found_synthetic_images_have_no_worth(pictures, tmp_path):
-    finished_study(
-        pictures,
-        tmp_path,
-        tmp_path / "out",
-        seeds=[0],
-        arms=["real", "mixed"],
-        fractions=[1.0, 0.25],
-        skill=dict.fromkeys(SKILL, 0),
-    )
+@pytest.mark.parametrize(("real", "mixed"), [(0, 0), (50, 95)])
+def test_where_photographs_are_not_shown_to_help_nothing_is_worth_some(pictures, tmp_path, real, mixed):
+    skill = {(arm, share): {"real": real, "mixed": mixed}[arm] for arm in ("real", "mixed") for share in (1.0, 0.25)}
+    keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
+    finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
     assert compared_runs(tmp_path / "out")["worth"] == []
 
 
