@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import imagehash
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from PIL import Image
 
-from dataset.picture_files import read_pixels
 
 SIDE = 16  # of a hash: 256 bits
 ALIKE = 26  # differing bits of 256, see docs/dataset.md for what was measured
 FLAT = 2.0  # of 255: standard deviation of a picture that has nothing to compare
-READERS = 4  # threads
 
 
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
@@ -30,18 +26,6 @@ def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] 
     if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT:
         return None
     return imagehash.phash(gray, hash_size=SIDE).hash.ravel()
-
-
-def picture_hashes(paths: Sequence[Path]) -> list[Bool[np.ndarray, "256"] | None]:
-    """Return the hash of each picture.
-
-    Raises
-    ------
-    DatasetError
-        If a picture cannot be read.
-    """
-    with ThreadPoolExecutor(READERS) as pool:
-        return list(pool.map(lambda path: picture_hash(read_pixels(path)), paths))
 
 
 def near_duplicates(

@@ -6,7 +6,6 @@ import io
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,9 @@ from PIL import Image as Pictures
 
 from annotate.drawing import colour_of
 from annotate.outlines import polygons
+from dataset.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
-from dataset.page import GENERATOR, Facet, Order, Tile, chart, charts, gallery, page, section, table, words
-from dataset.report_charts import azimuths, histogram, place_map, places_in_pictures, shares
+from dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Order, Overlay, Section, Table, Tile, Words, page
 from dataset.table import Dataset, Image
 from geometry.errors import DatasetError
 from geometry.files import replacing
@@ -59,9 +58,9 @@ def write_report(
         tiles.append(_tile(dataset, i))
         if progress is not None:
             progress(done, len(chosen))
-    text = page(
-        f"Dataset {dataset.name}", *_counts(dataset), *_charts(dataset), *_maps(dataset), _looks(dataset, tiles)
-    )
+    counts = _counts(dataset)
+    sections = [_looks(dataset, tiles), counts, *_charts(dataset), *_maps(dataset)]
+    text = page(f"Dataset {dataset.name}", sections)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as file:
@@ -71,7 +70,7 @@ def write_report(
         raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy=remedy) from error
 
 
-def _counts(dataset: Dataset) -> list[str]:
+def _counts(dataset: Dataset) -> Section:
     labels, images = dataset.labels, dataset.of_images
     empty = int((images["labels"] == 0).sum())
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
@@ -90,41 +89,37 @@ def _counts(dataset: Dataset) -> list[str]:
         shown = len(np.unique(labels["image"][mine]))
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
         rows.append([name, f"{shown:,}", f"{mine.sum():,}", *(f"{n:,}" for n in sizes), models])
-    return [
-        section(
-            "What it holds",
-            words(", ".join(said) + "."),
-            table(["class", "images", "labels", *COCO_SIZES, "vehicles"], rows, choose=[{"class": r[0]} for r in rows]),
-        )
-    ]
+    header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
+    found = Table(header, rows, choose=[{"class": row[0]} for row in rows])
+    return Section("What it holds", [Words(", ".join(said) + "."), found])
 
 
-def _charts(dataset: Dataset) -> list[str]:
+def _charts(dataset: Dataset) -> list[Section]:
     labels, images = dataset.labels, dataset.of_images
     drawn = []
     for one in ORDERS:
         values = labels[one.name]
         if np.isfinite(values).any():
             title = f"{one.title}, {one.unit}" if one.unit else one.title
-            drawn.append(chart(histogram(title, values, log=one.name in ("box_size", "distance")), title))
+            drawn.append(Chart(histogram(title, values, log=one.name in ("box_size", "distance")), title))
     if np.isfinite(labels["azimuth"]).any():
-        drawn.append(chart(azimuths(labels["azimuth"]), "side seen"))
+        drawn.append(Chart(azimuths(labels["azimuth"]), "side seen"))
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centres = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        drawn.append(chart(places_in_pictures(centres / sizes), "where labels lie in pictures"))
+        drawn.append(Chart(places_in_pictures(centres / sizes), "where labels lie in pictures"))
     light = [
-        chart(shares(title, images[key]), title)
+        Chart(shares(title, images[key]), title)
         for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
         if (images[key] != "").any()
     ]
     if np.isfinite(images["strength"]).any():
-        light.append(chart(histogram("strength of the light", images["strength"]), "strength of the light"))
-    found = [section("How labels differ", charts(*drawn))] if drawn else []
-    return found + ([section("Places, light and weather", charts(*light))] if light else [])
+        light.append(Chart(histogram("strength of the light", images["strength"]), "strength of the light"))
+    found = [Section("How labels differ", [Charts(drawn)])] if drawn else []
+    return found + ([Section("Places, light and weather", [Charts(light)])] if light else [])
 
 
-def _maps(dataset: Dataset) -> list[str]:
+def _maps(dataset: Dataset) -> list[Section]:
     """Each scenery seen from above: where vehicles stand, and cameras."""
     scenery = dataset.of_images["scenery"]
     cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
@@ -135,20 +130,20 @@ def _maps(dataset: Dataset) -> list[str]:
     if not names:
         return []
     drawn = [
-        chart(
+        Chart(
             place_map(name, cameras[known & (scenery == name)], vehicles[known & (scenery == name)]), f"map of {name}"
         )
         for name in names
     ]
-    return [section("From above", words("Dots are vehicles, the ends of lines cameras; metres."), charts(*drawn))]
+    return [Section("From above", [Words("Dots are vehicles, the ends of lines are cameras; meters."), Charts(drawn)])]
 
 
-def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> str:
+def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
     shown = len(tiles)
     said = (
         []
         if shown == len(dataset.images)
-        else [words(f"{shown:,} images, spread evenly over {len(dataset.images):,}.")]
+        else [Words(f"{shown:,} images, spread evenly over {len(dataset.images):,}.")]
     )
     rest = [
         Facet(key, title, sorted(set(dataset.of_images[key].tolist()) - {""}))
@@ -162,7 +157,8 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> str:
         *(Facet(one.name, one.title, one.bins) for one in ORDERS),
         Facet("side", "side seen", SIDES),
     ]
-    return section("What it looks like", *said, gallery(tiles, facets, [Order(one.name, one.title) for one in ORDERS]))
+    orders = [Order(one.name, one.title) for one in ORDERS]
+    return Section("What it looks like", [*said, Gallery(tiles, facets, orders)])
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:
@@ -201,10 +197,10 @@ def _about(dataset: Dataset, row: int) -> list[str]:
     return [each for each in said if each]
 
 
-def _overlay(image: Image, dataset: Dataset) -> str:
-    """Boxes and masks as SVG, in the picture's pixels."""
+def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
+    """Return an image's boxes and masks; None if it has no label."""
     ids = {name: number for number, name in dataset.categories.items()}
-    drawn = []
+    boxes, masks = [], []
     for label in image.labels:
         colour = "rgb({},{},{})".format(*colour_of(ids[label.category]))
         if label.record.get("segmentation"):
@@ -214,15 +210,10 @@ def _overlay(image: Image, dataset: Dataset) -> str:
             except ValueError as error:
                 remedy = "check the dataset with `hulldown verify`"
                 raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
-            for ring in rings:
-                points = " ".join(f"{x:.1f},{y:.1f}" for x, y in np.reshape(ring, (-1, 2)))
-                drawn.append(f'<polygon class=mask style="fill:{colour}" points="{points}"/>')
+            masks += [(np.reshape(ring, (-1, 2)).tolist(), colour) for ring in rings]
         x, y, w, h = label.bbox.tolist()
-        dashes = " stroke-dasharray=4" if label.crowd else ""
-        title = f"<title>{escape(label.category)}</title>"
-        place = f'x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}"'
-        drawn.append(f'<rect {place} style="stroke:{colour}"{dashes}>{title}</rect>')
-    return f'<svg viewBox="0 0 {image.width} {image.height}">{"".join(drawn)}</svg>' if drawn else ""
+        boxes.append(((x, y, w, h), colour, label.category, label.crowd))
+    return Overlay((image.width, image.height), boxes, masks) if boxes else None
 
 
 def _thumbnail(picture: Pictures.Image) -> bytes:

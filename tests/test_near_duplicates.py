@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from dataset.near_duplicates import near_duplicates, picture_hash, picture_hashes
+from dataset.near_duplicates import near_duplicates, picture_hash
+from dataset.picture_files import read_pixels
 from dataset.verify import verify
 
 
@@ -23,6 +24,10 @@ def photographs(tmp_path_factory):
     for i in range(20):
         scene(i).save(folder / f"{i}.png")
     return folder
+
+
+def hashes(paths):
+    return [picture_hash(read_pixels(path)) for path in paths]
 
 
 def paths(folder):
@@ -46,7 +51,7 @@ def test_a_picture_that_was_saved_again_is_found_and_no_other(photographs, tmp_p
         with Image.open(path) as picture:
             change(picture).save(tmp_path / f"{i}{suffix}")
         again.append(tmp_path / f"{i}{suffix}")
-    pairs = near_duplicates(picture_hashes(paths(photographs)), picture_hashes(again))
+    pairs = near_duplicates(hashes(paths(photographs)), hashes(again))
     np.testing.assert_array_equal(pairs, np.stack([np.arange(20)] * 2, axis=1))
 
 

@@ -8,7 +8,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from dataset.page import Facet, Tile, charts, folded, gallery, items, page, section, table, words
+from dataset.page import Charts, Facet, Gallery, Items, Section, Table, Tile, Words, page
 
 FACETS = [Facet("outcome", "outcome", ("missed", "found")), Facet("side_seen", "side", ("front", "rear", "<none>"))]
 
@@ -35,9 +35,11 @@ def shown(browser, tmp_path):
     path.write_text(
         page(
             "A & <B>",
-            section("Numbers", words("it's <i>"), items(["a", "b"]), table(["", "n", "m"], rows, choose=choose)),
-            section("Shades", folded("more", table(["", "x"], [["a", "1"]], shades=[[0.5]])), charts()),
-            section("Pictures", gallery(tiles(), FACETS)),
+            [
+                Section("Numbers", [Words("it's <i>"), Items(["a", "b"]), Table(["", "n", "m"], rows, choose=choose)]),
+                Section("Shades", [Table(["", "x"], [["a", "1"]], "more", shades=[[0.5]]), Charts([])]),
+                Section("Pictures", [Gallery(tiles(), FACETS)]),
+            ],
         ),
         encoding="utf-8",
     )
@@ -116,4 +118,4 @@ def test_a_page_may_not_fetch_anything(shown, tmp_path):
 
 def test_a_facet_that_tells_no_two_apart_is_left_out():
     same = [Tile(picture(), ("a",), {"outcome": "missed"})] * 2
-    assert "<select" not in gallery(same, FACETS)
+    assert "<select" not in page("", [Section("", [Gallery(same, FACETS)])])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dataset.page import chart, charts, folded, gallery, items, link, page, section, table, words
+from dataset.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
 from training.average_precision import AVERAGES
 from training.cases import MOST, Cases, facets
 from training.evaluate import Comparison, Evaluation
@@ -59,16 +59,15 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
     looks
         Its cases.
     """
-    return page(
-        f"{one.predictions.name} on {one.labels.path}",
-        *operating_point(one),
-        section("How well", _figures(report), words(_sure(one))),
-        section("At other thresholds", charts(_curves(one), _thresholds(one))),
-        section("What was taken for what", words(_reading_confusion()), _confusion(report)),
-        section("Why", *_why(one, report)),
-        section("Where", *_where(one, report)),
-        section("What it looks like", *_looks(one, looks)),
-    )
+    sections = [
+        Section("What it looks like", _looks(one, looks)),
+        Section("How well", [_figures(report), Words(_sure(one))]),
+        Section("At other thresholds", [Charts([_curves(one), _thresholds(one)])]),
+        Section("What was taken for what", [Words(_reading_confusion()), _confusion(report)]),
+        Section("Why", _why(one, report)),
+        Section("Where", _where(one, report)),
+    ]
+    return page(f"{one.predictions.name} on {one.labels.path}", sections, above=operating_point(one))
 
 
 def comparison_page(
@@ -88,25 +87,29 @@ def comparison_page(
         for one in compared
         for key in COMPARED
     ]
-    return page(
-        f"{len(evaluations)} detectors on {first.labels.path}",
-        *(paragraph for one in evaluations for paragraph in operating_point(one)),
-        section("How well", table(["", *reports], rows), words(_sure(first))),
-        section(
+    sections = [
+        Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
+        Section("How well", [Table(["", *reports], rows), Words(_sure(first))]),
+        Section(
             "How they differ",
-            words(
-                "Both were resampled with the same drawings of positions, so that what is hard for both cancels out. "
-                "An interval that holds 0 shows no difference."
-            ),
-            chart(differences(compared, {key: FIGURES[key] for key in COMPARED}), "differences with their intervals"),
-            table(["", "difference", "95 % interval"], changes),
+            [
+                Words(
+                    "Both were resampled with the same drawings of positions, so that what is hard for both cancels "
+                    "out. An interval that holds 0 shows no difference."
+                ),
+                Chart(
+                    differences(compared, {key: FIGURES[key] for key in COMPARED}), "differences with their intervals"
+                ),
+                Table(["", "difference", "95 % interval"], changes),
+            ],
         ),
-        section("At other thresholds", chart(precision_recall(evaluations), "precision over recall of each")),
-        section("Each by itself", *(link(name, f"{folder}/report.html") for name, folder in folders.items())),
-    )
+        Section("Each by itself", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
+    ]
+    above = [paragraph for one in evaluations for paragraph in operating_point(one)]
+    return page(f"{len(evaluations)} detectors on {first.labels.path}", sections, above=above)
 
 
-def operating_point(one: Evaluation) -> list[str]:
+def operating_point(one: Evaluation) -> list[Block]:
     """What counts as found, in words."""
     source = one.threshold.source
     labels = int((~one.labels.crowd).sum())
@@ -115,13 +118,13 @@ def operating_point(one: Evaluation) -> list[str]:
         f"confidence of {one.threshold.value:.4g} on ({SOURCES[source]}); it is true if it overlaps a label of its "
         f"class with an IoU of at least {one.matching.iou_threshold:g}."
     )
-    return [words(text), *([words(FLATTERS, warning=True)] if source == "test" else [])]
+    return [Words(text), *([Words(FLATTERS, warning=True)] if source == "test" else [])]
 
 
-def _figures(report: Mapping[str, Any]) -> str:
+def _figures(report: Mapping[str, Any]) -> Table:
     columns = {"all classes": report["overall"], **report["per_class"]}
     rows = [[_title(key, report), *(_with_interval(one, key) for one in columns.values())] for key in FIGURES]
-    return table(["", *columns], rows)
+    return Table(["", *columns], rows)
 
 
 def _sure(one: Evaluation) -> str:
@@ -132,12 +135,12 @@ def _sure(one: Evaluation) -> str:
     )
 
 
-def _curves(one: Evaluation) -> str:
-    return chart(precision_recall([one]), "precision over recall")
+def _curves(one: Evaluation) -> Chart:
+    return Chart(precision_recall([one]), "precision over recall")
 
 
-def _thresholds(one: Evaluation) -> str:
-    return chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence")
+def _thresholds(one: Evaluation) -> Chart:
+    return Chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence")
 
 
 def _reading_confusion() -> str:
@@ -147,46 +150,46 @@ def _reading_confusion() -> str:
     )
 
 
-def _confusion(report: Mapping[str, Any]) -> str:
+def _confusion(report: Mapping[str, Any]) -> Table:
     names, counts = report["confusion"]["classes"], report["confusion"]["counts"]
     shades = [[n / max(sum(row), 1) for n in row] for row in counts]
     shades[-1] = [0.0] * len(names)
-    return table(["", *names], [[name, *map(str, row)] for name, row in zip(names, counts, strict=True)], shades=shades)
+    return Table(["", *names], [[name, *map(str, row)] for name, row in zip(names, counts, strict=True)], shades=shades)
 
 
-def _why(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
+def _why(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
     rows = [
         [f"{name}: {MEANINGS[name]}", str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
         for name in CAUSES
     ]
-    drawn = [chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
+    drawn = [Chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
     return [
-        words(
+        Words(
             "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
             "AP50 are what fixing that cause alone would bring, over all confidences."
         ),
-        table(["cause", "count", "AP50 points"], rows),
+        Table(["cause", "count", "AP50 points"], rows),
         *drawn,
     ]
 
 
-def _where(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
+def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
     overall = float(report["overall"]["recall"] or 0.0)
     told = report["worst_bins"]
-    parts = [
-        items([f"Worst: {line}." for line in told])
+    parts: list[Block] = [
+        Items([f"Worst: {line}." for line in told])
         if told
-        else words("No bin with ten labels or more lies below the whole."),
-        words(
+        else Words("No bin with ten labels or more lies below the whole."),
+        Words(
             "Whiskers are 95 % intervals; a bin seen in fewer than five positions has none. The dashed line is the "
             "recall of all. A click on a bin's name in a table shows its thumbnails."
         ),
-        charts(
-            *(
-                chart(recall_bins(found, overall), f"recall by {found.field.title}")
+        Charts(
+            [
+                Chart(recall_bins(found, overall), f"recall by {found.field.title}")
                 for found in one.bins
                 if (found.labels > 0).sum() > 1  # one bin says no more than the whole
-            )
+            ]
         ),
     ]
     for found in one.bins:
@@ -203,20 +206,20 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[str]:
         ]
         choose = [{found.field.name: row[0]} for row in rows]
         header = [found.field.title, "labels", "found", "recall", "precision", "mean IoU"]
-        parts.append(folded(f"by {found.field.title}", table(header, rows, choose=choose)))
+        parts.append(Table(header, rows, f"by {found.field.title}", choose=choose))
     return parts
 
 
-def _looks(one: Evaluation, looks: Cases) -> list[str]:
-    parts = [
-        words(
+def _looks(one: Evaluation, looks: Cases) -> list[Block]:
+    parts: list[Block] = [
+        Words(
             f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false alarms, "
             "the worst-placed finds. Green: labels. Orange: detections that count."
         )
     ]
     if looks.unread:
-        parts.append(words(f"Pictures are missing that could not be read: {looks.unread}", warning=True))
-    return [*parts, gallery(looks.tiles(), facets(one)) if looks.cases else words("There is nothing to show.")]
+        parts.append(Words(f"Pictures are missing that could not be read: {looks.unread}", warning=True))
+    return [*parts, Gallery(looks.tiles(), facets(one)) if looks.cases else Words("There is nothing to show.")]
 
 
 def _title(key: str, *reports: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dataset.charts import BLUE, GREEN, INK, RED, SOFT
+from dataset.charts import BLUE, GREEN, INK, RED, SOFT, tidy
 from training.study.words import TITLES
 
 COLOURS = {
@@ -70,7 +70,7 @@ def beside(title: str, arms: Mapping[str, Mapping[str, tuple[Value, Ends]]]) -> 
             values = [found.get(key, (None, None)) for key in keys]
             _bars(axis, arm, values, shift=(k - (len(arms) - 1) / 2) * width, width=width)
         axis.set_xticks(range(len(keys)), [TITLES[key] for key in keys])
-        _tidy(axis)
+        tidy(axis)
         axis.set_ylim(0.0, None if keys == PANELS[0] else 1.09)
         axis.set_xlim(-0.6, len(keys) - 0.4)
         axis.margins(y=0.12)
@@ -125,7 +125,7 @@ def over_photographs(panels: Mapping[str, Sequence[Line]]) -> Figure:
         axis.minorticks_off()
         axis.set(xlabel="photographs", title=TITLES[measure], ylim=(0.0, 1.0))
         axis.grid(axis="y", color="#e6e9ec", linewidth=0.7)
-        _tidy(axis)
+        tidy(axis)
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")
     return figure
 
@@ -150,14 +150,8 @@ def bin_changes(title: str, rows: Sequence[tuple[str, float, float, float]]) -> 
     axis.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
     axis.invert_yaxis()
     axis.set(title=title, xlabel="difference of recall (grey: the interval holds 0)")
-    _tidy(axis)
+    tidy(axis)
     return figure
-
-
-def _tidy(axis: Axes) -> None:
-    axis.tick_params(labelsize=8, colors=INK)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(SOFT)
 
 
 def png(figure: Figure) -> bytes:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from dataset.charts import svg
-from dataset.page import chart, folded, items, page, section, table, words
+from dataset.page import Block, Chart, Items, Section, Table, Words, page
 from training.study.charts import COLOURS, Line, beside, bin_changes, over_photographs, png
 from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
 from training.study.words import TITLES
@@ -23,45 +22,7 @@ MOST_BARS = 30  # of a chart of bins
 Record = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Heading:
-    """What begins a section."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Words:
-    """A paragraph."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Items:
-    """A list of sentences."""
-
-    texts: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table; its first column names the rows. A title folds it away on the page."""
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    title: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """One of `charts_of`, and what it says to those who cannot see it."""
-
-    name: str
-    says: str
-
-
-Block = Heading | Words | Items | Table | Chart
+Pictures: TypeAlias = Mapping[str, tuple[bytes, bytes]]  # PNG and SVG of charts by name
 TITLE = "What synthetic images are worth"
 
 
@@ -88,67 +49,55 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
     return {name: (png(figure), svg(figure)) for name, figure in found.items()}
 
 
-def blocks(report: Record) -> list[Block]:
-    """All that the report tells, in order."""
+def sections(report: Record, pictures: Pictures) -> list[Section]:
+    """Return all that the report shows, in order; `pictures` are those of `charts_of`."""
+
+    def chart(name: str, says: str) -> list[Block]:
+        return [Chart(pictures[name][1], says, name)] if name in pictures else []
+
+    over = chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands")
     return [
-        Items(report["summary"]),
-        *_setting(report),
-        Heading("Over the number of photographs"),
-        Chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands"),
-        Words(report["sureness"]),
-        Heading("What the synthetic images are worth"),
-        *_worth(report),
-        Heading("At each share of the photographs"),
-        Words("As the paper's Figures 5 to 9. Counts are means over seeds; lines on bars are 95 % intervals."),
-        *_at_each(report),
-        Heading("Pairs of arms"),
-        *_pairs(report),
-        Heading("Where"),
-        *_where(report),
-        Heading("Beside the paper"),
-        *_paper(report),
-        Heading("All runs"),
-        *_runs(report),
+        Section("In short", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
+        Section("What the synthetic images are worth", _worth(report)),
+        Section(
+            "At each share of the photographs",
+            [
+                Words("As the paper's Figures 5 to 9. Counts are means over seeds; lines on bars are 95 % intervals."),
+                *_at_each(report, chart),
+            ],
+        ),
+        Section("Pairs of arms", _pairs(report)),
+        Section("Where", _where(report, chart)),
+        Section("Beside the paper", _paper(report)),
+        Section("All runs", _runs(report)),
     ]
 
 
-def markdown(told: Sequence[Block]) -> str:
-    """The report as Markdown; charts lie beside it."""
+def markdown(shown: Sequence[Section]) -> str:
+    """Return the report as Markdown; its charts are files beside it."""
     parts = [f"# {TITLE}"]
-    for block in told:
-        match block:
-            case Heading(text):
-                parts.append(f"## {text}")
-            case Words(text):
-                parts.append(text)
-            case Items(texts):
-                parts.append("\n".join(f"- {text}" for text in texts))
-            case Table(header, rows, title):
-                lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-                cells = "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
-                parts.append(f"{title}:\n\n{cells}" if title else cells)
-            case Chart(name, says):
-                parts.append(f"![{says}]({name}.png)")
+    for section in shown:
+        parts.append(f"## {section.heading}")
+        for block in section.blocks:
+            match block:
+                case Words(text):
+                    parts.append(text)
+                case Items(texts):
+                    parts.append("\n".join(f"- {text}" for text in texts))
+                case Table(header, rows, title):
+                    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+                    cells = "\n".join(
+                        "| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines
+                    )
+                    parts.append(f"{title}:\n\n{cells}" if title else cells)
+                case Chart(_, says, name):
+                    parts.append(f"![{says}]({name}.png)")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def html(told: Sequence[Block], charts: Mapping[str, bytes]) -> str:
-    """The report as one page that fetches nothing."""
-    sections: list[tuple[str, list[str]]] = [("In short", [])]
-    for block in told:
-        match block:
-            case Heading(text):
-                sections.append((text, []))
-            case Words(text):
-                sections[-1][1].append(words(text))
-            case Items(texts):
-                sections[-1][1].append(items(texts))
-            case Table(header, rows, title):
-                made = table(header, rows)
-                sections[-1][1].append(folded(title, made) if title else made)
-            case Chart(name, says):
-                sections[-1][1].append(chart(charts[name], says))
-    return page(TITLE, *(section(heading, *parts) for heading, parts in sections))
+def html(shown: Sequence[Section]) -> str:
+    """Return the report as one page that fetches nothing."""
+    return page(TITLE, shown)
 
 
 def _setting(report: Record) -> list[Block]:
@@ -189,12 +138,12 @@ def _worth(report: Record) -> list[Block]:
     )
 
 
-def _at_each(report: Record) -> list[Block]:
+def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
     told: list[Block] = []
     for fraction in _fractions(report):
         mine = [cell for cell in report["cells"] if cell["fraction"] == fraction]
         arms = " beside ".join(cell["arm"] for cell in mine)
-        told.append(Chart(f"real_{subset_name(fraction)}", f"{arms} at {100 * fraction:g} % of the photographs"))
+        told += chart(f"real_{subset_name(fraction)}", f"{arms} at {100 * fraction:g} % of the photographs")
     rows = [
         [cell["name"], *(_count(cell[key]) for key in ("tp", "fp", "fn")),
          *(_ranged(cell[key], cell["intervals"][key]) for key in ("precision", "recall", "f1", "mean_iou",
@@ -221,7 +170,7 @@ def _pairs(report: Record) -> list[Block]:
     return told
 
 
-def _where(report: Record) -> list[Block]:
+def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
     told: list[Block] = [
         Words(
             "Recall in the bins of `hulldown evaluate`, mixed minus real, with intervals from the drawings of test "
@@ -231,8 +180,7 @@ def _where(report: Record) -> list[Block]:
     ]
     for name, one in report["bins"].items():
         told += [Words(f"{name}:"), Items(one["words"] or ["no bin with a difference that is shown"])]
-        if any(row["interval"] is not None and row["labels"] >= 10 for row in one["rows"]):
-            told.append(Chart(_bins_name(name), f"differences of recall in bins, {name}"))
+        told += chart(_bins_name(name), f"differences of recall in bins, {name}")
         rows = [
             [f"{row['field']}: {row['bin']}", str(row["labels"]), *(_number(value) for value in row["recall"]),
              _ranged(row["difference"], row["interval"], signed=True)]

@@ -18,7 +18,7 @@ from training.labels import Labels, read_labels
 from training.predictions import read_predictions
 from training.report_files import plain
 from training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from training.study.page import Block, blocks, charts_of, html, markdown
+from training.study.page import charts_of, html, markdown, sections
 from training.study.results import (
     COMPARED,
     COUNTS,
@@ -50,10 +50,10 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     for name, (as_png, as_svg) in drawn.items():
         _write(study / f"{name}.png", as_png)
         _write(study / f"{name}.svg", as_svg)
-    told: list[Block] = blocks(report)
+    shown = sections(report, drawn)
     _write(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    _write(study / "report.md", markdown(told).encode())
-    _write(study / "report.html", html(told, {name: as_svg for name, (_, as_svg) in drawn.items()}).encode())
+    _write(study / "report.md", markdown(shown).encode())
+    _write(study / "report.html", html(shown).encode())
     return report
 
 
