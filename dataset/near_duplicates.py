@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from PIL import Image
 
-
 SIDE = 16  # of a hash: 256 bits
 ALIKE = 26  # differing bits of 256, see docs/dataset.md for what was measured
 FLAT = 2.0  # of 255: standard deviation of a picture that has nothing to compare
