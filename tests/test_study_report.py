@@ -15,7 +15,7 @@ from tests.training_pictures import make_dataset
 from training.labels import read_labels
 from training.study.charts import Line, beside, over_photographs, png
 from training.study.manifest import write_manifest
-from training.study.page import blocks, markdown
+from training.study.page import markdown, sections
 from training.study.paper import LABELS, PAPER
 from training.study.report import compared_runs, write_report
 from training.study.results import Difference, needed
@@ -164,7 +164,7 @@ def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_
     assert report["missing"] == {
         "mixed-25-seed1": "ended by signal 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
-    assert "mixed-25-seed1: ended by signal 9" in markdown(blocks(report))
+    assert "mixed-25-seed1: ended by signal 9" in markdown(sections(report, {}))
     with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
 
@@ -182,7 +182,7 @@ def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     assert report["study"]["threshold"] == "validation"
     # The false alarms have 0.55, every true detection more: the best threshold leaves them out.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
-    assert "best F1 on the validation photographs" in markdown(blocks(report))
+    assert "best F1 on the validation photographs" in markdown(sections(report, {}))
 
 
 def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
