@@ -90,8 +90,7 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        while not self._lines.empty():
-            self._tell(self._lines.get())
+        self._tell_lines()
         with self._lock:
             if not self._is_connected():
                 return False
@@ -102,6 +101,10 @@ class Cluster:
                 address = next(reversed(self._refused))
                 raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
             return True
+
+    def _tell_lines(self) -> None:
+        while not self._lines.empty():
+            self._tell(self._lines.get())
 
     def _is_connected(self) -> bool:
         now = time.monotonic()
@@ -216,6 +219,7 @@ class Cluster:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.client.close(timeout=5)
+        self._tell_lines()
 
 
 def own_address() -> str:
