@@ -17,7 +17,7 @@ import orjson
 from benchmarks.tables import table
 from dataset.coco import MERGE_SHARE, CocoDataset
 from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME
-from dataset.layout import write_coco
+from dataset.record_lines import write_coco
 
 APPENDS = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory

@@ -17,8 +17,8 @@ from typing import Any
 import orjson
 
 from dataset.journal import last_merged, read_journal, replaced
-from dataset.layout import OtherLayoutError, read_by_line, write_coco
 from dataset.names import place_of
+from dataset.record_lines import OtherLayoutError, read_by_line, write_coco
 from dataset.runs import Run
 from geometry.errors import DatasetError
 from geometry.files import open_regular

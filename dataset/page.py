@@ -228,14 +228,14 @@ def data_uri(content: bytes, kind: str = "") -> Markup:
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("dataset"),
+        loader=PackageLoader(__name__.rpartition(".")[0]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"several": several, "uri": data_uri}
-    beside = files("dataset")
+    beside = files(__name__.rpartition(".")[0])
     for name in ("page.css", "page.js"):  # ours, so it's safe
         environment.globals[name.replace(".", "_")] = Markup(beside.joinpath(name).read_text(encoding="utf-8"))
     environment.globals["generator"] = GENERATOR

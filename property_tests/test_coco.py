@@ -21,7 +21,7 @@ import dataset.document
 from dataset.coco import CocoDataset
 from dataset.document import read_coco, read_document
 from dataset.join import join
-from dataset.layout import OtherLayoutError, read_by_line
+from dataset.record_lines import OtherLayoutError, read_by_line
 from geometry.errors import DatasetError
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)

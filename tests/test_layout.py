@@ -7,7 +7,7 @@ import pytest
 import dataset.document
 from dataset.coco import CocoDataset
 from dataset.document import read_document
-from dataset.layout import OtherLayoutError, read_by_line
+from dataset.record_lines import OtherLayoutError, read_by_line
 from geometry.errors import DatasetError
 
 HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'

@@ -11,8 +11,8 @@ from typing import Any
 import orjson
 
 from dataset.document import ANNOTATIONS_NAME
-from dataset.layout import write_coco
 from dataset.pictures import link_or_copy
+from dataset.record_lines import write_coco
 from dataset.records import by_image, read_usable
 from dataset.split import group_of, positions, shuffled
 from dataset.unfinished import all_or_nothing
