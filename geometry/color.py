@@ -1,15 +1,17 @@
-"""Linear light, sRGB values, and luminance, all with the primaries of Rec. 709."""
+"""Linear light, sRGB values, and luminance, all with the primaries of Rec. 709.
+
+Needs numpy only: it runs in Blender, too.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of display values (ITU-R BT.709-6)
 
 
-def linear_from_srgb(coded: ArrayLike) -> Float[np.ndarray, "..."]:
+def linear_from_srgb(coded: ArrayLike) -> np.ndarray:
     """Return linear light for sRGB values from 0 to 1, in the precision of the values.
 
     References
@@ -20,7 +22,7 @@ def linear_from_srgb(coded: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
-def srgb_from_linear(linear: ArrayLike) -> Float[np.ndarray, "..."]:
+def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
     """Return sRGB values from 0 to 1 for linear light; the inverse of `linear_from_srgb`."""
     values = np.asarray(linear)
     return np.where(values <= 0.0031308, 12.92 * values, 1.055 * np.maximum(values, 0.0) ** (1 / 2.4) - 0.055)
