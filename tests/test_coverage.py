@@ -49,7 +49,7 @@ def of_figures(n, simulations):
                     known[k, s] += 1
                     for way, (low, high) in enumerate((ends[key], percentile(drawn[key]))):
                         held[way, k, s] += low <= truth[key] <= high
-    return held / np.maximum(known, 1)
+    return np.where(known >= simulations / 4, held / np.maximum(known, 1), np.nan)  # the rest has too few intervals
 
 
 def of_differences(n, simulations):
@@ -109,7 +109,10 @@ def of_ap50(n, simulations):
 def lowest(n, simulations):
     """Of each figure the share in the scene that it is lowest in: of our intervals, and of percentiles."""
     single, paired, average = of_figures(n, simulations), of_differences(n, simulations), of_ap50(n, simulations // 4)
-    return [(*single[way].min(axis=1).tolist(), float(average[way].min()), float(paired[way].min())) for way in (0, 1)]
+    return [
+        (*np.nanmin(single[way], axis=1).tolist(), float(average[way].min()), float(paired[way].min()))
+        for way in (0, 1)
+    ]
 
 
 @pytest.mark.thorough
