@@ -1,7 +1,7 @@
 """What pictures look like, in figures: how a target stands out, and whether an outline is one in the picture too.
 
 The thresholds of color were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
-seventh of them, that of outlines on 46 in all weathers; docs/dataset.md has the figures.
+seventh of them, that of outlines on 67 in all weathers; docs/dataset.md has the figures.
 """
 
 from __future__ import annotations
