@@ -166,12 +166,12 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     companions: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
-        _means("other vehicles, each with the keys from `vehicle` to `label`", recorded=False),
+        _means("other vehicles of classes, each with the keys of a vehicle", recorded=False),
     ]
     distractors: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
-        _means("vehicles that are no targets, with the same keys", recorded=False),
+        _means("vehicles that aren't targets, with the same keys", recorded=False),
     ]
     rejected: Annotated[
         Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
