@@ -26,6 +26,7 @@ from geometry.errors import AssetError
 from geometry.files import open_regular, replacing
 from reading.export import Exported, export
 from reading.formats import format_of
+from reading.landlock import asset_folders, is_inside, unconfined
 from reading.options import Options
 from reading.report import FileReport
 from reading.watch import DEFAULT_LIMITS, ReadLimits
@@ -94,7 +95,7 @@ def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: R
         note = {
             "path": str(path.resolve()),
             "report": exported.report.to_json(),
-            "files": {file: _print_of(Path(file)) for file in exported.files},
+            "files": {file: _print_of(Path(file), path) for file in exported.files},
         }
         seal(folder, entry, note)
 
@@ -109,7 +110,7 @@ def _entry(entry: Path, path: Path) -> Exported | None:
     # Relative paths of textures mean something else in another folder.
     if (files or report.missing) and note["path"] != str(path.resolve()):
         return None
-    if not all(_unchanged(Path(file), was) for file, was in files.items()):
+    if not all(_unchanged(Path(file), was, path) for file, was in files.items()):
         return None
     return Exported(report, entry / "bundle.npz", entry / "tidy.blend", tuple(files))
 
@@ -218,8 +219,15 @@ def _key() -> bytes:
     return key
 
 
-def _print_of(file: Path) -> list[Any] | None:
-    """Size, time and content of a file; None if it is not there."""
+def _may_read(file: Path, asset: Path) -> bool:
+    """Whether the reader could have opened a file that an asset names; this process opens no other, either."""
+    return bool(unconfined()) or is_inside(file, asset_folders(asset))
+
+
+def _print_of(file: Path, asset: Path) -> list[Any] | None:
+    """Size, time and content of a file that an asset names; None if it is not there to be read."""
+    if not _may_read(file, asset):
+        return None
     try:
         stat = file.stat()
         return [stat.st_size, stat.st_mtime_ns, sha256(file)]
@@ -227,7 +235,9 @@ def _print_of(file: Path) -> list[Any] | None:
         return None
 
 
-def _unchanged(file: Path, was: list[Any] | None) -> bool:
+def _unchanged(file: Path, was: list[Any] | None, asset: Path) -> bool:
+    if not _may_read(file, asset):
+        return was is None
     try:
         stat = file.stat()
         if was is None:

@@ -116,6 +116,13 @@ def asset_folders(path: Path) -> list[Path]:
     return list(dict.fromkeys([*folders, *around]))
 
 
+def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
+    """Whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
+    more = [folder for folder in os.environ.get(MORE, "").split(os.pathsep) if folder]
+    real = Path(os.path.realpath(path))
+    return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
+
+
 def restrict(policy: dict[str, list[str]]) -> None:
     """Confine this process, and what it starts, for good. Threads that it has already are not confined.
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from geometry.errors import AssetError
 from reading.blender.blocks import PATH, blocks, named_files, unpacked
 from reading.cache import sha256
-from reading.landlock import MORE
+from reading.landlock import is_inside
 from render.jobs import RenderAssets
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
@@ -109,16 +109,13 @@ def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> l
     readable
         Folders that a render on this machine may read; ``HULLDOWN_READ`` adds to them.
     """
-    more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
-    roots = [os.path.realpath(folder) for folder in [*map(str, readable), *more]]
     found: dict[Path, None] = {}
     for named in paths:
         path = Path(os.path.normpath(named))
         tiles = next((token for token in TILES if token in path.name), None)
         several = path.parent.glob(glob.escape(path.name).replace(tiles, "*")) if tiles else [path]
         for one in sorted(several):
-            real = Path(os.path.realpath(one))
-            if one != asset and real.is_file() and os.access(real, os.R_OK) and any(map(real.is_relative_to, roots)):
+            if one != asset and one.is_file() and os.access(one, os.R_OK) and is_inside(one, readable):
                 found[one] = None
     return list(found)
 

@@ -22,6 +22,7 @@ from planning.plan_file import Plan
 from planning.write import make_header
 from reading.cache import cached, sha256
 from reading.export import Exported
+from reading.landlock import abi
 from reading.options import Options
 from reading.report import FileReport, Missing
 from reading.watch import ReadLimits
@@ -138,6 +139,26 @@ def test_textures_and_libraries_count(
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "tank.blend").write_bytes(blend.read_bytes())
     assert read(tmp_path / "other" / "tank.blend"), "its relative paths mean other files there"
+
+
+@pytest.mark.skipif(not abi(), reason="without confinement, Blender reads it too")
+@pytest.mark.parametrize("link", [False, True])
+def test_what_an_asset_names_outside_its_folders_is_not_opened(
+    read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path, link: bool
+) -> None:
+    """It was hashed by a process that nothing confines."""
+    asset = tmp_path / "pack" / "models" / "tank.blend"
+    asset.parent.mkdir(parents=True)
+    blend.rename(asset)
+    named = secret = tmp_path / "secret.png"
+    secret.write_bytes(b"red")
+    if link:
+        named = asset.with_name("picture.png")
+        named.symlink_to(secret)
+    exporter.files = (str(named),)
+    assert [read(asset), read(asset)] == [True, False]
+    secret.write_bytes(b"blue")
+    assert not read(asset), "as if it were not there"
 
 
 @pytest.mark.parametrize("harm", ["bundle.npz", "tidy.blend", "entry.json"])
