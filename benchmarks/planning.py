@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import math
 import multiprocessing
-import threading
+import resource
 import time
+import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import psutil
 
 from assets.library import Assets
 from benchmarks.scenes import vehicles
-from benchmarks.tables import table
+from demo.project import CONFIG, create_project, project_text
 from geometry.meshes import Mesh
 from geometry.transforms import apply
-from planning.config import parse_config
-from planning.write import write_plan
+from planning.config import load_config, parse_config
+from planning.loading import load_assets
+from planning.planner import BLOCK, Planner
 from tests.planning_assets import hills
 
 CELLS = 500  # 5e5 triangles of ground
+VARIANTS = (  # vehicles, distractors, and whether there are woods
+    (1, 0, True), (1, 3, False), (2, 3, True), (4, 3, True), (4, 0, False),
+)  # fmt: skip
 
 
 def _assets(cells: int) -> Assets:
@@ -49,52 +55,54 @@ def _config(assets: Assets, images: int, rays: int) -> Any:
     )
 
 
-def _memory(process: psutil.Process) -> int:
-    """Bytes of a process and its children; pages they share count once."""
-    total = 0
-    for one in (process, *process.children(recursive=True)):
-        try:
-            total += one.memory_full_info().pss
-        except psutil.Error:
-            continue  # it has ended
-    return total
-
-
-def _plan(images: int, workers: int, rays: int, cells: int) -> dict[str, float]:
-    """One plan, from config to file."""
+def _case(images: int, rays: int, cells: int) -> tuple[Any, Assets]:
+    """One vehicle an image on hills with 300 trees and rocks."""
     assets = _assets(cells)
-    peak, done = [0], threading.Event()
+    return _config(assets, images, rays), assets
 
-    def watch() -> None:
-        while not done.wait(0.25):
-            peak[0] = max(peak[0], _memory(psutil.Process()))
 
-    watcher = threading.Thread(target=watch, daemon=True)
-    with TemporaryDirectory() as folder:
-        config = _config(assets, images, rays)
-        watcher.start()
-        started = time.perf_counter()
-        first: list[float] = []
+def _init_case(folder: str, images: int, vehicles: int, distractors: int, woods: bool) -> tuple[Any, Assets]:
+    """The config that `hulldown init` writes, or one that differs from it in these numbers."""
+    config = load_config(Path(folder) / CONFIG)
+    assets = load_assets(config)
+    classes = len(set(assets.categories.values()))
+    placement, budget = config.placement, config.budget
+    if images != classes * budget.images_per_class:
+        budget = budget.model_copy(update={"images_per_class": images // classes})
+    if (1, vehicles) != tuple(placement.vehicles_per_image):
+        placement = placement.model_copy(update={"vehicles_per_image": (vehicles, vehicles)})
+    if distractors != placement.distractors_per_image[1]:
+        placement = placement.model_copy(update={"distractors_per_image": (distractors, distractors)})
+    if not woods:
+        no = np.zeros(0, dtype=bool)
+        bare = {
+            "instance_mesh": no.astype(int),
+            "world_from_instance": np.zeros((0, 4, 4)),
+            "instance_names": (),
+            "instance_gives_way": no,
+            "instance_is_water": no,
+        }
+        assets = replace(assets, sceneries={name: replace(s, **bare) for name, s in assets.sceneries.items()})
+    return config.model_copy(update={"placement": placement, "budget": budget}), assets
 
-        def progress(rows: int, _: int) -> None:
-            # The first call comes when all hierarchies are built and nothing is planned yet.
-            if not first:
-                first.append(time.perf_counter())
 
-        plan = write_plan(config, assets, Path(folder) / "plan.jsonl", workers=workers, progress=progress)
-        ended = time.perf_counter()
-        size = plan.path.stat().st_size
-    done.set()
-    watcher.join()
+def _plan(make: Callable[..., tuple[Any, Assets]], *arguments: Any) -> dict[str, float]:
+    """Plan a case in this process: CPU seconds, which a busy machine does not stretch, and the peak of memory."""
+    config, assets = make(*arguments)
+    started = time.process_time()
+    planner = Planner(config, assets)
+    ready, rows, size = time.process_time(), 0, 0
+    for start in range(0, planner.budget.n_positions, BLOCK):
+        lines, n = planner.lines(start, min(start + BLOCK, planner.budget.n_positions))
+        rows, size = rows + n, size + len(lines)
+    seconds = time.process_time() - ready
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return {
-        "images": images,
-        "workers": workers,
-        "rays": rays,
-        "seconds": ended - started,
-        "set_up_s": first[0] - started,
-        "rows_per_s": images / (ended - first[0]),
-        "peak_mb": peak[0] / 2**20,
-        "bytes_per_row": size / images,
+        "images": rows,
+        "set_up_s": ready - started,
+        "rows_per_s": rows / seconds,
+        "peak_mb": peak / 2**20,
+        "bytes_per_row": size / rows,
     }
 
 
@@ -177,11 +185,11 @@ def _in_blender(images: int, rays: int, cells: int) -> dict[str, float]:
     return {"images": images, "rays": rays, "seconds": seconds, "rows_per_s": images / seconds}
 
 
-def _reply(queue: Any, work: Callable[..., dict[str, float]], arguments: tuple[int, ...]) -> None:
+def _reply(queue: Any, work: Callable[..., dict[str, float]], arguments: tuple[Any, ...]) -> None:
     queue.put(work(*arguments))
 
 
-def _apart(work: Callable[..., dict[str, float]], *arguments: int) -> dict[str, float]:
+def _apart(work: Callable[..., dict[str, float]], *arguments: Any) -> dict[str, float]:
     """`work` in a fresh process, so that peaks of memory are its own."""
     context = multiprocessing.get_context("spawn")
     queue = context.Queue()
@@ -194,78 +202,104 @@ def _apart(work: Callable[..., dict[str, float]], *arguments: int) -> dict[str, 
     return result
 
 
-def run(quick: bool) -> dict[str, Any]:
-    """Everything; `quick` takes small plans and a small ground."""
+def config_hash() -> str:
+    """What the config that `hulldown init` writes is known by in the table: its values, not its comments."""
+    config = parse_config(tomllib.loads(project_text()))
+    return hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:12]
+
+
+def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
+    """Everything; `quick` takes small plans and a small ground. `project` is a folder that `hulldown init` made."""
     cells = 150 if quick else CELLS
-    images = [500, 2000] if quick else [1_000, 10_000, 100_000, 1_000_000]
-    middle = images[1] if quick else 20_000
-    cores = psutil.cpu_count() or 1
+    images = [420, 4200] if quick else [420, 4200, 42_000, 420_000, 999_999]
+    some = images[0] if quick else images[1]
+    alone = 4200 if quick else 42_000
     results: dict[str, Any] = {
         "triangles": 2 * cells**2,
-        "by_images": [_apart(_plan, n, 2, 256, cells) for n in images],
-        "by_workers": [_apart(_plan, middle, w, 256, cells) for w in (1, 2, 4) if w <= cores],
-        "by_rays": [_apart(_plan, middle, 1, rays, cells) for rays in (16, 64, 256, 1024)],
+        "config": config_hash(),
+        "init": [],
+        "variants": [],
         "peer": [],
     }
-    if importlib.util.find_spec("bpy"):
-        results["peer"] = [_apart(_in_blender, 50 if quick else 500, rays, cells) for rays in (100, 256)]
+    with TemporaryDirectory() as made:
+        folder = str(project or made)
+        if not project:
+            create_project(folder)
+        load_assets(load_config(Path(folder) / CONFIG))  # reads them into the cache
+        # The case that the others are compared with, before and after them.
+        results["alone"] = [_apart(_plan, _case, alone, 256, cells)]
+        results["init"] = [_apart(_plan, _init_case, folder, n, 1, 3, True) for n in images]
+        for vehicles, distractors, woods in VARIANTS:
+            measured = _apart(_plan, _init_case, folder, some, vehicles, distractors, woods)
+            results["variants"].append({"vehicles": vehicles, "distractors": distractors, "woods": woods, **measured})
+        results["alone"].append(_apart(_plan, _case, alone, 256, cells))
+    results["by_rays"] = [{"rays": rays, **_apart(_plan, _case, alone, rays, cells)} for rays in (16, 64, 256, 1024)]
+    if importlib.util.find_spec("bpy") and not quick:
+        results["peer"] = [_apart(_in_blender, 500, rays, cells) for rays in (100, 256)]
     return results
 
 
 def report(results: dict[str, Any]) -> str:
-    """Return a Markdown section."""
-    rows = [
-        (
-            f"{r['images']:,}",
-            str(r["workers"]),
-            str(r["rays"]),
-            f"{r['set_up_s']:.1f}",
-            f"{r['seconds']:.1f}",
-            f"{r['rows_per_s']:,.0f}",
-            f"{r['peak_mb']:,.0f}",
-            f"{r['bytes_per_row']:,.0f}",
-        )
-        for kind in ("by_images", "by_workers", "by_rays")
-        for r in results[kind]
-    ]
-    head = ["images", "workers", "rays", "set-up (s)", "total (s)", "rows/s", "peak (MB)", "bytes a row"]
-    parts = [
+    """A Markdown section."""
+    one = sum(r["rows_per_s"] for r in results["alone"]) / len(results["alone"])
+    lines = [
         "## Planning",
-        f"From config to `plan.jsonl` on a ground of {results['triangles']:,} triangles with 300 trees and rocks: "
-        "placing, settling, cameras, boxes, visibility, rejection and writing. Memory is that of all processes, shared "
-        "pages counted once.",
-        table(head, rows, left=0),
+        "",
+        "From assets to the lines of `plan.jsonl`, in one process: placing, settling, cameras, boxes, visibility, and "
+        "rejection. Rows count per CPU second. The config is the one that `hulldown init` writes "
+        f"(SHA-256 {results['config']}): ten vehicles, up to three distractors an image, two sceneries with more "
+        "than 7,000 trees, bushes, and rocks each. It is compared with one vehicle an image and no distractors on "
+        f"{results['triangles']:,} triangles of hills with 300 trees and rocks, measured before and after in this run.",
+        "",
+        "| config | images | set-up (s) | rows/CPU s | times slower than on hills | peak (MB) | bytes a row |",
+        "|---|---:|---:|---:|---:|---:|---:|",
     ]
+    for r in results["alone"]:
+        lines.append(_line("one vehicle on hills", r, one))
+    for r in results["init"]:
+        lines.append(_line("as `init` writes it", r, one))
+    for r in results["variants"]:
+        what = f"{r['vehicles']} vehicles, {r['distractors']} distractors, {'woods' if r['woods'] else 'no woods'}"
+        lines.append(_line(what, r, one))
+    lines += ["", "Rays that measure visibility, one vehicle on hills:", "", "| rays | rows/CPU s |", "|---:|---:|"]
+    lines += [f"| {r['rays']} | {r['rows_per_s']:,.0f} |" for r in results["by_rays"]]
     if results["peer"]:
-        ours = next(r["rows_per_s"] for r in results["by_rays"] if r["rays"] == 256)
-        peer = [
-            (str(r["rays"]), f"{r['rows_per_s']:,.1f}", f"{ours / r['rows_per_s']:,.1f} times") for r in results["peer"]
-        ]
-        parts += [
+        lines += [
+            "",
             "Inside Blender, one Python call of `scene.ray_cast` a ray, every place and camera taken at the first try, "
             "no obstacle or clearance checks, one process:",
-            table(["rays", "rows/s", "hulldown, one worker, 256 rays"], peer, left=0),
+            "",
+            "| rays | rows/s | hulldown, one vehicle on hills, 256 rays |",
+            "|---:|---:|---:|",
         ]
-    return "\n\n".join(parts)
+        for r in results["peer"]:
+            lines.append(f"| {r['rays']} | {r['rows_per_s']:,.1f} | {one / r['rows_per_s']:,.1f} times |")
+    return "\n".join(lines) + "\n"
+
+
+def _line(what: str, r: dict[str, float], one: float) -> str:
+    return (
+        f"| {what} | {r['images']:,} | {r['set_up_s']:.1f} | {r['rows_per_s']:,.0f} | {one / r['rows_per_s']:.1f} "
+        f"| {r['peak_mb']:,.0f} | {r['bytes_per_row']:,.0f} |"
+    )
 
 
 def plots(results: dict[str, Any], folder: Path) -> list[Path]:
-    """Rows a second and memory against images, and against rays."""
+    """Rows a CPU second against images, and against rays."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
     charts = (
-        ("by_images", "images", "seconds", "seconds, all told", True),
-        ("by_images", "images", "peak_mb", "peak memory (MB)", False),
-        ("by_rays", "rays", "rows_per_s", "rows a second, one worker", False),
+        ("init", "images", "rows_per_s", "rows a CPU second, as `init` writes it"),
+        ("init", "images", "peak_mb", "peak memory (MB), as `init` writes it"),
+        ("by_rays", "rays", "rows_per_s", "rows a CPU second, one vehicle on hills"),
     )
-    for axis, (kind, x, y, title, log) in zip(figure.subplots(1, 3), charts, strict=True):
+    for axis, (kind, x, y, title) in zip(figure.subplots(1, 3), charts, strict=True):
         axis.plot([r[x] for r in results[kind]], [r[y] for r in results[kind]], "o-")
         axis.set_xscale("log")
-        if log:
-            axis.set_yscale("log")
-        else:
-            axis.set_ylim(bottom=0)
+        axis.set_ylim(bottom=0)
         axis.set_xlabel(x)
         axis.set_title(title)
     path = folder / "planning.png"

@@ -111,7 +111,12 @@ def create_project(
     config = folder / CONFIG
     refuse_config(config)
     build_demo_assets(folder, seed=seed, progress=progress)
-    text = config_text(
+    return _written(config, project_text(small=small))
+
+
+def project_text(*, small: bool = False) -> str:
+    """The config that `create_project` writes."""
+    return config_text(
         vehicles=[
             {
                 "path": f"vehicles/{name}.blend",
@@ -125,4 +130,3 @@ def create_project(
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],  # the others show a street, a wood, a quay
         values=SMALL if small else {},
     )
-    return _written(config, text)
