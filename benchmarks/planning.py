@@ -259,7 +259,7 @@ def report(results: dict[str, Any]) -> str:
     for r in results["init"]:
         lines.append(_line("as `init` writes it", r, one))
     for r in results["variants"]:
-        what = f"{r['vehicles']} vehicles, {r['distractors']} distractors, {'woods' if r['woods'] else 'no woods'}"
+        what = f"vehicles: {r['vehicles']}, distractors: {r['distractors']}, {'woods' if r['woods'] else 'no woods'}"
         lines.append(_line(what, r, one))
     lines += ["", "Rays that measure visibility, one vehicle on hills:", "", "| rays | rows/CPU s |", "|---:|---:|"]
     lines += [f"| {r['rays']} | {r['rows_per_s']:,.0f} |" for r in results["by_rays"]]
