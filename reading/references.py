@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 from geometry.errors import AssetError
 from reading.formats import kind_of_file, refuse_large_json
+from reading.landlock import asset_folders, is_inside
 
 AGAIN = "export it again"
 GLB_JSON = b"JSON"
@@ -40,7 +41,7 @@ def _check_obj(path: Path) -> None:
     for line in _lines(path, b"mtllib"):
         material = path.parent / line
         _refuse(path, line)
-        if kind_of_file(material) == "a file":
+        if kind_of_file(material) == "a file" and is_inside(material, asset_folders(path)):
             for picture in _lines(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
                 _refuse(path, picture.split()[-1] if picture.split() else picture)
 

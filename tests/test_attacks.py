@@ -135,7 +135,9 @@ def test_no_attack_succeeds_on_the_way_to_a_picture(attack: Path, planned: Path,
 
 def assets(attack: Path) -> list[Path]:
     suffixes = (".blend", ".gltf", ".glb", ".obj", ".fbx")
-    return [path for path in sorted(attack.glob("mine/assets/*.*")) if path.suffix in suffixes]
+    return [
+        path for path in sorted(attack.glob("mine/assets/*.*")) if path.suffix in suffixes and not path.is_symlink()
+    ]
 
 
 def config(attack: Path, vehicles: list[Path]):
