@@ -44,5 +44,5 @@ def test_it_is_not_labelled(outside, assets):
 
 
 def test_it_is_counted_and_previewed(plan, outside, assets):
-    assert sum(summarise(plan).companions.values()) == len(plan)
+    assert sum(summarise(plan).counts["companions"].values()) == len(plan)
     assert Artist(plan, assets).picture(outside[0], width=64).width == 64

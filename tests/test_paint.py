@@ -144,7 +144,7 @@ def edited(made, path, change):
 
 
 def test_the_summary_counts_coats(made):
-    counts = summarise(made).paints
+    counts = summarise(made).counts["paints"]
     rows = list(made)
     coats = [coat for row in rows for vehicle in row.vehicles for coat in vehicle.paint]
     assert counts.total() == len(coats)

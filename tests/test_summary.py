@@ -98,10 +98,9 @@ def test_the_picture(tmp_path):
 
 
 def test_a_histogram_counts_everything_even_beyond_its_edges():
-    histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.zeros(2, dtype=np.int64))
-    histogram.add(np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
+    histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
     assert histogram.counts.tolist() == [3, 3]
-    assert (histogram.lowest, histogram.highest) == (-5.0, 9.0)
+    assert (histogram.extremes["lowest"], histogram.extremes["highest"]) == (-5.0, 9.0)
     assert histogram.bars() == "██"
 
 
