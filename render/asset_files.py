@@ -112,6 +112,8 @@ def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> l
     found: dict[Path, None] = {}
     for named in paths:
         path = Path(os.path.normpath(named))
+        if not is_inside(path.parent, readable):
+            continue  # not even its folder is listed
         tiles = next((token for token in TILES if token in path.name), None)
         several = path.parent.glob(glob.escape(path.name).replace(tiles, "*")) if tiles else [path]
         for one in sorted(several):
