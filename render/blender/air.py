@@ -13,6 +13,7 @@ import numpy as np
 from camera.weather_kinds import air_layers
 from reading.blender.frames import pose
 from render.blender.light import HdriWorld
+from render.blender.nodes import add_node
 
 
 class Fog:
@@ -42,16 +43,12 @@ class Fog:
         mesh.from_pydata(*_unit_box())
         material = bpy.data.materials.new("hulldown fog")
         mesh.materials.append(material)
-        nodes, links = material.node_tree.nodes, material.node_tree.links
-        nodes.clear()
-        self._absorption = nodes.new("ShaderNodeVolumeAbsorption")
-        self._absorption.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
-        self._emission = nodes.new("ShaderNodeEmission")
-        both = nodes.new("ShaderNodeAddShader")
-        output = nodes.new("ShaderNodeOutputMaterial")
-        links.new(self._absorption.outputs["Volume"], both.inputs[0])
-        links.new(self._emission.outputs["Emission"], both.inputs[1])
-        links.new(both.outputs["Shader"], output.inputs["Volume"])
+        tree = material.node_tree
+        tree.nodes.clear()
+        self._absorption = add_node(tree, "VolumeAbsorption", {"Color": (0.0, 0.0, 0.0, 1.0)})
+        self._emission = add_node(tree, "Emission")
+        both = add_node(tree, "AddShader", {0: self._absorption.outputs[0], 1: self._emission.outputs[0]})
+        add_node(tree, "OutputMaterial", {"Volume": both.outputs[0]})
         self.clear()
 
     def clear(self) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 
 from render import surface_weather as weather
-from render.blender.nodes import add_node, feed
+from render.blender.nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
@@ -53,8 +53,7 @@ class Group:
 
     def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
         """One operation on numbers."""
-        inputs = dict(enumerate(values))
-        return self.add("Math", inputs, operation=operation, use_clamp=clamp).outputs[0]
+        return maths(self.tree, operation, *values, clamp=clamp)
 
     def dot(self, a: Any, b: Any) -> Any:
         """The scalar product of two vectors."""

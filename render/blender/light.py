@@ -5,10 +5,10 @@ Runs inside Blender; needs numpy and bpy only.
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 from collections.abc import Sequence
+from functools import partial, reduce
 from typing import Any
 
 import bpy
@@ -16,7 +16,7 @@ import numpy as np
 
 from camera.backdrop import HIGH, even_colour, fade
 from camera.fog import DUST_LAYERS, AirLayer, even_sky
-from render.blender.nodes import add_node
+from render.blender.nodes import add_node, maths
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
@@ -33,21 +33,18 @@ class HdriWorld:
         # Blender's automatic choice took 1 s an image for a 1k HDRI, since each turn of the sky builds the map anew.
         world.cycles.sampling_method = "MANUAL"
         self._world = world
-        nodes, links = world.node_tree.nodes, world.node_tree.links
-        nodes.clear()
-        coordinates = nodes.new("ShaderNodeTexCoord")
-        self._mapping = nodes.new("ShaderNodeMapping")
-        self._texture = nodes.new("ShaderNodeTexEnvironment")
-        self._background = nodes.new("ShaderNodeBackground")
-        output = nodes.new("ShaderNodeOutputWorld")
-        links.new(coordinates.outputs["Generated"], self._mapping.inputs["Vector"])
-        self._links, self._lifted = links, _Lifted(world.node_tree, self._mapping.outputs["Vector"])
-        self._veil = _Veil(world.node_tree, self._mapping.outputs["Vector"], self._texture.outputs["Color"])
-        links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
-        links.new(self._texture.outputs["Color"], self._background.inputs["Color"])
-        links.new(self._background.outputs["Background"], output.inputs["Surface"])
-        self._output = output.inputs["Surface"]
-        self._dimmed = _Dimmed(world.node_tree, self._mapping.outputs["Vector"], self._background.outputs["Background"])
+        tree = self._tree = world.node_tree
+        tree.nodes.clear()
+        coordinates = add_node(tree, "TexCoord").outputs["Generated"]
+        self._mapping = add_node(tree, "Mapping", {"Vector": coordinates})
+        direction = self._mapping.outputs["Vector"]
+        self._texture = add_node(tree, "TexEnvironment", {"Vector": direction})
+        self._background = add_node(tree, "Background", {"Color": self._texture.outputs["Color"]})
+        light = self._background.outputs["Background"]
+        self._output = add_node(tree, "OutputWorld", {"Surface": light}).inputs["Surface"]
+        self._lifted = _Lifted(tree, direction)
+        self._veil = _Veil(tree, direction, self._texture.outputs["Color"])
+        self._dimmed = _Dimmed(tree, direction, light)
         self._small: dict[str, np.ndarray] = {}
         self._colours: dict[str, str] = {}  # colour space of each file
         self._path = ""
@@ -85,13 +82,15 @@ class HdriWorld:
         self._mapping.inputs["Rotation"].default_value = euler_xyz(turn @ axes.T)
         self._background.inputs["Strength"].default_value = strength
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
-        if self._texture.inputs["Vector"].links[0].from_socket != seen:  # new links make Cycles compile the sky anew
-            self._links.new(seen, self._texture.inputs["Vector"])
+        self._link(seen, self._texture.inputs["Vector"])
         colour = self._texture.outputs["Color"]
         if horizon is not None and horizon > HIGH:
             colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
-        if self._background.inputs["Color"].links[0].from_socket != colour:
-            self._links.new(colour, self._background.inputs["Color"])
+        self._link(colour, self._background.inputs["Color"])
+
+    def _link(self, output: Any, socket: Any) -> None:
+        if socket.links[0].from_socket != output:  # new links make Cycles compile the sky anew
+            self._tree.links.new(output, socket)
 
     def _colour_space(self, path: str) -> str:
         """What the file says that its colours are, or what Blender takes such a file for."""
@@ -123,8 +122,7 @@ class HdriWorld:
             (3,) radiance of endless air.
         """
         light = self._dimmed.by(air, below, glow) if air else self._background.outputs["Background"]
-        if self._output.links[0].from_socket != light:  # as above
-            self._links.new(light, self._output)
+        self._link(light, self._output)
 
     def _map_of_path(self) -> np.ndarray:
         """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
@@ -157,7 +155,7 @@ class _Veil:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         self._share = add_node(tree, "MapRange", {0: z, "To Min": 1.0, "To Max": 0.0}, clamp=True)
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
-        share = add_node(tree, "Math", {0: camera, 1: self._share.outputs[0]}, operation="MULTIPLY").outputs[0]
+        share = maths(tree, "MULTIPLY", camera, self._share.outputs[0])
         self._mix = add_node(tree, "Mix", {0: share, 6: colour}, data_type="RGBA")
 
     def at(self, horizon: float, colour: np.ndarray) -> Any:
@@ -171,13 +169,11 @@ class _Lifted:
     """Nodes that lift directions of camera rays to an elevation; light comes from where it comes from."""
 
     def __init__(self, tree: Any, direction: Any) -> None:
-        def maths(operation: str, *values: Any) -> Any:
-            return add_node(tree, "Math", dict(enumerate(values)), operation=operation).outputs[0]
-
         x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
-        flat = maths("SQRT", maths("ADD", maths("MULTIPLY", x, x), maths("MULTIPLY", y, y)))
+        squared = maths(tree, "ADD", maths(tree, "MULTIPLY", x, x), maths(tree, "MULTIPLY", y, y))
+        flat = maths(tree, "SQRT", squared)
         self._slope = add_node(tree, "Math", {0: flat}, operation="MULTIPLY")
-        lifted = maths("MAXIMUM", z, self._slope.outputs[0])
+        lifted = maths(tree, "MAXIMUM", z, self._slope.outputs[0])
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         seen = add_node(tree, "Mix", {0: camera, 2: z, 3: lifted}, data_type="FLOAT").outputs[0]
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
@@ -196,18 +192,14 @@ class _Dimmed:
     """
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
-        def maths(operation: str, *values: Any) -> Any:
-            return add_node(tree, "Math", dict(enumerate(values)), operation=operation)
-
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         self._layers, depths = [], []
         for _ in range(DUST_LAYERS):
-            overhead, steepness = maths("MULTIPLY_ADD", camera, 0.0, 0.0), maths("MAXIMUM", z, 1.0)
-            self._layers.append((*overhead.inputs[1:], steepness.inputs[1]))
-            depths.append(maths("DIVIDE", overhead.outputs[0], steepness.outputs[0]).outputs[0])
-        depth = functools.reduce(lambda total, more: maths("ADD", total, more).outputs[0], depths)
-        share = maths("EXPONENT", depth).outputs[0]
+            overhead, steepness = maths(tree, "MULTIPLY_ADD", camera, 0.0, 0.0), maths(tree, "MAXIMUM", z, 1.0)
+            self._layers.append((*overhead.node.inputs[1:], steepness.node.inputs[1]))
+            depths.append(maths(tree, "DIVIDE", overhead, steepness))
+        share = maths(tree, "EXPONENT", reduce(partial(maths, tree, "ADD"), depths))
         self._glow = add_node(tree, "Background")
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 

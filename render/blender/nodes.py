@@ -36,3 +36,8 @@ def feed(tree: Any, socket: Any, value: Any) -> None:
         tree.links.new(value, socket)
     else:
         socket.default_value = value
+
+
+def maths(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
+    """One operation on numbers: the output that has the result."""
+    return add_node(tree, "Math", dict(enumerate(values)), operation=operation, use_clamp=clamp).outputs[0]

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from render.blender.nodes import add_node
+from render.blender.nodes import add_node, maths
 from render.messages import PaintInput
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
@@ -116,12 +116,13 @@ def _is_coloured(tree: Any) -> bool:
 
 def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
     """The output that has what is linked to a socket, painted."""
-    colour, shift = (_attribute(tree, name) for name in _names(number))
+    colour, shift = (
+        add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name) for name in _names(number)
+    )
     if socket.is_linked:
         base = socket.links[0].from_socket
         grey = add_node(tree, "RGBToBW", {0: base}).outputs[0]
-        ratio = add_node(tree, "Math", {0: grey, 1: 1.0 / max(mean, 1e-4)}, operation="MULTIPLY").outputs[0]
-        bounded = add_node(tree, "Math", {0: ratio, 1: BRIGHTEST}, operation="MINIMUM").outputs[0]
+        bounded = maths(tree, "MINIMUM", maths(tree, "MULTIPLY", grey, 1.0 / max(mean, 1e-4)), BRIGHTEST)
         scaled = {0: colour.outputs["Color"], "Scale": bounded}
         fresh = add_node(tree, "VectorMath", scaled, operation="SCALE").outputs[0]
     else:
@@ -138,9 +139,3 @@ def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:
     """From one colour to another, of which no more light comes than falls on it."""
     bounded = add_node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
     return add_node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]
-
-
-def _attribute(tree: Any, name: str) -> Any:
-    node = tree.nodes.new("ShaderNodeAttribute")
-    node.attribute_type, node.attribute_name = "OBJECT", name
-    return node

@@ -5,6 +5,7 @@ Runs inside Blender; needs numpy and bpy only.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import bpy
@@ -13,6 +14,7 @@ import numpy as np
 from camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
 from camera.weather_kinds import KINDS, Weather
 from reading.blender.frames import pose
+from render.blender.nodes import add_node, maths
 from render.messages import CameraInput
 
 NAME = "hulldown precipitation"
@@ -91,39 +93,19 @@ class Precipitation:
 
 def _glow_by_opacity(tree: Any) -> Any:
     """Make `camera.precipitation.opacity` times the gain the opacity of an emission, which is the answer."""
-    nodes, links = tree.nodes, tree.links
-    nodes.clear()
-
-    def math(operation: str, *values: Any) -> Any:
-        node = nodes.new("ShaderNodeMath")
-        node.operation = operation
-        for socket, value in zip(node.inputs, values, strict=False):
-            if isinstance(value, float):
-                socket.default_value = value
-            else:
-                links.new(value, socket)
-        return node.outputs[0]
-
-    def attribute(name: str) -> Any:
-        node = nodes.new("ShaderNodeAttribute")
-        node.attribute_name = name
-        return node.outputs
-
-    parts = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(attribute("profile")["Vector"], parts.inputs[0])
-    u, v, way = parts.outputs
+    tree.nodes.clear()
+    math = partial(maths, tree)
+    profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]
+    gain = add_node(tree, "Attribute", attribute_name="gain").outputs["Fac"]
+    u, v, way = add_node(tree, "SeparateXYZ", {0: profile}).outputs
     squared = math("MAXIMUM", math("SUBTRACT", 1.0, math("MULTIPLY", u, u)), 0.0)
     chord = math("SQRT", squared)
     first = math("MAXIMUM", math("SUBTRACT", v, way), math("MULTIPLY", chord, -1.0))
     last = math("MAXIMUM", math("MINIMUM", math("ADD", v, way), chord), first)
     cubes = math("SUBTRACT", math("POWER", last, 3.0), math("POWER", first, 3.0))
     hidden = math("MULTIPLY_ADD", cubes, -1.0 / 3.0, math("MULTIPLY", squared, math("SUBTRACT", last, first)))
-    share = math("DIVIDE", hidden, math("MULTIPLY", way, 2.0))
-    mix = nodes.new("ShaderNodeMixShader")
-    emission = nodes.new("ShaderNodeEmission")
-    output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(math("MULTIPLY", share, attribute("gain")["Fac"]), mix.inputs[0])
-    links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
-    links.new(emission.outputs[0], mix.inputs[2])
-    links.new(mix.outputs[0], output.inputs["Surface"])
+    share = math("MULTIPLY", math("DIVIDE", hidden, math("MULTIPLY", way, 2.0)), gain)
+    emission, clear = add_node(tree, "Emission"), add_node(tree, "BsdfTransparent")
+    mix = add_node(tree, "MixShader", {0: share, 1: clear.outputs[0], 2: emission.outputs[0]})
+    add_node(tree, "OutputMaterial", {"Surface": mix.outputs[0]})
     return emission
