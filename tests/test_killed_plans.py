@@ -1,6 +1,7 @@
 """kill -9 of a plan at any moment: nobody is left behind, and the same call goes on to the same bytes."""
 
 import multiprocessing
+import multiprocessing.forkserver
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,9 +20,15 @@ PATIENCE = 60.0  # seconds until a process that does not end is a failure
 
 
 def start(path: Path, workers: int) -> multiprocessing.Process:
-    process = FORK.Process(target=write_plan, args=(CONFIG, ASSETS, path), kwargs={"workers": workers})
+    process = FORK.Process(target=plan_alone, args=(path, workers))
     process.start()
     return process
+
+
+def plan_alone(path: Path, workers: int) -> None:
+    """Write the plan in a forked process, where the fork server of an earlier test is no child (cpython 3.11)."""
+    multiprocessing.forkserver._forkserver.__init__()
+    write_plan(CONFIG, ASSETS, path, workers=workers)
 
 
 @pytest.fixture(scope="module", autouse=True)
