@@ -23,10 +23,10 @@ from planning.instances import Instances, hull_of
 from planning.labels import pixels_shown
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
-from planning.search_limits import AIR_CONTRAST, BOX_PX, DISTANCE, PIXELS, SIZED, TRUNCATED, VISIBLE
 from planning.sizing import fraction_of, sized_cameras
 from planning.stage import Site
 
+SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
 PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
 
 
@@ -123,8 +123,8 @@ def try_cameras(
                 elevation=elevation[i],
                 framing=partial(framing, i),
             )
-    faint = AIR_CONTRAST.rejections(air_contrast(visibility_m, distance), config)
-    apart = DISTANCE.rejections(distance, config)
+    faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
+    apart = outside(distance, *limits.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
     views.rejection[:] = np.where(apart, apart, faint)
     views.rejection[np.isnan(distance)] = Rejection.SIZE
 
@@ -156,8 +156,10 @@ def try_cameras(
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
     # A target that is out of the frame has no box: nan is not large enough.
-    small = BOX_PX.rejections(boxes.xywh[:, 2:].min(axis=1), config)
-    cut = TRUNCATED.rejections(boxes.truncated_fraction, config)
+    small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
+    cut = outside(
+        boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
+    )
     views.rejection[rows] = np.where(cut, cut, small)
     if limits.size_measure != "paper":
         # The box leaves out what is nearer than the near plane.
@@ -174,7 +176,9 @@ def try_cameras(
         intrinsics=lens,
         rays=limits.visibility_rays,
     )
-    views.rejection[rows] = VISIBLE.rejections(views.visible_fraction[rows], config)
+    views.rejection[rows] = outside(
+        views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
+    )
     rows = rows[views.rejection[rows] == Rejection.NONE]
     rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
     shown = pixels_shown(
@@ -185,7 +189,7 @@ def try_cameras(
         lens=lenses_of(render, views.fov_x[rows]),
         bbox=rounded("bbox", views.bbox[rows]),
     )
-    views.rejection[rows[~shown]] = PIXELS.below
+    views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
 
@@ -262,6 +266,18 @@ def visible_shares(
     seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
     # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
     return np.nan_to_num(seen.fraction)
+
+
+def outside(
+    values: Float[np.ndarray, " n"],
+    low: float,
+    high: float = math.inf,
+    *,
+    below: Rejection,
+    above: Rejection = Rejection.NONE,
+) -> UInt8[np.ndarray, " n"]:
+    """Return the rejection of each value that is below or above these inclusive limits; nan is below."""
+    return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
 
 
 def lenses_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> Lenses:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from assets.library import AssetFile, Assets
 from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
-from planning.asset_sections import CACHE_NAME, ModelEntry, SceneryEntry
+from planning.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from planning.config import Config, hdri_paths, parse_config
 from planning.paint import paint_doubts, paint_notes
 from planning.plan_file import Plan
@@ -39,22 +39,21 @@ class Library:
     ----------
     assets
         For the planner.
-    vehicles, sceneries, distractors
-        Report, bundle and tidy twin of each file.
+    models, sceneries
+        Report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery.
     hdris
         What is rendered of each HDRI.
     """
 
     assets: Assets
-    vehicles: Mapping[str, Exported]
+    models: Mapping[str, Exported]
     sceneries: Mapping[str, Exported]
     hdris: Mapping[str, Hdri]
-    distractors: Mapping[str, Exported]
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What a person should look at, a line each, beginning with the file's path."""
-        exported = [*self.vehicles.values(), *self.distractors.values(), *self.sceneries.values()]
+        exported = [*self.models.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
         return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
@@ -121,62 +120,55 @@ def load_library(
 
     Parameters
     ----------
-    config, strict, cache, progress
+    config, strict, cache, progress, limits
         See `load_assets`.
     jobs
         How many files are read at a time; as many as there are cores, up to four, if None.
-    limits
-        See `load_assets`.
     """
     cache = config.folder / config.assets.cache if cache is None else cache
     hdris = hdri_paths(config)
     for path in hdris.values():
         refuse_no_hdri(path)  # before the long work
-    wanted: list[tuple[str, ModelEntry | SceneryEntry, Options]] = []
-    entries, others = config.assets.vehicles, config.assets.distractors
-    wanted += [("vehicle", entry, vehicle_options(entry, config)) for entry in (*entries, *others)]
-    wanted += [("scenery", entry, scenery_options(entry, config)) for entry in config.assets.sceneries]
-
     at_once = jobs or min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
 
-    def read(kind: str, entry: ModelEntry | SceneryEntry, options: Options) -> tuple[Exported, str]:
+    def read(entry: ModelEntry | SceneryEntry) -> tuple[Exported, str]:
+        kind = "scenery" if isinstance(entry, SceneryEntry) else "vehicle"
+        options = read_options(entry, config)
         path = config.folder / entry.path
         return cached(path, cache, kind=kind, options=options, limits=shared, progress=progress)
 
+    listed = config.assets
     with ThreadPoolExecutor(at_once) as pool:
-        read_files = list(pool.map(lambda job: read(*job), wanted))
+        files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
     if strict:
-        refuse_missing([exported.report for exported, _ in read_files])
-    vehicles = {
-        e.name: (_painted(r[0], e), r[1])
-        for (_, e, _), r in zip(wanted, read_files, strict=True)
-        if isinstance(e, ModelEntry)
-    }
-    sceneries = {e.name: r for (kind, e, _), r in zip(wanted, read_files, strict=True) if kind == "scenery"}
+        refuse_missing([exported.report for _, (exported, _) in files])
+    models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
+    sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
+
+    def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
+        return {e.name: _as_listed(load_vehicle(models[e.name].bundle), e, config) for e in entries}
+
+    def asset_files(kind: type[ModelEntry] | type[SceneryEntry]) -> dict[str, AssetFile]:
+        return {e.name: AssetFile(e.path, sha256) for e, (_, sha256) in files if isinstance(e, kind)}
+
     assets = Assets(
-        vehicles={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in entries},
-        categories={entry.name: entry.category for entry in entries},
-        sceneries={name: replace(load_scenery(e.bundle), name=name) for name, (e, _) in sceneries.items()},
+        vehicles=shapes(listed.vehicles),
+        categories={entry.name: entry.category for entry in listed.vehicles},
+        sceneries={name: replace(load_scenery(e.bundle), name=name) for name, e in sceneries.items()},
         hdris=tuple(hdris),
-        vehicle_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in entries},
-        scenery_files={e.name: AssetFile(e.path, sceneries[e.name][1]) for e in config.assets.sceneries},
+        vehicle_files=asset_files(VehicleEntry),
+        scenery_files=asset_files(SceneryEntry),
         hdri_files={
             name: AssetFile(_as_given(path, config), skies[name].sha256, skies[name].mended_sha256)
             for name, path in hdris.items()
         },
-        distractors={e.name: _as_listed(load_vehicle(vehicles[e.name][0].bundle), e, config) for e in others},
-        distractor_files={e.name: AssetFile(e.path, vehicles[e.name][1]) for e in others},
+        distractors=shapes(listed.distractors),
+        distractor_files=asset_files(DistractorEntry),
         skies={name: sky.light for name, sky in skies.items()},
     )
-    return Library(
-        assets,
-        vehicles={entry.name: vehicles[entry.name][0] for entry in entries},
-        sceneries={name: exported for name, (exported, _) in sceneries.items()},
-        hdris=skies,
-        distractors={entry.name: vehicles[entry.name][0] for entry in others},
-    )
+    return Library(assets, models, sceneries, skies)
 
 
 def inspect_config(
@@ -203,10 +195,9 @@ def inspect_config(
     """
     library = load_library(config, strict=strict, progress=progress, limits=limits)
     shapes = {**library.assets.vehicles, **library.assets.distractors}
-    exported, sceneries = {**library.vehicles, **library.distractors}, library.assets.sceneries
     listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
-    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in exported.items()]
-    listed += [(e.report, sceneries[name]) for name, e in library.sceneries.items()]
+    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in library.models.items()]
+    listed += [(e.report, library.assets.sceneries[name]) for name, e in library.sceneries.items()]
     return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
 
 
@@ -332,36 +323,13 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
     return replace(shape, name=entry.name, part_limits=limits)
 
 
-def vehicle_options(entry: ModelEntry, config: Config) -> Options:
-    """How a config says that a vehicle's file is to be read."""
-    return Options(
-        up=entry.up,
-        scale=entry.scale,
-        forward=entry.forward,
-        yaw_deg=entry.yaw_deg,
-        keep=entry.keep,
-        drop=entry.drop,
-        turret=entry.turret,
-        gun=entry.gun,
-        turret_pivot=entry.turret_pivot,
-        gun_pivot=entry.gun_pivot,
-        texture_size=config.assets.texture_size,
-    )
-
-
-def scenery_options(entry: SceneryEntry, config: Config) -> Options:
-    """How a config says that a scenery's file is to be read."""
-    return Options(
-        up=entry.up,
-        scale=entry.scale,
-        drop=entry.drop,
-        include=config.ground.include,
-        exclude=config.ground.exclude,
-        ground=entry.ground,
-        not_ground=entry.not_ground,
-        water=entry.water,
-        texture_size=config.assets.texture_size,
-    )
+def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
+    """Return how a config says that a file is to be read: the keys of its entry that are options, and shared ones."""
+    known = {field.name for field in fields(Options)}
+    options = {key: value for key, value in entry if key in known}
+    if isinstance(entry, SceneryEntry):
+        options |= {"include": config.ground.include, "exclude": config.ground.exclude}
+    return Options(**options, texture_size=config.assets.texture_size)
 
 
 def _as_given(path: Path, config: Config) -> str:

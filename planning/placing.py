@@ -15,7 +15,6 @@ from placement.settle import Settled, SettleRules, depth_below, settle_each
 from planning.instances import Instances
 from planning.row import rounded
 from planning.schema import Config
-from planning.search_limits import FORDING, GAP, PENETRATION, SLOPE, VALID_SHARE
 from planning.stage import Site
 
 ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
@@ -47,17 +46,17 @@ def settle_clear(
     limits = config.placement
     rules = SettleRules(
         limits.rule,
-        max_slope=math.radians(SLOPE.highest(config)),
-        min_share=VALID_SHARE.lowest(config),
-        max_gap=GAP.highest(config),
-        max_penetration=PENETRATION.highest(config),
+        max_slope=math.radians(limits.max_slope_deg),
+        min_share=limits.min_valid_share,
+        max_gap=limits.max_gap,
+        max_penetration=limits.max_penetration,
     )
     settled = settle_each(site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     placed = replace(instances, world_from_vehicle=poses)
     rows = np.flatnonzero(rejection == Rejection.NONE)
-    rejection[rows] = FORDING.rejections(depth_in_water(site, placed.take(rows)), config)
+    rejection[rows[depth_in_water(site, placed.take(rows)) > limits.fording_depth]] = Rejection.WATER
     rows = rows[rejection[rows] == Rejection.NONE]
     clear = clear_of_obstacles(site, placed.take(rows), limits.obstacle_clearance)
     rejection[rows[~clear]] = Rejection.OBSTACLE

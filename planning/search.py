@@ -27,13 +27,13 @@ from planning.extras import MOST, Extras, Role, offsets
 from planning.instances import Instances, drawn_angles
 from planning.placing import clear_of_vehicles, settle_clear, unsettled
 from planning.schema import Config
-from planning.search_limits import COMPANION_TRIES, PLACE_TRIES
 from planning.stage import Fleet, Site
 from planning.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192
 CAMERAS = 2048
+COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
 # Places that no camera can see, at one position, before it is given up on.
 BLIND_PLACES = 40
 # Places where extras find no room, at one position, before those without room are left out.
@@ -256,7 +256,7 @@ class _Search:
             self._place_targets(pending)
             pending = self._hopeful(pending)
             crowded = self.place_rejections[pending, Rejection.COMPANION] >= CROWDED_PLACES
-            crowded |= 2 * self.tries[pending] >= PLACE_TRIES.highest(self.config)
+            crowded |= 2 * self.tries[pending] >= self.config.placement.max_tries
             roomy = self._place_extras(pending, leave_out=crowded)
             self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
             blind = self._aim(pending[roomy])
@@ -277,7 +277,7 @@ class _Search:
 
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
         """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
-        limit, ahead, table = int(PLACE_TRIES.highest(self.config)), 1, self.table
+        limit, ahead, table = self.config.placement.max_tries, 1, self.table
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful(pending)):
             now = pending[: max(1, CANDIDATES // ahead)]

@@ -157,7 +157,7 @@ def render_assets(
     """
     config, library = load_planned_library(plan, cache=cache, progress=progress, limits=limits)
     shapes = {**library.assets.vehicles, **library.assets.distractors}
-    read = {**library.vehicles, **library.distractors}
+    read = library.models
     paths = {entry.name: entry.path for entry in (*config.assets.vehicles, *config.assets.distractors)}
     return RenderAssets(
         vehicles={

@@ -208,7 +208,7 @@ def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folde
 
 
 def test_inspect_says_what_can_be_painted(folder, plan):
-    report = load_library(load_config(folder / "hulldown.toml")).vehicles["odd"].report
+    report = load_library(load_config(folder / "hulldown.toml")).models["odd"].report
     rows = {row.name: row for row in report.materials}
     assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tyre"}
     assert [row.name for row in report.materials if row.left_alone] == ["Tyre"]

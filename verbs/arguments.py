@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from geometry.errors import HulldownError
 from reading.landlock import OFF, unconfined
 from reading.watch import GIB, ReadLimits
-from verbs.terminal import warn
+from verbs.terminal import reading_status, warn
+
+Value = TypeVar("Value")
 
 
 @runtime_checkable
@@ -25,18 +28,62 @@ class AddVerb(Protocol):
         ...
 
 
-def picture_name(text: str) -> Path:
-    """The name of a .png file."""
-    if Path(text).suffix.lower() != ".png":
-        raise argparse.ArgumentTypeError(f"expected the name of a .png file, got {text!r}")
-    return Path(text)
+def argument(
+    expected: str, convert: Callable[[str], Value], fits: Callable[[Value], bool] = lambda _: True
+) -> Callable[[str], Value]:
+    """Return a type for argparse that refuses text which `convert` raises ValueError for, or whose value doesn't fit.
+
+    Examples
+    --------
+    >>> argument("an even number", int, lambda number: number % 2 == 0)("4")
+    4
+    """
+
+    def parse(text: str) -> Value:
+        with suppress(ValueError):
+            if fits(value := convert(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+
+    return parse
 
 
-def page_name(text: str) -> Path:
-    """The name of a .html file."""
-    if Path(text).suffix.lower() != ".html":
-        raise argparse.ArgumentTypeError(f"expected the name of a .html file, got {text!r}")
-    return Path(text)
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(word) for word in text.split(","))
+
+
+def _share(text: str) -> tuple[int, int]:
+    which, of = text.split("/")
+    return int(which), int(of)
+
+
+def _named_folder(text: str) -> tuple[str, Path]:
+    name, _, folder = text.partition("=")
+    if not (name and folder):
+        raise ValueError(text)
+    return name, Path(folder)
+
+
+picture_name = argument("the name of a .png file", Path, lambda path: path.suffix.lower() == ".png")
+page_name = argument("the name of a .html file", Path, lambda path: path.suffix.lower() == ".html")
+positive = argument("a number above 0", float, lambda number: 0.0 < number < math.inf)
+at_least_zero = argument("a number from 0 on", float, lambda number: 0.0 <= number < math.inf)
+fraction = argument("a number from 0 to 1", float, lambda number: 0.0 <= number <= 1.0)
+overlap = argument("a number above 0 and up to 1", float, lambda number: 0.0 < number <= 1.0)
+at_least_one = argument("a whole number of at least 1", int, lambda number: number >= 1)
+port = argument("a port from 0 to 65535", int, lambda number: 0 <= number <= 65535)
+fractions = argument("shares such as 1,0.5,0.25", _numbers)
+three_shares = argument(
+    "three shares that add up to 1, such as 0.7,0.2,0.1", _numbers,
+    lambda shares: len(shares) == 3 and all(share >= 0 for share in shares) and abs(sum(shares) - 1.0) <= 1e-6,
+)  # fmt: skip
+one_of_shares = argument("K/N with K from 1 to N, such as 3/8", _share, lambda share: 1 <= share[0] <= share[1])
+named_folder = argument("NAME=DIR, such as real=photographs", _named_folder)
+
+
+def threshold_or_best(text: str) -> float | str:
+    """A confidence, or the word best."""
+    return text if text == "best" else fraction(text)
 
 
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
@@ -74,86 +121,23 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
     )
 
 
-def positive(text: str) -> float:
-    """A finite number above 0."""
-    return _number(text, "a number above 0", lambda number: 0.0 < number < math.inf)
-
-
-def at_least_zero(text: str) -> float:
-    """A finite number from 0 on."""
-    return _number(text, "a number from 0 on", lambda number: 0.0 <= number < math.inf)
-
-
-def three_shares(text: str) -> tuple[float, ...]:
-    """Three shares that add up to 1."""
-    try:
-        shares = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        shares = ()
-    # What is no number fails each comparison.
-    if len(shares) != 3 or not all(share >= 0 for share in shares) or not abs(sum(shares) - 1.0) <= 1e-6:
-        raise argparse.ArgumentTypeError(f"expected three shares that add up to 1, such as 0.7,0.2,0.1, got {text!r}")
-    return shares
-
-
-def fractions(text: str) -> tuple[float, ...]:
-    """Numbers with commas between them; their range is the stage's to check."""
-    try:
-        return tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected shares such as 1,0.5,0.25, got {text!r}") from None
-
-
-def named_folder(text: str) -> tuple[str, Path]:
-    """A name and a folder."""
-    name, equals, folder = text.partition("=")
-    if not (name and equals and folder):
-        raise argparse.ArgumentTypeError(f"expected NAME=DIR, such as real=photographs, got {text!r}")
-    return name, Path(folder)
-
-
-def threshold_or_best(text: str) -> float | str:
-    """A confidence, or the word best."""
-    return text if text == "best" else fraction(text)
-
-
-def fraction(text: str) -> float:
-    """A number from 0 to 1."""
-    return _number(text, "a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)
-
-
-def overlap(text: str) -> float:
-    """A number above 0 and up to 1."""
-    if (value := fraction(text)) == 0.0:
-        raise argparse.ArgumentTypeError("expected an overlap above 0, got 0")
-    return value
-
-
-def one_of_shares(text: str) -> tuple[int, int]:
-    """Which of how many shares."""
-    words = text.split("/")
-    if len(words) == 2 and all(word.isdecimal() for word in words) and 1 <= int(words[0]) <= int(words[1]):
-        return int(words[0]), int(words[1])
-    raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, such as 3/8, got {text!r}")
-
-
-def at_least_one(text: str) -> int:
-    """A whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
-    return int(text)
-
-
-def port(text: str) -> int:
-    """The number of a TCP port."""
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"expected a port from 0 to 65535, got {text!r}")
-    return int(text)
-
-
 def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
     """The folder that what is read of assets is kept in."""
     sub.add_argument("--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})")
+
+
+def add_planned(sub: argparse.ArgumentParser) -> None:
+    """How the assets that a plan names are read."""
+    add_read_limits(sub)
+    add_cache(sub, ".hulldown-cache beside the plan")
+
+
+def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
+    """The assets that a plan names, read by the arguments of `add_planned`."""
+    from planning.loading import load_planned_assets
+
+    with reading_status() as progress:
+        return load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
 
 
 def add_allow_links(sub: argparse.ArgumentParser) -> None:
@@ -162,14 +146,3 @@ def add_allow_links(sub: argparse.ArgumentParser) -> None:
         "--allow-links", type=Path, metavar="DIR", action="append", default=[],
         help="folder that pictures which are links may lead to, besides their dataset; may be repeated",
     )  # fmt: skip
-
-
-def _number(text: str, expected: str, fits: Callable[[float], bool]) -> float:
-    """A number that fits; what is none, or not a number, fits nothing."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not fits(number):
-        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-    return number

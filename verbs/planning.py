@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from geometry.errors import HulldownError
-from verbs.arguments import AddVerb, add_cache, add_read_limits, at_least_one, picture_name, read_limits
+from verbs.arguments import (
+    AddVerb,
+    add_cache,
+    add_planned,
+    add_read_limits,
+    at_least_one,
+    picture_name,
+    planned_assets,
+    read_limits,
+)
 from verbs.terminal import (
     DONE,
     FOUND,
@@ -165,12 +174,10 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> int:
     from planning.check import check_plan
-    from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
-    with reading_status() as progress:
-        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
+    assets = planned_assets(plan, arguments)
     with progress_bar("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
@@ -182,15 +189,13 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> int:
-    from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
     from planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")
     make_room_for_picture(output)
-    with reading_status() as progress:
-        assets = load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
+    assets = planned_assets(plan, arguments)
     with progress_bar("shading") as advance:
         preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
     say(f"wrote {output}")
@@ -262,8 +267,7 @@ def add(verb: AddVerb) -> None:
         "Reads a plan and the assets it names; plans again, and prints a line for each field that differs.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_planned(sub)
 
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
@@ -271,5 +275,4 @@ def add(verb: AddVerb) -> None:
         "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, beside the plan"
     )
     sub.add_argument("--count", type=at_least_one, default=24, help="images, evenly from the plan (default: 24)")
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_planned(sub)

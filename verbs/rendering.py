@@ -11,13 +11,13 @@ from geometry.errors import HulldownError
 from verbs.arguments import (
     AddVerb,
     add_allow_links,
-    add_cache,
-    add_read_limits,
+    add_planned,
     at_least_one,
     at_least_zero,
     fraction,
     one_of_shares,
     page_name,
+    planned_assets,
     positive,
     read_limits,
     three_shares,
@@ -192,7 +192,6 @@ def _export(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> int:
     from dataset.report import THUMBNAIL_WIDTH, write_report
     from dataset.table import Dataset
-    from planning.loading import load_planned_assets
     from planning.plan_file import read_plan
     from planning.preview import Artist
 
@@ -201,9 +200,7 @@ def _report(arguments: argparse.Namespace) -> int:
         dataset = Dataset.read(source)
     else:
         plan = read_plan(source)
-        with reading_status() as status:
-            assets = load_planned_assets(plan, cache=arguments.cache, progress=status, limits=read_limits(arguments))
-        artist = Artist(plan, assets)
+        artist = Artist(plan, planned_assets(plan, arguments))
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
     with progress_bar("thumbnails") as advance:
         write_report(dataset, arguments.output, most=arguments.images, progress=advance)
@@ -238,8 +235,7 @@ def add(verb: AddVerb) -> None:
         "--image-timeout", type=positive, metavar="SECONDS",
         help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
     )  # fmt: skip
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_planned(sub)
 
     sub = verb(
         "join", _join, "put parts of a dataset together",
@@ -259,8 +255,7 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
     sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
     sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_planned(sub)
 
     sub = verb(
         "report", _report, "show a dataset or a plan as a page",
@@ -272,8 +267,7 @@ def add(verb: AddVerb) -> None:
         "--images", type=at_least_one, default=1000, metavar="N",
         help="thumbnails at most, spread evenly over all images (default: 1000)",
     )  # fmt: skip
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_planned(sub)
 
     sub = verb(
         "export", _export, "split a dataset for training",
