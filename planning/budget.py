@@ -12,6 +12,7 @@ Paper, equation 1 (I = V * I_p * P_v) and section 2.1.8 (a number of images per 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -159,14 +160,7 @@ class Budget:
         """Index of the position that takes image `image`."""
         if not 0 <= image < self.n_images:
             raise ValueError(f"image: expected 0 to {self.n_images - 1}, got {image}")
-        low, high = 0, self.n_positions - 1
-        while low < high:
-            middle = (low + high + 1) // 2
-            if int(self.positions([middle]).first_image[0]) <= image:
-                low = middle
-            else:
-                high = middle - 1
-        return low
+        return bisect_right(range(self.n_positions), image, key=lambda k: int(self.positions([k]).first_image[0])) - 1
 
     def _images_before(self, t: Int[np.ndarray, "n c"]) -> Int[np.ndarray, " n"]:
         """Images in the first t[:, c] positions of every class c, added up."""

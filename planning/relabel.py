@@ -11,8 +11,8 @@ from placement.settle import gap_and_penetration
 from planning.aiming import no_views, views_of_others
 from planning.instances import Instances
 from planning.labels import labels_of
-from planning.row import Bounds, Label, Row, rounded
-from planning.rows import boxes_in_rows
+from planning.row import Label, Row, rounded
+from planning.rows import bounds_in_rows, seen_in_rows
 from planning.schema import Config
 from planning.stage import Fleet, PlanStage, Site
 
@@ -76,22 +76,10 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     poses = vehicles.world_from_vehicle
     gap, penetration = gap_and_penetration(site.terrain, poses, fleet.contacts.of(vehicles.model))
     up = poses[:, :3, 2]
-    numbers = {
-        "visible_fraction": views.visible_fraction,
-        "truncated_fraction": views.truncated_fraction,
-        "air_contrast": views.air_contrast,
-        "slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])),
-        "gap": gap,
-        "penetration": penetration,
-    }
-    bounds = rounded("bounds", vehicles.bounds()).tolist()
+    numbers = {"slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))}
+    numbers |= {"gap": gap, "penetration": penetration}
+    columns = {key: rounded(key, values).tolist() for key, values in numbers.items()}
+    columns |= {"label": labels, "bounds": bounds_in_rows(vehicles)}
     return [
-        {
-            "label": labels[i],
-            "bounds": Bounds(tuple(bounds[i][0]), tuple(bounds[i][1])),
-            "bbox": boxes_in_rows(views.bbox[i : i + 1])[0],
-            "bbox_amodal": boxes_in_rows(views.bbox_amodal[i : i + 1])[0],
-            **{key: float(rounded(key, values[i : i + 1])[0]) for key, values in numbers.items()},
-        }
-        for i in range(k)
+        {**seen, **{key: values[i] for key, values in columns.items()}} for i, seen in enumerate(seen_in_rows(views))
     ]

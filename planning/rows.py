@@ -45,7 +45,7 @@ def rows_of(
         block.image.tolist(),
         views.world_from_camera,
         rounded("fov_x_deg", np.degrees(views.fov_x)).tolist(),
-        _seen(views),
+        seen_in_rows(views),
         hdris,
         rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
         strength.tolist(),
@@ -107,7 +107,7 @@ def _extras(
         pixels=seen.pixels,
     )
     roles, records = planned.instances.role[seen.instance].tolist(), defaultdict(list)
-    columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, _seen(views), strict=True)
+    columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
     for image, instance, role, label, shown in columns:
         records[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
     return records
@@ -118,7 +118,6 @@ def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> li
     settled, fleet = table.settled, block.fleet
     instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
     turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
-    bounds = [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
     columns = zip(
         table.model.tolist(),
         settled.world_from_vehicle,
@@ -127,7 +126,7 @@ def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> li
         rounded("gap", settled.gap).tolist(),
         rounded("penetration", settled.penetration).tolist(),
         table.tries.tolist(),
-        bounds,
+        bounds_in_rows(instances),
         _coats(block, table, config=config, draws=draws),
         strict=True,
     )
@@ -165,9 +164,9 @@ def _coats(block: Block, table: Table, *, config: Config, draws: Draws) -> list[
     return coats
 
 
-def _seen(views: Views) -> list[dict[str, Any]]:
+def seen_in_rows(views: Views) -> list[dict[str, Any]]:
     """What rows say of what a camera sees of a vehicle."""
-    boxes = zip(boxes_in_rows(views.bbox), boxes_in_rows(views.bbox_amodal), strict=True)
+    boxes = zip(_boxes(views.bbox), _boxes(views.bbox_amodal), strict=True)
     shares = zip(*(rounded(key, getattr(views, key)).tolist() for key in _SEEN), strict=True)
     return [
         {"bbox": box, "bbox_amodal": amodal, **dict(zip(_SEEN, values, strict=True))}
@@ -175,6 +174,11 @@ def _seen(views: Views) -> list[dict[str, Any]]:
     ]
 
 
-def boxes_in_rows(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
+def bounds_in_rows(instances: Instances) -> list[Bounds]:
+    """Return the bounds of each vehicle in its own frame, as rows have them."""
+    return [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
+
+
+def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
     """Boxes as rows have them, None where there is none."""
     return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in rounded("bbox", boxes).tolist()]
