@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from annotate.boxes import Boxes
+from annotate.masks import show_pixels
 from camera.framing import frame_target
 from camera.intrinsics import Lenses
 from camera.shell import camera_pose, draw_azimuth, draw_elevation
@@ -20,7 +21,6 @@ from placement.rejection import Rejection
 from planning.columns import put
 from planning.draws import Draws, Purpose, RowStreams, between
 from planning.instances import Instances, hull_of
-from planning.labels import pixels_shown
 from planning.row import rounded
 from planning.schema import CameraSection, Config, RenderSection
 from planning.sizing import fraction_of, sized_cameras
@@ -266,6 +266,24 @@ def visible_shares(
     seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
     # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
     return np.nan_to_num(seen.fraction)
+
+
+def pixels_shown(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    *,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    lens: Lenses,
+    bbox: Float[np.ndarray, "n 4"],
+) -> Bool[np.ndarray, " n"]:
+    """Whether the subject of each camera is at the centre of any pixel of its image: whether its mask has any."""
+    shown = np.zeros(len(bbox), dtype=bool)
+    rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
+    world = site.world.with_vehicles(others.beside(rows)[0].posed())
+    subject = subjects.take(rows).in_own_rows().posed()
+    shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
+    return shown
 
 
 def outside(

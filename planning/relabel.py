@@ -65,14 +65,7 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=one)
     views, pixels = views_of_others(site, vehicles, others, cameras=cameras, visibility_m=visibility, config=config)
-    labels = labels_of(
-        config,
-        bbox=views.bbox,
-        visible=views.visible_fraction,
-        truncated=views.truncated_fraction,
-        contrast=views.air_contrast,
-        pixels=pixels,
-    )
+    labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle
     gap, penetration = gap_and_penetration(site.terrain, poses, fleet.contacts.of(vehicles.model))
     up = poses[:, :3, 2]

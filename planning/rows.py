@@ -98,14 +98,7 @@ def _extras(
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """The companions and the distractors of each image, by its row in the block, as its camera sees them."""
     seen, views = planned.seen, planned.seen.views
-    labels = labels_of(
-        config,
-        bbox=views.bbox,
-        visible=views.visible_fraction,
-        truncated=views.truncated_fraction,
-        contrast=views.air_contrast,
-        pixels=seen.pixels,
-    )
+    labels = labels_of(views, seen.pixels, config)
     roles, records = planned.instances.role[seen.instance].tolist(), defaultdict(list)
     columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
     for image, instance, role, label, shown in columns:
