@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,25 +15,6 @@ from planning.row import Row, rounded
 from planning.schema import LightSection
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Exposures:
-    """How n images are exposed, and what is seen of their skies; rounded as rows have them.
-
-    Parameters
-    ----------
-    ev
-        (n,) exposure.
-    white_balance_k
-        (n,) offset of the white balance.
-    horizon_deg
-        (n,) elevation whose colour is seen below it; nan where the HDRI is seen as it is.
-    """
-
-    ev: Float[np.ndarray, " n"]
-    white_balance_k: Float[np.ndarray, " n"]
-    horizon_deg: Float[np.ndarray, " n"]
-
-
 def exposures(
     image: Int[np.ndarray, " n"],
     hdris: Sequence[str],
@@ -43,21 +23,25 @@ def exposures(
     light: LightSection,
     assets: Assets,
     draws: Draws,
-) -> Exposures:
-    """Exposures of the images with these indices, HDRIs and strengths; turn and weather change nothing."""
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], list[float | None]]:
+    """Return how the images with these indices, HDRIs, and strengths are exposed, rounded as rows have it.
+
+    Returns
+    -------
+    The exposure in EV, the offset of the white balance in kelvin, and the elevation in degrees whose color is seen
+    below it, or None where the HDRI is seen as it is. Turn and weather change nothing.
+    """
     u = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
+    skies = {name: assets.sky(name) for name in set(hdris)}
     if light.exposure == "auto":
-        sky = {name: np.array(assets.sky(name).irradiance) for name in set(hdris)}
-        ev = metered(_card(np.array([sky[name] for name in hdris]).reshape(-1, 3), strength[:, None]))
+        irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
+        ev = metered(_card(irradiance, strength[:, None]))
     else:
         ev = np.full(len(image), light.exposure)
     ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
-    horizon = {name: assets.sky(name).horizon_deg if light.backdrop == "sky" else np.nan for name in set(hdris)}
-    return Exposures(
-        ev=rounded("exposure_ev", ev),
-        white_balance_k=rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1])),
-        horizon_deg=np.array([horizon[name] for name in hdris], dtype=np.float64),
-    )
+    white_balance = rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1]))
+    horizon = [float(skies[name].horizon_deg) if light.backdrop == "sky" else None for name in hdris]
+    return rounded("exposure_ev", ev), white_balance, horizon
 
 
 def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:

@@ -29,7 +29,7 @@ def rows_of(
     block: Block, planned: Planned, lights: Lights, *, config: Config, draws: Draws, assets: Assets
 ) -> list[Row]:
     """One row for each image of a block's positions that found a place, in the block's order."""
-    views, table = planned.views, planned.instances
+    views, table, image = planned.views, planned.instances, block.image
     vehicles = _vehicles(block, table, config=config, draws=draws)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
@@ -37,60 +37,43 @@ def rows_of(
     beside = _extras(planned, vehicles, config)
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
-    exposed = exposures(block.image, hdris, strength, light=config.light, assets=assets, draws=draws)
+    ev, white_balance, horizon = exposures(image, hdris, strength, light=config.light, assets=assets, draws=draws)
     kinds = [rejection.key for rejection in Rejection]
-    columns = zip(
-        block.owner.tolist(),
-        block.shot.tolist(),
-        block.image.tolist(),
-        views.world_from_camera,
-        rounded("fov_x_deg", np.degrees(views.fov_x)).tolist(),
-        seen_in_rows(views),
-        hdris,
-        rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
-        strength.tolist(),
-        [None if horizon != horizon else horizon for horizon in exposed.horizon_deg.tolist()],
-        exposed.ev.tolist(),
-        exposed.white_balance_k.tolist(),
-        lights.air.weathers(),
-        lights.sample_seed.tolist(),
-        planned.rejected.tolist(),
-        strict=True,
-    )
-    width, height = config.render.width, config.render.height
+    columns = {
+        "index": image.tolist(),
+        "image_id": (image + 1).tolist(),
+        "file_name": [picture_name(i) for i in image.tolist()],
+        "shot": block.shot.tolist(),
+        "world_from_camera": views.world_from_camera,
+        "fov_x_deg": rounded("fov_x_deg", np.degrees(views.fov_x)).tolist(),
+        "hdri": hdris,
+        "hdri_yaw_deg": rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
+        "strength": strength.tolist(),
+        "horizon_deg": horizon,
+        "exposure_ev": ev.tolist(),
+        "white_balance_k": white_balance.tolist(),
+        "weather": lights.air.weathers(),
+        "sample_seed": lights.sample_seed.tolist(),
+        "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
+    }
     found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()
+    images = zip(block.owner.tolist(), seen_in_rows(views), zip(*columns.values(), strict=True), strict=True)
     return [
         Row(
             target=PlannedVehicle(**vehicles[target[i]], **seen, label="none" if background[i] else "full"),
-            index=image,
-            image_id=image + 1,
-            file_name=picture_name(image),
             scenery=block.site.name,
             position=position[i],
-            shot=shot,
-            world_from_camera=camera,
-            fov_x_deg=fov,
-            width=width,
-            height=height,
-            hdri=hdri,
-            hdri_yaw_deg=yaw,
-            strength=strength,
-            horizon_deg=horizon,
-            exposure_ev=exposure,
-            white_balance_k=kelvin,
-            weather=weather,
-            sample_seed=seed,
+            width=config.render.width,
+            height=config.render.height,
             background=background[i],
             companions=beside[j, Role.COMPANION],
             distractors=beside[j, Role.DISTRACTOR],
-            rejected={kind: n for kind, n in zip(kinds, rejected, strict=True) if n},
             left_out=left_out[i],
+            **dict(zip(columns, values, strict=True)),
         )
-        for j, (
-            i, shot, image, camera, fov, seen, hdri, yaw, strength, horizon, exposure, kelvin, weather, seed, rejected,
-        ) in enumerate(columns)
+        for j, (i, seen, values) in enumerate(images)
         if found[i]
-    ]  # fmt: skip
+    ]
 
 
 def _extras(

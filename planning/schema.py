@@ -338,24 +338,17 @@ class Config(Section):
     @model_validator(mode="after")
     def _targets_are_labelled(self) -> Config:
         """What every target may be is enough for a label."""
-        said, camera = self.annotate, self.camera
-        for key, value, limit, ok in (
-            ("min_box_px", said.min_box_px, f"camera.min_box_px = {camera.min_box_px:g} at most", camera.min_box_px),
-            (
-                "min_visible_fraction",
-                said.min_visible_fraction,
-                f"the least camera.visible_fraction, {camera.visible_fraction[0]:g}, at most",
-                camera.visible_fraction[0],
-            ),
+        given, camera = self.annotate, self.camera
+        for key, limit, source in (
+            ("min_box_px", camera.min_box_px, "at most camera.min_box_px"),
+            ("min_visible_fraction", camera.visible_fraction[0], "at most the least camera.visible_fraction"),
+            ("max_truncated_fraction", camera.truncated_fraction[1], "at least the largest camera.truncated_fraction"),
         ):
-            if value is not None and value > ok:
-                raise ValueError(f"annotate.{key} = {value:g}: expected {limit}, since every target has a label")
-        cut = said.max_truncated_fraction
-        if cut is not None and cut < camera.truncated_fraction[1]:
-            raise ValueError(
-                f"annotate.max_truncated_fraction = {cut:g}: expected the largest camera.truncated_fraction, "
-                f"{camera.truncated_fraction[1]:g}, at least, since every target has a label"
-            )
+            value = getattr(given, key)
+            if value is not None and (value < limit if key.startswith("max") else value > limit):
+                raise ValueError(
+                    f"annotate.{key} = {value:g}: expected {source}, {limit:g}, since every target has a label"
+                )
         return self
 
     def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:

@@ -119,9 +119,9 @@ def test_all_places_are_alike_for_distractors():
         ({"assets": {"distractors": [{"path": "t72.blend"}]}}, "2 vehicles and distractors are called 't72'"),
         ({"assets": {"distractors": [{"path": "a.blend", "sceneries": ["sea"]}]}}, "'sea' matches none of"),
         ({"budget": {"background_share": 1.0}}, r"budget.background_share = 1.0: expected"),
-        ({"annotate": {"min_box_px": 9.0}}, r"annotate.min_box_px = 9: expected camera.min_box_px = 8 at most"),
-        ({"annotate": {"min_visible_fraction": 0.4}}, "expected the least camera.visible_fraction, 0.3, at most"),
-        ({"annotate": {"max_truncated_fraction": 0.1}, "camera": {"truncated_fraction": [0, 0.5]}}, "0.5, at least"),
+        ({"annotate": {"min_box_px": 9.0}}, r"annotate.min_box_px = 9: expected at most camera.min_box_px, 8"),
+        ({"annotate": {"min_visible_fraction": 0.4}}, "expected at most the least camera.visible_fraction, 0.3"),
+        ({"annotate": {"max_truncated_fraction": 0.1}, "camera": {"truncated_fraction": [0, 0.5]}}, "at least the largest camera.truncated_fraction, 0.5"),
     ],
 )
 def test_what_does_not_fit_is_refused(sections, message):
