@@ -45,11 +45,24 @@ PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(
 Positive = Annotated[float, Field(gt=0)]
 
 
-class ModelEntry(Section):
-    """A file, and what in it is the vehicle."""
+class FileEntry(Section):
+    """A file with a name; its own name if none is given."""
 
     path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
     name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_by_file(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(path := data.get("path"), str):
+            stem = (PureWindowsPath(path) if "\\" in path else PurePosixPath(path)).stem
+            return {**data, "name": data.get("name") or stem}
+        return data
+
+
+class ModelEntry(FileEntry):
+    """A file, and what in it is the vehicle."""
+
     forward: Forward = Field(
         default=None,
         description=(
@@ -133,11 +146,9 @@ class DistractorEntry(ModelEntry):
     sceneries: Patterns = Field(default=(), description="names or patterns of the sceneries it occurs in; empty: all")
 
 
-class SceneryEntry(Section):
+class SceneryEntry(FileEntry):
     """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
 
-    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
-    name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
     up: Literal["z", "y"] | None = Field(
         default=None, description="the axis that points up; default: by the file", examples=["z"]
     )
@@ -190,24 +201,6 @@ class AssetsSection(Section):
         """All that is listed with a file of its own."""
         return (*self.vehicles, *self.distractors, *self.sceneries)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _name_by_file(cls, data: Any) -> Any:
-        """An entry without a name is called as its file."""
-        if not isinstance(data, dict):
-            return data
-        named = dict(data)
-        for kind in ("vehicles", "sceneries", "distractors"):
-            entries = data.get(kind)
-            if isinstance(entries, (list, tuple)):
-                named[kind] = [
-                    {**e, "name": e.get("name") or _stem(e["path"])}
-                    if isinstance(e, dict) and isinstance(e.get("path"), str)
-                    else e
-                    for e in entries
-                ]
-        return named
-
     @model_validator(mode="after")
     def _names_are_unique(self) -> AssetsSection:
         vehicles = "vehicles and distractors" if self.distractors else "vehicles"
@@ -225,7 +218,3 @@ class AssetsSection(Section):
         if not any(e.weight for e in self.sceneries):
             raise ValueError("all sceneries have weight 0; expected at least one above 0")
         return self
-
-
-def _stem(path: str) -> str:
-    return (PureWindowsPath(path) if "\\" in path else PurePosixPath(path)).stem

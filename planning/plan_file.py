@@ -61,7 +61,7 @@ class Plan:
             for i, line in enumerate(file):
                 row = self._row(line, i)
                 if (other := names.holder(row)) is not None:
-                    raise self._damaged(i + 2, f"has file_name {row.file_name!r:.80}, which line {other + 2} has")
+                    raise _damaged(self.path, i + 2, f"has file_name {row.file_name!r:.80}, which line {other + 2} has")
                 yield row
         if i + 1 < len(self):
             raise self._too_short(i + 1)
@@ -87,25 +87,26 @@ class Plan:
         try:
             row = decode_row(line)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
-            raise self._damaged(number, misfit(line, Row, error)) from None
+            raise _damaged(self.path, number, misfit(line, Row, error)) from None
         if index >= len(self):
-            raise self._damaged(number, f"is more than the {len(self)} images of the header")
+            raise _damaged(self.path, number, f"is more than the {len(self)} images of the header")
         if row.index != index:
-            raise self._damaged(number, f"has index {row.index}, expected {index}")
+            raise _damaged(self.path, number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
-            raise self._damaged(number, f"has image_id {row.image_id}, expected {index + 1}")
+            raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
         if unknown := row.rejected.keys() - BY_KEY.keys():
-            raise self._damaged(number, f"has rejected {min(unknown)!r:.60}, which is no reason")
+            raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
             # A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse.
             known = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
             if known is not None and vehicle.category != known.category:
                 what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
-                raise self._damaged(number, f"{what}, expected {known.category!r:.60}")
+                raise _damaged(self.path, number, f"{what}, expected {known.category!r:.60}")
         return row
 
-    def _damaged(self, number: int, what: str) -> ConfigError:
-        return ConfigError(f"line {number} {what}", path=self.path, remedy="plan again with `hulldown plan`")
+
+def _damaged(path: Path, number: int, what: str) -> ConfigError:
+    return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
 
 
 class _Names:
@@ -156,23 +157,15 @@ def read_plan(path: str | Path) -> Plan:
     try:
         version = msgspec.json.decode(line)["hulldown_plan"]
     except (msgspec.DecodeError, ValueError, KeyError, TypeError, RecursionError):
-        raise ConfigError(
-            "line 1 is no header of a plan", path=path, remedy="make a plan with `hulldown plan`"
-        ) from None
+        raise _damaged(path, 1, "is no header of a plan") from None
     if version != FORMAT:
-        raise ConfigError(
-            f"line 1 has plan format {version!r:.60}, this is format {FORMAT}",
-            path=path,
-            remedy="plan again with this version",
-        )
+        raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {FORMAT}")
     try:
         plan = Plan(path, decode_header(line))
     except (msgspec.DecodeError, ValueError) as error:
-        what = misfit(line, Header, error)
-        raise ConfigError(f"line 1 {what}", path=path, remedy="plan again with `hulldown plan`") from None
+        raise _damaged(path, 1, misfit(line, Header, error)) from None
     if len(plan) > size:  # who makes a list of a plan takes memory for as many rows as it says
-        what = f"has {len(plan)} images, more than the {size} bytes of the file can hold"
-        raise ConfigError(f"line 1 {what}", path=path, remedy="plan again with `hulldown plan`")
+        raise _damaged(path, 1, f"has {len(plan)} images, more than the {size} bytes of the file can hold")
     return plan
 
 

@@ -9,8 +9,9 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -87,11 +88,13 @@ def make_header(
     config: Config, assets: Assets, path: str | Path, *, images: int, left_out: Sequence[LeftOut] = ()
 ) -> Header:
     """The plan's first line."""
+
     none = AssetFile("")
-    vehicles = {name: assets.vehicle_files.get(name, none) for name in assets.vehicles}
-    sceneries = {name: assets.scenery_files.get(name, none) for name in assets.sceneries}
-    hdris = {name: assets.hdri_files.get(name, none) for name in assets.hdris}
-    distractors = {entry: assets.distractor_files.get(entry.name, none) for entry in config.assets.distractors}
+
+    def recorded(files: Mapping[str, AssetFile], name: str) -> dict[str, str]:
+        file = files.get(name, none)
+        return {"path": file.path, "sha256": file.sha256}
+
     return Header(
         hulldown_plan=FORMAT,
         images=images,
@@ -99,22 +102,17 @@ def make_header(
         root=os.path.relpath(config.folder, Path(path).parent),
         config=config.model_dump(mode="json"),
         vehicles={
-            name: VehicleSource(path=file.path, sha256=file.sha256, category=assets.categories[name])
-            for name, file in vehicles.items()
+            name: VehicleSource(**recorded(assets.vehicle_files, name), category=assets.categories[name])
+            for name in assets.vehicles
         },
         sceneries={
-            name: ScenerySource(
-                path=file.path, sha256=file.sha256, origin=tuple(assets.sceneries[name].origin.tolist())
-            )
-            for name, file in sceneries.items()
+            name: ScenerySource(**recorded(assets.scenery_files, name), origin=tuple(scenery.origin.tolist()))
+            for name, scenery in assets.sceneries.items()
         },
-        hdris={
-            name: HdriSource(path=file.path, sha256=file.sha256, mended_sha256=file.mended_sha256)
-            for name, file in hdris.items()
-        },
+        hdris={name: HdriSource(**asdict(assets.hdri_files.get(name, none))) for name in assets.hdris},
         distractors={
-            entry.name: DistractorSource(path=file.path, sha256=file.sha256, category=entry.category)
-            for entry, file in distractors.items()
+            entry.name: DistractorSource(**recorded(assets.distractor_files, entry.name), category=entry.category)
+            for entry in config.assets.distractors
         },
         versions={
             "python": platform.python_version(),
