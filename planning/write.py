@@ -88,7 +88,6 @@ def make_header(
     config: Config, assets: Assets, path: str | Path, *, images: int, left_out: Sequence[LeftOut] = ()
 ) -> Header:
     """The plan's first line."""
-
     none = AssetFile("")
 
     def recorded(files: Mapping[str, AssetFile], name: str) -> dict[str, str]:
