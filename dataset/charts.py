@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -103,6 +104,20 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
     axes.barh([short(name) for name, _ in shown][::-1], [n for _, n in shown][::-1], color=BLUE, height=0.62)
     axes.set(title=title)
     return svg(figure)
+
+
+def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
+    """Draw named differences with the ends of their intervals, grey where an interval holds 0 or isn't known."""
+    figure, axes = axes_of(6.4, 0.9 + 0.22 * len(rows))
+    for k, (_, value, low, high) in enumerate(rows):
+        colour = GREEN if low > 0 else RED if high < 0 else SOFT
+        axes.plot([low, high], [k, k], color=colour, linewidth=1.2)
+        axes.plot(value, k, "o", color=colour, markersize=4)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
+    axes.invert_yaxis()
+    axes.set(title=title.replace("$", r"\$"), xlabel=xlabel)
+    return figure
 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> bytes:

@@ -53,6 +53,12 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         temporary.unlink(missing_ok=True)
 
 
+def replace_file(path: Path, content: bytes | memoryview) -> None:
+    """Write a whole file as `replacing` does."""
+    with replacing(path) as file:
+        file.write(content)
+
+
 def open_regular(path: Path) -> BinaryIO:
     """A file open for reading, its bytes as they are, if it is a file and no pipe or device, which never ends.
 

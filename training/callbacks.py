@@ -80,7 +80,22 @@ class AveragedWeights(pl.Callback):
         self._steps, self._state = state_dict["steps"], dict(state_dict["state"])
 
 
-class Validator(pl.Callback):
+class Rows(pl.Callback):
+    """Rows of figures that go into each checkpoint and come back from it."""
+
+    def __init__(self) -> None:
+        self.rows: list[list[float]] = []
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up what a checkpoint has kept."""
+        self.rows = [list(row) for row in state_dict["rows"]]
+
+
+class Validator(Rows):
     """Measures the averaged weights some times in a run, for its curve: it decides nothing and changes nothing.
 
     Parameters
@@ -92,7 +107,7 @@ class Validator(pl.Callback):
     """
 
     def __init__(self, steps: int, measure: Callable[[], Mapping[str, float]] | None) -> None:
-        self.rows: list[list[float]] = []  # step, AP, AP50, AP75
+        super().__init__()  # rows of step, AP, AP50, AP75
         self._due = {round(steps * k / VALIDATIONS) for k in range(1, VALIDATIONS)} - {0, steps}
         self._measure = measure
 
@@ -107,16 +122,8 @@ class Validator(pl.Callback):
             found = self._measure()
             self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
 
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
-        return {"rows": self.rows}
 
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take up what a checkpoint has kept."""
-        self.rows = [list(row) for row in state_dict["rows"]]
-
-
-class Recorder(pl.Callback):
+class Recorder(Rows):
     """A row of figures for each step, and a checkpoint from time to time.
 
     Parameters
@@ -143,7 +150,7 @@ class Recorder(pl.Callback):
         estimate: Callable[[float], None],
         on_checkpoint: Callable[[list[list[float]]], None],
     ) -> None:
-        self.rows: list[list[float]] = []  # step, loss, learning rate, seconds, seconds waited for data
+        super().__init__()  # rows of step, loss, learning rate, seconds, seconds waited for data
         self._checkpoint, self._steps, self._every = checkpoint, steps, every
         self._progress, self._estimate, self._on_checkpoint = progress, estimate, on_checkpoint
         self._losses: list[torch.Tensor] = []
@@ -193,11 +200,3 @@ class Recorder(pl.Callback):
         with replacing(self._checkpoint) as file:
             trainer.save_checkpoint(file.name)
         self._on_checkpoint(self.rows)
-
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
-        return {"rows": self.rows}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take up what a checkpoint has kept."""
-        self.rows = [list(row) for row in state_dict["rows"]]

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from geometry.errors import ConfigError, DatasetError
-from geometry.files import replacing
+from geometry.files import replace_file
 
 HEADER = ("draw", "source", "image", "augmentation_seed")
 
@@ -108,8 +108,7 @@ def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence
 
 def write_draws(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]], path: Path) -> None:
     """Write `draws_text`."""
-    with replacing(path) as file:
-        file.write(draws_text(draws, names, file_names))
+    replace_file(path, draws_text(draws, names, file_names))
 
 
 def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dataset.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
 from training.bins import BinFigures
-from training.evaluate import Comparison, Evaluation
+from training.evaluate import Evaluation
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
@@ -63,22 +63,4 @@ def recall_bins(found: BinFigures, overall: float) -> bytes:
     axes.axvline(overall, color=RED, linewidth=0.9, linestyle="--")
     axes.set_yticks(places, [f"{short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
     axes.set(xlim=(0, 1.02), title=f"recall by {found.field.title}")
-    return svg(figure)
-
-
-def differences(compared: Sequence[Comparison], titles: Mapping[str, str]) -> bytes:
-    """Differences of figures, whose titles are given by key, with their intervals."""
-    figure, axes = axes_of(6.4, 0.9 + 0.3 * len(titles) * max(1, len(compared)))
-    names: list[str] = []
-    for one, colour in zip(compared, colours(len(compared)), strict=True):
-        for key, title in titles.items():
-            ends = one.interval.get(key)
-            if ends is not None and not np.isnan(ends).any():
-                axes.plot(ends, [len(names)] * 2, color=colour)
-                axes.plot(one.difference[key], len(names), "o", color=colour)
-            names.append(f"{title}: {short(one.second)}")
-    axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.set(title=f"difference to {short(compared[0].first)}, with 95 % intervals")
     return svg(figure)

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from dataset.charts import LONGEST, differences, svg
 from dataset.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
 from training.average_precision import AVERAGES
 from training.cases import MOST, Cases, facets
 from training.evaluate import Comparison, Evaluation
-from training.evaluation_charts import differences, losses, over_thresholds, precision_recall, recall_bins
+from training.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
 from training.tide import CAUSES
 
 FIGURES = {
@@ -47,6 +48,10 @@ FLATTERS = (
     "The threshold was chosen on the set that it is judged by, so precision, recall and F1 flatter: "
     "choose it on a validation set."
 )
+CONFUSION = (
+    "Rows are what is there, columns what was detected. The row of the background holds false alarms, its column "
+    "misses. What matching within classes leaves is matched across classes."
+)
 
 
 def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) -> str:
@@ -62,8 +67,18 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
     sections = [
         Section("What it looks like", _looks(one, looks)),
         Section("How well", [_figures(report), Words(_sure(one))]),
-        Section("At other thresholds", [Charts([_curves(one), _thresholds(one)])]),
-        Section("What was taken for what", [Words(_reading_confusion()), _confusion(report)]),
+        Section(
+            "At other thresholds",
+            [
+                Charts(
+                    [
+                        Chart(precision_recall([one]), "precision over recall"),
+                        Chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence"),
+                    ]
+                )
+            ],
+        ),
+        Section("What was taken for what", [Words(CONFUSION), _confusion(report)]),
         Section("Why", _why(one, report)),
         Section("Where", _where(one, report)),
     ]
@@ -83,10 +98,12 @@ def comparison_page(
         for key in FIGURES
     ]
     changes = [
-        [f"{FIGURES[key]}: {one.second} minus {one.first}", _signed(one.difference[key]), _change(one, key)]
+        (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.interval[key].tolist())
         for one in compared
         for key in COMPARED
     ]
+    cells = [[name, _signed(value), _ends(low, high)] for name, value, low, high in changes]
+    chart = differences(f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals", changes)
     sections = [
         Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
         Section("How well", [Table(["", *reports], rows), Words(_sure(first))]),
@@ -97,10 +114,8 @@ def comparison_page(
                     "Both were resampled with the same drawings of positions, so that what is hard for both cancels "
                     "out. An interval that holds 0 shows no difference."
                 ),
-                Chart(
-                    differences(compared, {key: FIGURES[key] for key in COMPARED}), "differences with their intervals"
-                ),
-                Table(["", "difference", "95 % interval"], changes),
+                Chart(svg(chart), "differences with their intervals"),
+                Table([f"minus {compared[0].first}", "difference", "95 % interval"], cells),
             ],
         ),
         Section("Each by itself", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
@@ -132,21 +147,6 @@ def _sure(one: Evaluation) -> str:
     return (
         f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They hold what another "
         "test set of this size and kind would give, not what another training would."
-    )
-
-
-def _curves(one: Evaluation) -> Chart:
-    return Chart(precision_recall([one]), "precision over recall")
-
-
-def _thresholds(one: Evaluation) -> Chart:
-    return Chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence")
-
-
-def _reading_confusion() -> str:
-    return (
-        "Rows are what is there, columns what was detected. The row of the background holds false alarms, its column "
-        "misses. What matching within classes leaves is matched across classes."
     )
 
 
@@ -252,8 +252,5 @@ def _signed(value: float) -> str:
     return "–" if np.isnan(value) else f"{value:+.3f}"
 
 
-def _change(one: Comparison, key: str) -> str:
-    ends = one.interval.get(key)
-    if ends is None or np.isnan(ends).any():
-        return "–"
-    return f"{ends[0]:+.3f} to {ends[1]:+.3f}"
+def _ends(low: float, high: float) -> str:
+    return "–" if np.isnan(low) else f"{low:+.3f} to {high:+.3f}"

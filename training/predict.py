@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 
 from dataset.picture_files import read_pixels
 from geometry.errors import HulldownError
-from geometry.files import open_in_place, replacing
+from geometry.files import open_in_place, replace_file, replacing
 from training.detector import WEIGHTS_NAME, Detections, Detector, DetectorError, chosen_device, read_run
 from training.extra import require_extra
 from training.labels import Labels, read_labels
@@ -145,8 +145,7 @@ def predict(
     beside = output.with_name(output.name + INFO_SUFFIX)
     beside.unlink(missing_ok=True)  # of earlier results, which it must not outlive
     for path, value in ((output, results), (beside, info)):
-        with replacing(path) as file:
-            file.write(orjson.dumps(value) + b"\n")
+        replace_file(path, orjson.dumps(value) + b"\n")
     unfinished.unlink()
     return Predicted(len(labels.images), len(results), already, unknown)
 

@@ -10,9 +10,9 @@ from typing import Any
 import orjson
 
 from geometry.errors import DatasetError, HulldownError
-from geometry.files import replacing
+from geometry.files import replace_file, replacing
 from training.cases import cases
-from training.evaluate import Comparison, Evaluation, Threshold, best_threshold, compare, evaluate
+from training.evaluate import Evaluation, Threshold, best_threshold, compare, evaluate
 from training.evaluation_page import comparison_page, evaluation_page
 from training.labels import Labels, read_labels
 from training.predictions import Predictions, read_predictions
@@ -98,7 +98,10 @@ def evaluate_files(
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
-    return _write_comparison(output, evaluations, reports, compared, folders)
+    written = {"runs": reports, "comparisons": [comparison_record(one) for one in compared]}
+    page = comparison_page(evaluations, reports, compared, folders)
+    _write_report(output, metrics_csv(reports), written, page)
+    return written
 
 
 def _threshold(
@@ -138,23 +141,14 @@ def _write(one: Evaluation, written: Mapping[str, Any], folder: Path) -> None:
         else:
             with replacing(folder / name) as file:
                 sheet.save(file, "PNG")
-    _write_text(folder / "metrics.csv", metrics_csv({one.predictions.name: written}))
-    _write_json(folder / "report.json", written)
-    _write_text(folder / "report.html", evaluation_page(one, written, looks))
+    page = evaluation_page(one, written, looks)
+    _write_report(folder, metrics_csv({one.predictions.name: written}), written, page)
 
 
-def _write_comparison(
-    folder: Path,
-    evaluations: Sequence[Evaluation],
-    reports: Mapping[str, Mapping[str, Any]],
-    compared: Sequence[Comparison],
-    folders: Mapping[str, str],
-) -> dict[str, Any]:
-    written = {"runs": dict(reports), "comparisons": [comparison_record(one) for one in compared]}
-    _write_text(folder / "metrics.csv", metrics_csv(reports))
-    _write_json(folder / "report.json", written)
-    _write_text(folder / "report.html", comparison_page(evaluations, reports, compared, folders))
-    return written
+def _write_report(folder: Path, metrics: str, written: Mapping[str, Any], page: str) -> None:
+    replace_file(folder / "metrics.csv", metrics.encode())
+    replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
+    replace_file(folder / "report.html", page.encode())
 
 
 def _make_folder(folder: Path) -> None:
@@ -164,13 +158,3 @@ def _make_folder(folder: Path) -> None:
         raise DatasetError(
             f"cannot be written ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
         ) from None
-
-
-def _write_json(path: Path, value: Any) -> None:
-    with replacing(path) as file:
-        file.write(orjson.dumps(value, option=orjson.OPT_INDENT_2) + b"\n")
-
-
-def _write_text(path: Path, text: str) -> None:
-    with replacing(path) as file:
-        file.write(text.encode("utf-8"))

@@ -14,7 +14,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from geometry.errors import ConfigError
-from geometry.files import replacing
+from geometry.files import replace_file, replacing
 from training.detector import RUN_NAME, WEIGHTS_NAME, DetectorError, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
@@ -60,8 +60,7 @@ class RunFolder:
 
     def write_json(self, name: str, value: Mapping[str, Any]) -> None:
         """Replace a file in one step."""
-        with replacing(self.path / name) as file:
-            file.write(json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
+        replace_file(self.path / name, json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
 
     def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]] = ()) -> None:
         """Replace metrics.csv, validation.csv where there is any, and the picture of both."""
@@ -134,8 +133,7 @@ def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[flo
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([int(step), *(f"{value:.6g}" for value in values)] for step, *values in rows)
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+    replace_file(path, text.getvalue().encode())
 
 
 def _draw_curves(rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]], path: Path) -> None:

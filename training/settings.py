@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from geometry.errors import ConfigError, shown
+from geometry.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 FLAGS = ("model", "budget", "seed", "resolution", "weights")  # what the command line may say itself
@@ -84,55 +83,7 @@ def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
     """
     data = {} if path is None else read_toml(path)
     data.update({key: value for key, value in changes.items() if value is not None})
-    try:
-        return completed(Settings.model_validate(data))
-    except ValidationError as error:
-        raise mistake(error, Settings, path) from None
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """What a TOML file holds.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, or is none.
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError("no such file", path=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read: {error}", path=path) from None
-    except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
-        raise ConfigError(f"is no TOML: {error}", path=path) from None
-
-
-def mistake(error: ValidationError, model: type[BaseModel], path: Path | None) -> ConfigError:
-    """The first thing that is wrong with a file, naming key, value and what is allowed.
-
-    Parameters
-    ----------
-    error
-        What pydantic says.
-    model
-        What the file should be; a table in it is a field that is a model itself.
-    path
-        The file.
-    """
-    first = error.errors(include_url=False)[0]
-    steps = [step for step in first["loc"] if not (isinstance(step, str) and "[" in step)]
-    key = ".".join(str(step) for step in steps)
-    for step in steps[:-1]:
-        inner = model.model_fields[step].annotation if isinstance(step, str) and step in model.model_fields else None
-        model = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else model
-    if first["type"] == "extra_forbidden":
-        return ConfigError(f"unknown key {key}; known here: {', '.join(model.model_fields)}", path=path)
-    if first["type"] == "missing":
-        return ConfigError(f"{key} is missing", path=path)
-    what = first["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
-    value = f"{key} = {shown(first['input'])}: " if key else ""
-    return ConfigError(f"{value}{what}", path=path)
+    return completed(validated(Settings, data, path))
 
 
 def completed(settings: Settings) -> Settings:

@@ -20,7 +20,7 @@ import pytorch_lightning as pl
 import torch
 
 from geometry.errors import ConfigError, HulldownError
-from geometry.files import replacing
+from geometry.files import replace_file
 from training.augment import changed_table
 from training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
 from training.centre_points import CentreNetwork
@@ -120,8 +120,7 @@ def train(
             return run
         names, files = [source.name for source in sources], [source.file_names for source in sources]
         if draws_file is not None and not folder.draws.exists():
-            with replacing(folder.draws) as file:
-                file.write(draws_file.read_bytes())
+            replace_file(folder.draws, draws_file.read_bytes())
         if not folder.draws.exists():
             draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
             write_draws(draws, names, files, folder.draws)
@@ -141,8 +140,7 @@ def train(
         detector, saved, rows, validated = fitted
         content = io.BytesIO()  # PyTorch hides the reason where a disk is full
         torch.save(saved, content)
-        with replacing(folder.weights) as file:
-            file.write(content.getbuffer())
+        replace_file(folder.weights, content.getbuffer())
         run["figures"] = _figures(rows, settings, time.monotonic() - started)
         if held_back:
             found = validation_figures(detector, held_back[0], progress=partial(progress, "validating"))

@@ -130,30 +130,6 @@ def over_photographs(panels: Mapping[str, Sequence[Line]]) -> Figure:
     return figure
 
 
-def bin_changes(title: str, rows: Sequence[tuple[str, float, float, float]]) -> Figure:
-    """Differences of recall in bins, with intervals.
-
-    Parameters
-    ----------
-    title
-        Of the chart.
-    rows
-        Name, difference, and the ends of its interval, of each bin.
-    """
-    figure = Figure(figsize=(6.4, 0.9 + 0.22 * len(rows)), layout="constrained")
-    axis = figure.subplots()
-    for k, (_, value, low, high) in enumerate(rows):
-        colour = GREEN if low > 0 else RED if high < 0 else SOFT
-        axis.plot([low, high], [k, k], color=colour, linewidth=1.2)
-        axis.plot(value, k, "o", color=colour, markersize=4)
-    axis.axvline(0.0, color=INK, linewidth=0.8)
-    axis.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
-    axis.invert_yaxis()
-    axis.set(title=title, xlabel="difference of recall (grey: the interval holds 0)")
-    tidy(axis)
-    return figure
-
-
 def png(figure: Figure) -> bytes:
     """The same bytes for the same chart."""
     file = io.BytesIO()

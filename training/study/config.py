@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from geometry.errors import ConfigError
-from training.settings import Settings, completed, mistake, read_toml
+from geometry.toml_files import read_toml, validated
+from training.settings import Settings, completed
 from training.subset import FRACTIONS
 
 Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
@@ -56,10 +57,7 @@ def load_study(path: Path | str) -> StudyConfig:
     """
     path = Path(path)
     data: dict[str, Any] = read_toml(path)
-    try:
-        study = StudyConfig.model_validate(data)
-    except ValidationError as error:
-        raise mistake(error, StudyConfig, path) from None
+    study = validated(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
             raise ConfigError(

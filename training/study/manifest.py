@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 from dataset.document import read_coco
 from dataset.records import by_image
 from geometry.errors import ConfigError, DatasetError
-from geometry.files import replacing
+from geometry.files import replace_file
 from training.draws import Draws, draws_text
 from training.settings import Settings
 from training.sources import CheckedPictures, Source, check_pictures, follow_masks, read_sources, shared_pictures
@@ -151,10 +151,9 @@ def write_manifest(study: SettledStudy, folder: Path) -> None:
     for name, text in study.draws.items():
         path = draws_path(folder, name)
         if not path.exists():
-            with replacing(path) as file:
-                file.write(text)
-    with replacing(folder / MANIFEST_NAME) as file:
-        file.write(orjson.dumps(study.manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2) + b"\n")
+            replace_file(path, text)
+    content = orjson.dumps(study.manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2)
+    replace_file(folder / MANIFEST_NAME, content + b"\n")
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from dataset.charts import svg
+from dataset.charts import differences, svg
 from dataset.page import Block, Chart, Items, Section, Table, Words, page
-from training.study.charts import COLOURS, Line, beside, bin_changes, over_photographs, png
+from training.study.charts import COLOURS, Line, beside, over_photographs, png
 from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
 from training.study.words import TITLES
 from training.subset import subset_name
@@ -40,12 +40,12 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
     for name, one in report["bins"].items():
         rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= 10][:MOST_BARS]
         if rows:
-            title = f"recall: {name}"
             bars = [
                 (f"{row['field']}: {row['bin']} (n {row['labels']})", row["difference"], *row["interval"])
                 for row in rows
             ]
-            found[_bins_name(name)] = bin_changes(title, bars)
+            xlabel = "difference of recall (grey: the interval holds 0)"
+            found[_bins_name(name)] = differences(f"recall: {name}", bars, xlabel=xlabel)
     return {name: (png(figure), svg(figure)) for name, figure in found.items()}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from geometry.errors import HulldownError
-from geometry.files import replacing
+from geometry.files import replace_file
 from training.detector import RUN_NAME
 from training.evaluate import Threshold, best_threshold, evaluate
 from training.labels import Labels, read_labels
@@ -48,12 +48,12 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     report = compared_runs(study, progress=progress)
     drawn = charts_of(report)
     for name, (as_png, as_svg) in drawn.items():
-        _write(study / f"{name}.png", as_png)
-        _write(study / f"{name}.svg", as_svg)
+        replace_file(study / f"{name}.png", as_png)
+        replace_file(study / f"{name}.svg", as_svg)
     shown = sections(report, drawn)
-    _write(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    _write(study / "report.md", markdown(shown).encode())
-    _write(study / "report.html", html(shown).encode())
+    replace_file(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
+    replace_file(study / "report.md", markdown(shown).encode())
+    replace_file(study / "report.html", html(shown).encode())
     return report
 
 
@@ -229,8 +229,3 @@ def _ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
 def _finite(value: float) -> float | None:
     """None for more than there are."""
     return None if np.isinf(value) else value
-
-
-def _write(path: Path, content: bytes) -> None:
-    with replacing(path) as file:
-        file.write(content)

@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 
 from geometry.child import Child
 from geometry.errors import ConfigError, HulldownError
-from geometry.files import replacing
+from geometry.files import replace_file
 from training.run_folder import LOCK_NAME, RunFolder
 from training.study.manifest import (
     LOGS_NAME,
@@ -302,8 +302,7 @@ def in_a_process(
 
 
 def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
-    with replacing(out / FAILURES_NAME) as file:
-        file.write(orjson.dumps(dict(failed), option=orjson.OPT_INDENT_2) + b"\n")
+    replace_file(out / FAILURES_NAME, orjson.dumps(dict(failed), option=orjson.OPT_INDENT_2) + b"\n")
 
 
 def read_failures(out: Path) -> dict[str, str]:

@@ -1,0 +1,108 @@
+"""TOML files as checked models: every mistake is one line that names its key and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from geometry.errors import ConfigError, shown
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
+    """Read a TOML file; `remedy` is what to do where there is no such file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, or isn't TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError("no such file", path=path, remedy=remedy) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot be read: {error}", path=path) from None
+    except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
+        raise ConfigError(f"is no TOML: {error}", path=path) from None
+
+
+def validated(model: type[Model], data: Mapping[str, Any], path: Path | None) -> Model:
+    """Return the model that the data of a file describes.
+
+    Raises
+    ------
+    ConfigError
+        Naming file, key, value and what is allowed.
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        first, *more = error.errors(include_url=False)
+        tail = f" (and {len(more)} more)" if more else ""
+        raise ConfigError(_explained(dict(first), model) + tail, path=path) from None
+
+
+# What pydantic says in words of Python, in words of TOML.
+_ALLOWED = {
+    "too_short": "expected at least one",
+    "tuple_type": "expected a list",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "string_type": "expected a string",
+    "bool_type": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+}
+
+
+def _explained(error: Mapping[str, Any], top: type[BaseModel]) -> str:
+    """One line for one of pydantic's errors: key, value, what is allowed."""
+    steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
+    key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
+    if error["type"] == "extra_forbidden":
+        section = [s for s in steps[:-1] if isinstance(s, str)]
+        near = _nearest(str(steps[-1]), section, top)
+        hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_fields(section, top)))}"
+        return f"unknown key {key}; {hint}"
+    if error["type"] == "missing":
+        return f"{key} is missing" if key else "is empty"
+    allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
+    allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
+    value = "" if isinstance(error["input"], dict) else f" = {shown(error['input'])}"
+    return f"{key}{value}: {allowed}" if key else allowed
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)
+
+
+def _fields(section: list[str], model: type[BaseModel]) -> list[str]:
+    """Keys known in a section, given the names that lead to it."""
+    for name in section:
+        model = next(_models(model.model_fields[name].annotation), model)
+    return list(model.model_fields)
+
+
+def _nearest(name: str, section: list[str], top: type[BaseModel]) -> str | None:
+    """The known key most like `name`: in its own section if there is one, else anywhere, with its section."""
+    if near := difflib.get_close_matches(name, _fields(section, top), n=1):
+        return ".".join([*section, near[0]])
+    elsewhere = {
+        key: table
+        for table, field in top.model_fields.items()
+        for key in (_fields([table], top) if list(_models(field.annotation)) else [])
+    }
+    if near := difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.8):
+        return f"{elsewhere[near[0]]}.{near[0]}"
+    return None
