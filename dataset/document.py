@@ -240,9 +240,10 @@ def check_is_dataset(folder: Path) -> None:
 
 
 def read_coco(folder: Path | str) -> dict[str, Any]:
-    """The dataset in `folder` as one COCO dictionary, journal included; changes nothing, needs no lock.
+    """Read the dataset in `folder` as one COCO dictionary, journal included; this changes nothing and needs no lock.
 
-    A split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, is read too.
+    It may be a split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, or a COCO
+    file itself.
 
     Raises
     ------
@@ -250,6 +251,8 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
         If there is none, or it is damaged.
     """
     folder = Path(folder)
+    if folder.is_file():
+        return _read_annotations(folder).to_dict()
     ours = (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
     if not ours and (folder / COCO_NAME).exists():
         return _read_annotations(folder / COCO_NAME).to_dict()

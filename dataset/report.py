@@ -18,7 +18,7 @@ from dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Order, Overlay, Section, Table, Tile, Words, page
 from dataset.table import Dataset, Image
 from geometry.errors import DatasetError
-from geometry.files import replacing
+from geometry.files import replace_file
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
@@ -63,8 +63,7 @@ def write_report(
     text = page(f"Dataset {dataset.name}", sections)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as file:
-            file.write(text.encode("utf-8"))
+        replace_file(path, text.encode())
     except OSError as error:
         remedy = "choose a file that you may write to"
         raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy=remedy) from error

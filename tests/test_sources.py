@@ -191,7 +191,7 @@ def test_a_folder_that_holds_something_else_is_not_trained_in(tmp_path):
 
     dataset = make_dataset(tmp_path / "set", 4)
     settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 4})
-    with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or an empty folder"):
+    with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
         train({"real": dataset}, dataset, settings=settings, device="cpu")
 
 
@@ -202,7 +202,7 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
     assert (settings.model, settings.budget, settings.shares) == ("nano", 200, {"real": 0.5})
     assert (settings.batch, settings.accumulate, settings.effective_batch) == (4, 4, 16)
     path.write_text("bugdet = 100\n")
-    with pytest.raises(ConfigError, match=r"train\.toml: unknown key bugdet; known here: model, budget"):
+    with pytest.raises(ConfigError, match=r"train\.toml: unknown key bugdet; did you mean budget"):
         load_settings(path, {})
     path.write_text("budget =\n")
     with pytest.raises(ConfigError, match=r"train\.toml: is no TOML"):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -281,7 +282,7 @@ def test_a_source_that_lacks_a_class_is_refused_before_anything_trains(pictures,
 
 
 def test_a_test_picture_that_is_trained_on_is_refused(pictures, tmp_path):
-    with pytest.raises(HulldownError, match=r"images/0000\.png is images/0000\.png of real too: no detector may be"):
+    with pytest.raises(HulldownError, match=r"images/0000\.png of test shows the same as images/0000\.png of real"):
         settled(pictures, tmp_path, test=str(pictures / "real"))
 
 
@@ -291,6 +292,17 @@ def test_a_training_picture_that_was_saved_again_is_no_test_picture(pictures, tm
         picture.convert("P", palette=Image.Palette.ADAPTIVE).save(test / "images" / "0002.png")
     with pytest.raises(HulldownError, match=r"images/0002\.png of test shows the same as images/0001\.png of real"):
         settled(pictures, tmp_path, test=str(test))
+
+
+def test_an_even_picture_that_is_trained_on_is_no_test_picture(pictures, tmp_path):
+    """It has no perceptual hash: only its bytes tell."""
+    for name in ("real", "test"):
+        path = shutil.copytree(pictures / name, tmp_path / name) / "images" / "0003.png"
+        with Image.open(path) as picture:
+            size = picture.size
+        Image.new("RGB", size, (90, 90, 90)).save(path)
+    with pytest.raises(HulldownError, match=r"images/0003\.png of test shows the same as images/0003\.png of real"):
+        settled(pictures, tmp_path, real=str(tmp_path / "real"), test=str(tmp_path / "test"))
 
 
 def test_a_folder_of_something_else_is_refused(pictures, tmp_path):

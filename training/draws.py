@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from geometry.errors import ConfigError, DatasetError
-from geometry.files import replace_file
 
 HEADER = ("draw", "source", "image", "augmentation_seed")
 
@@ -104,11 +103,6 @@ def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence
     for k, (source, image, seed) in enumerate(zip(draws.source, draws.image, draws.seed, strict=True)):
         rows.writerow((k, names[source], file_names[source][image], int(seed)))
     return text.getvalue().encode()
-
-
-def write_draws(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]], path: Path) -> None:
-    """Write `draws_text`."""
-    replace_file(path, draws_text(draws, names, file_names))
 
 
 def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:

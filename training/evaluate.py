@@ -57,7 +57,7 @@ class Evaluation:
 
     Parameters
     ----------
-    labels, predictions, pairs
+    labels, predictions
         What was compared.
     threshold
         The operating point; its IoU is the matching's.
@@ -87,7 +87,6 @@ class Evaluation:
 
     labels: Labels
     predictions: Predictions
-    pairs: Pairs
     threshold: Threshold
     matching: Matching
     seen: Outcomes
@@ -183,7 +182,6 @@ def evaluate(labels: Labels, predictions: Predictions, *, threshold: Threshold, 
     return Evaluation(
         labels=labels,
         predictions=predictions,
-        pairs=pairs,
         threshold=threshold,
         matching=matching,
         seen=seen,

@@ -198,9 +198,9 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
                 row["bin"],
                 str(row["labels"]),
                 str(row["found"]),
-                _ranged(row["recall"], row["recall_interval"]),
-                _ranged(row["precision"], row["precision_interval"]),
-                _number(row["mean_iou"]),
+                ranged(row["recall"], row["recall_interval"]),
+                ranged(row["precision"], row["precision_interval"]),
+                number(row["mean_iou"]),
             ]
             for row in report["bins"][found.field.name]
         ]
@@ -229,19 +229,21 @@ def _title(key: str, *reports: Mapping[str, Any]) -> str:
 
 
 def _with_interval(record: Mapping[str, Any], key: str) -> str:
-    return _ranged(record[key], record["intervals"].get(key))
+    return ranged(record[key], record["intervals"].get(key))
 
 
-def _ranged(value: float | int | None, ends: Sequence[float | None] | None) -> str:
+def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
+    """Say a figure with its interval, where it has one; `sign` is ``"+"`` for differences."""
     if ends is None or value is None:
-        return _number(value)
+        return number(value, sign=sign)
     if None in ends:
-        return f"{_number(value)} (too few positions to tell)"
-    return f"{_number(value)} ({_number(ends[0])} to {_number(ends[1])})"
+        return f"{number(value, sign=sign)} (too few positions to tell)"
+    return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
 
 
-def _number(value: float | int | None) -> str:
-    return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:.3f}"
+def number(value: float | int | None, *, sign: str = "") -> str:
+    """Say a count, or a figure with three decimals."""
+    return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
 
 
 def _points(value: float | None) -> str:

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orjson
 from jaxtyping import Bool, Float, Int
 
-from dataset.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
-from dataset.records import check_usable
+from dataset.records import read_usable
 from dataset.split import group_of
 from geometry.errors import DatasetError
 
@@ -82,9 +80,7 @@ def read_labels(path: Path | str) -> Labels:
         If there is none, or naming the first record that cannot be used.
     """
     path = Path(path)
-    coco = _read(path)
-    check_usable(path, coco["categories"], coco["images"], coco["annotations"])
-    return labels_of(coco, path=path, folder=path if path.is_dir() else path.parent)
+    return labels_of(read_usable(path), path=path, folder=path if path.is_dir() else path.parent)
 
 
 def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
@@ -141,30 +137,3 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
         images=images,
         annotations=annotations,
     )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """A COCO dictionary with its three lists."""
-    if path.is_dir():
-        if (path / ANNOTATIONS_NAME).exists() or (path / JOURNAL_NAME).exists():
-            return read_coco(path)
-        if not (path / COCO_NAME).exists():
-            raise DatasetError(
-                f"no {ANNOTATIONS_NAME} and no {COCO_NAME} here", path=path, remedy="name the folder of a dataset"
-            )
-        path = path / COCO_NAME
-    try:
-        coco = orjson.loads(path.read_bytes())
-    except OSError as error:
-        raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy="name a dataset") from None
-    except orjson.JSONDecodeError as error:
-        raise DatasetError(f"is not valid JSON ({error})", path=path, remedy="repair it") from None
-    keys = ("images", "annotations", "categories")
-    lists = [coco.get(key, []) for key in keys] if isinstance(coco, dict) else []
-    if not lists or not all(isinstance(records, list) for records in lists) or "images" not in coco:
-        raise DatasetError("is no COCO dataset: it has no list 'images'", path=path, remedy="name a dataset")
-    for key, records in zip(keys, lists, strict=True):
-        for i, record in enumerate(records):
-            if not isinstance(record, dict) or type(record.get("id")) is not int:
-                raise DatasetError(f"{key}[{i}] is no record with an id", path=path, remedy="repair it")
-    return dict(zip(keys, lists, strict=True))

@@ -13,9 +13,9 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from geometry.errors import ConfigError
+from geometry.errors import ConfigError, HulldownError
 from geometry.files import replace_file, replacing
-from training.detector import RUN_NAME, WEIGHTS_NAME, DetectorError, read_run
+from training.detector import RUN_NAME, WEIGHTS_NAME, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
 VALIDATION_NAME = "validation.csv"
@@ -71,6 +71,28 @@ class RunFolder:
 
 
 @contextmanager
+def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
+    """Make a folder, or take one that is empty or has the file `marker`, and keep other processes out of it.
+
+    Raises
+    ------
+    HulldownError
+        If it holds something else than a `what`, or another process is at work in it.
+    """
+    if folder.exists() and not (folder / marker).exists():
+        held = [one.name for one in folder.iterdir()] if folder.is_dir() else [folder.name]
+        if strangers := [name for name in held if name != LOCK_NAME]:
+            raise ConfigError(f"holds {strangers[0]} and no {what}", path=folder, remedy="name a new or empty folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / LOCK_NAME, timeout=0):
+            yield
+    except Timeout:
+        remedy = "wait until it has ended, or name another folder"
+        raise HulldownError(f"another process is at work on this {what}", path=folder, remedy=remedy) from None
+
+
+@contextmanager
 def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
     """The folder, made if there is none, with this process alone in it.
 
@@ -83,27 +105,17 @@ def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
 
     Raises
     ------
-    DetectorError
-        If another process is training in it, or it holds something else.
+    HulldownError
+        As `alone_in`.
     ConfigError
         If it holds a run of another config, naming the first key that differs.
     """
     folder = RunFolder(path)
-    if path.exists() and not folder.config.exists():
-        strangers = [p.name for p in path.iterdir() if p.name != LOCK_NAME] if path.is_dir() else [path.name]
-        if strangers:
-            raise DetectorError(f"holds {strangers[0]} and no run", path=path, remedy="name a new or an empty folder")
     if folder.config.exists():
         _check_same(folder.config, config)
-    path.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(path / LOCK_NAME, timeout=0):
-            folder.write_json(CONFIG_NAME, config)
-            yield folder
-    except Timeout:
-        raise DetectorError(
-            "another process is training in it", path=path, remedy="wait until it has ended, or name another folder"
-        ) from None
+    with alone_in(path, marker=CONFIG_NAME, what="run"):
+        folder.write_json(CONFIG_NAME, config)
+        yield folder
 
 
 def _check_same(path: Path, config: Mapping[str, Any]) -> None:

@@ -15,10 +15,9 @@ from jaxtyping import Bool, Float, Int
 
 from annotate.masks import decode, run_lengths
 from dataset.clipping import clipped_boxes
-from dataset.document import read_coco
 from dataset.near_duplicates import near_duplicates, picture_hash
 from dataset.picture_files import read_picture, read_pixels, size_problem
-from dataset.records import check_usable
+from dataset.records import read_usable
 from geometry.errors import ConfigError, DatasetError
 from training.augment import Sample
 
@@ -148,11 +147,14 @@ class CheckedPictures:
     ----------
     sha256
         Of records and pictures.
+    digests
+        SHA-256 of each picture.
     hashes
         Perceptual hash of each picture, see `dataset.near_duplicates`.
     """
 
     sha256: str
+    digests: tuple[bytes, ...]
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 
@@ -169,25 +171,29 @@ def check_pictures(
     checked, done, total = {}, 0, sum(map(len, sources))
     with ThreadPoolExecutor(READERS) as pool:
         for source in sources:
-            digest, hashes = hashlib.sha256(source.digest.encode()), []
+            found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             sizes = [(int(w), int(h)) for w, h in source.sizes]
             paths = [source.folder / name for name in source.file_names]
-            for found, perceptual in pool.map(_hashes, paths, sizes):
-                digest.update(found)
-                hashes.append(perceptual)
+            for one in pool.map(_hashes, paths, sizes):
+                found.append(one)
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            checked[source.name] = CheckedPictures(digest.hexdigest(), tuple(hashes))
+            digests, hashes = zip(*found, strict=True)
+            whole = hashlib.sha256(source.digest.encode() + b"".join(digests))
+            checked[source.name] = CheckedPictures(whole.hexdigest(), digests, hashes)
     return checked
 
 
 def shared_pictures(first: Source, second: Source, checked: Mapping[str, CheckedPictures]) -> list[str]:
     """Return the pairs of pictures that show the same in two sources, in words."""
-    pairs = near_duplicates(checked[first.name].hashes, checked[second.name].hashes)
+    ones, others = checked[first.name], checked[second.name]
+    pairs = set(map(tuple, near_duplicates(ones.hashes, others.hashes).tolist()))
+    rows = {digest: i for i, digest in enumerate(ones.digests)}  # a picture without contrast has no other hash
+    pairs |= {(rows[digest], j) for j, digest in enumerate(others.digests) if digest in rows}
     return [
         f"{second.file_names[j]} of {second.name} shows the same as {first.file_names[i]} of {first.name}"
-        for i, j in pairs.tolist()
+        for i, j in sorted(pairs)
     ]
 
 
@@ -201,8 +207,7 @@ def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, 
 
 def _checked(folder: Path) -> dict[str, Any]:
     """A dataset whose records can all be learned from."""
-    coco = read_coco(folder)
-    check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
+    coco = read_usable(folder)
     if not coco["images"]:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
     images = {image["id"]: image for image in coco["images"]}

@@ -26,7 +26,7 @@ from training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
 from training.centre_points import CentreNetwork
 from training.data import Batches, DrawnExamples, loader
 from training.detector import DAMAGED, RUN_NAME, Detector, DetectorError, chosen_device, first_line
-from training.draws import Draws, make_draws, read_draws, source_shares, write_draws
+from training.draws import Draws, draws_text, make_draws, read_draws, source_shares
 from training.extra import quiet
 from training.run_folder import RunFolder, opened
 from training.settings import Settings
@@ -66,7 +66,7 @@ def train(
     valid
         A dataset that the result is measured on. It decides nothing.
     draws_file
-        A file of draws, as `training.draws.write_draws` writes it, as many as the budget; None: they are made.
+        A file of draws, as `training.draws.draws_text` has it, as many as the budget; None: they are made.
     workers
         Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
     device
@@ -123,7 +123,7 @@ def train(
             replace_file(folder.draws, draws_file.read_bytes())
         if not folder.draws.exists():
             draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
-            write_draws(draws, names, files, folder.draws)
+            replace_file(folder.draws, draws_text(draws, names, files))
         draws = read_draws(folder.draws, names, files)
         if len(draws) != settings.budget:
             raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")

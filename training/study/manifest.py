@@ -247,16 +247,6 @@ def _missing(run: StudyRun, real: Source, photographs: Int[np.ndarray, " k"], cl
 
 def _check_apart(sources: Mapping[str, Source], checked: Mapping[str, CheckedPictures]) -> None:
     """Refuse a test or validation picture that is trained on, and one that is in both of these."""
-    seen: dict[bytes, tuple[str, str]] = {}
-    for name, source in sources.items():
-        for file in source.file_names:
-            digest = hashlib.sha256((source.folder / file).read_bytes()).digest()
-            other = seen.setdefault(digest, (name, file))
-            if other[0] != name and {name, other[0]} & {"test", "valid"}:
-                raise DatasetError(
-                    f"{file} is {other[1]} of {other[0]} too: no detector may be judged by what it was trained on",
-                    path=source.folder, remedy=f"take it out of {other[0]} or out of {name}",
-                )  # fmt: skip
     alike = [
         pair
         for first, second in combinations(sources.values(), 2)

@@ -11,8 +11,10 @@ import numpy as np
 
 from dataset.charts import differences, svg
 from dataset.page import Block, Chart, Items, Section, Table, Words, page
+from training.evaluation_page import number, ranged
 from training.study.charts import COLOURS, Line, beside, over_photographs, png
 from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
+from training.study.results import COUNTS, MEASURES
 from training.study.words import TITLES
 from training.subset import subset_name
 
@@ -124,18 +126,13 @@ def _setting(report: Record) -> list[Block]:
 
 
 def _worth(report: Record) -> list[Block]:
-    told: list[Block] = [
-        Words(
-            "So many more photographs the real arm needs to be as good. Between two shares its curve is taken for a "
-            "straight line over the logarithm of their number; nothing is said beyond the photographs that there are."
-        )
-    ]
-    found = report["worth"]
-    return (
-        [*told, Items([one["words"] for one in found])]
-        if found
-        else [Words("Two shares of the photographs at least are needed, and an arm with synthetic images.")]
+    if not report["worth"]:
+        return [Words("Two shares of the photographs at least are needed, and an arm with synthetic images.")]
+    note = (
+        "So many more photographs the real arm needs to be as good. Between two shares its curve is taken for a "
+        "straight line over the logarithm of their number; nothing is said beyond the photographs that there are."
     )
+    return [Words(note), Items([one["words"] for one in report["worth"]])]
 
 
 def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
@@ -145,29 +142,17 @@ def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[B
         arms = " beside ".join(cell["arm"] for cell in mine)
         told += chart(f"real_{subset_name(fraction)}", f"{arms} at {100 * fraction:g} % of the photographs")
     rows = [
-        [cell["name"], *(_count(cell[key]) for key in ("tp", "fp", "fn")),
-         *(_ranged(cell[key], cell["intervals"][key]) for key in ("precision", "recall", "f1", "mean_iou",
-           "mean_confidence", "ap50", "ap"))]
+        [cell["name"], *(_count(cell[key]) for key in COUNTS),
+         *(ranged(cell[key], cell["intervals"][key]) for key in MEASURES)]
         for cell in report["cells"]
     ]  # fmt: skip
-    header = [
-        "",
-        "TP",
-        "FP",
-        "FN",
-        *(TITLES[key] for key in ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")),
-    ]
-    return [*told, Table(header, rows, "all figures")]
+    return [*told, Table(["", *TITLES.values()], rows, "all figures")]
 
 
 def _pairs(report: Record) -> list[Block]:
-    told: list[Block] = [
-        Words("Both are judged by the same drawings of the test pictures. An interval that holds 0 shows nothing.")
-    ]
-    for pair in report["pairs"]:
-        said = [one["words"] for key, one in pair["measures"].items() if key in ("f1", "recall", "precision", "ap50")]
-        told.append(Items(said))
-    return told
+    said = [[one["words"] for key, one in pair["measures"].items() if key in OVER] for pair in report["pairs"]]
+    note = "Both are judged by the same drawings of the test pictures. An interval that holds 0 shows nothing."
+    return [Words(note), *map(Items, said)]
 
 
 def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
@@ -182,8 +167,8 @@ def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Blo
         told += [Words(f"{name}:"), Items(one["words"] or ["no bin with a difference that is shown"])]
         told += chart(_bins_name(name), f"differences of recall in bins, {name}")
         rows = [
-            [f"{row['field']}: {row['bin']}", str(row["labels"]), *(_number(value) for value in row["recall"]),
-             _ranged(row["difference"], row["interval"], signed=True)]
+            [f"{row['field']}: {row['bin']}", str(row["labels"]), *(number(value) for value in row["recall"]),
+             ranged(row["difference"], row["interval"], sign="+")]
             for row in one["rows"]
         ]  # fmt: skip
         told.append(Table(["bin", "labels", "recall, real", "recall, mixed", "difference"], rows, f"all bins, {name}"))
@@ -197,7 +182,7 @@ def _paper(report: Record) -> list[Block]:
         cell = mine.get((fraction, arm))
         row = [f"{arm} at {100 * fraction:g} %"]
         for key in ("precision", "recall", "f1"):
-            row += [_number(paper_figure(fraction, arm, key)), _number(cell[key] if cell else None)]
+            row += [number(paper_figure(fraction, arm, key)), number(cell[key] if cell else None)]
         rows.append(row)
     header = ["", *(f"{TITLES[key]}, {whose}" for key in ("precision", "recall", "f1") for whose in ("paper", "here"))]
     return [
@@ -214,24 +199,12 @@ def _paper(report: Record) -> list[Block]:
 def _runs(report: Record) -> list[Block]:
     rows = [
         [one["name"], str(one["photographs"]), *(_count(one["drawn"].get(key, 0)) for key in ("real", "synthetic")),
-         _number(one["threshold"]), *(_number(one[key]) for key in ("precision", "recall", "f1", "ap50", "ap")),
+         number(one["threshold"]), *(number(one[key]) for key in ("precision", "recall", "f1", "ap50", "ap")),
          _count(report["times"].get(one["name"]))]
         for one in report["runs"]
     ]  # fmt: skip
-    header = [
-        "run",
-        "photographs",
-        "draws, real",
-        "draws, synthetic",
-        "threshold",
-        "precision",
-        "recall",
-        "F1",
-        "AP50",
-        "AP",
-        "seconds",
-    ]
-    return [Table(header, rows)]
+    figures = [TITLES[key] for key in ("precision", "recall", "f1", "ap50", "ap")]
+    return [Table(["run", "photographs", "draws, real", "draws, synthetic", "threshold", *figures, "seconds"], rows)]
 
 
 def _fractions(report: Record) -> list[float]:
@@ -266,16 +239,5 @@ def _bins_name(name: str) -> str:
     return "bins_" + "".join(c if c.isalnum() else "_" for c in name.replace(" %", "").replace(" at ", "_"))
 
 
-def _number(value: float | int | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
-
-
 def _count(value: float | int | None) -> str:
     return "–" if value is None or math.isnan(value) else f"{value:,.0f}"
-
-
-def _ranged(value: float | int | None, ends: Sequence[float] | None, *, signed: bool = False) -> str:
-    sign = "+" if signed else ""
-    if value is None or ends is None:
-        return "–" if value is None else f"{value:{sign}.3f}"
-    return f"{value:{sign}.3f} ({ends[0]:{sign}.3f} to {ends[1]:{sign}.3f})"

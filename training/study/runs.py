@@ -17,12 +17,10 @@ from functools import partial
 from pathlib import Path
 
 import orjson
-from filelock import FileLock, Timeout
 
 from geometry.child import Child
-from geometry.errors import ConfigError, HulldownError
 from geometry.files import replace_file
-from training.run_folder import LOCK_NAME, RunFolder
+from training.run_folder import RunFolder, alone_in
 from training.study.manifest import (
     LOGS_NAME,
     MANIFEST_NAME,
@@ -170,20 +168,10 @@ def run_study(
         If the folder holds something else, or another process is running the study.
     """
     out, manifest = Path(out), settled.manifest
-    if out.exists() and not (out / MANIFEST_NAME).exists():
-        strangers = [path.name for path in out.iterdir() if path.name != LOCK_NAME] if out.is_dir() else [out.name]
-        if strangers:
-            raise ConfigError(f"holds {strangers[0]} and no study", path=out, remedy="name a new or an empty folder")
-    out.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(out / LOCK_NAME, timeout=0):
-            write_manifest(settled, out)
-            places = gpu_places(options) if at_once is None else [options] * at_once
-            return _run_all(manifest, out, places, launch or in_a_process, progress, say)
-    except Timeout:
-        raise HulldownError(
-            "another process is running this study", path=out, remedy="wait until it has ended, or name another folder"
-        ) from None
+    with alone_in(out, marker=MANIFEST_NAME, what="study"):
+        write_manifest(settled, out)
+        places = gpu_places(options) if at_once is None else [options] * at_once
+        return _run_all(manifest, out, places, launch or in_a_process, progress, say)
 
 
 def _run_all(
