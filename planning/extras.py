@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from fnmatch import fnmatchcase
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -111,8 +110,7 @@ def distractors_at(
     """All distractors, and how often each is drawn on a site; `unlabelled`: never one that has a class."""
     weights = []
     for entry in config.assets.distractors:
-        here = not entry.sceneries or any(fnmatchcase(site, pattern) for pattern in entry.sceneries)
-        weights.append(entry.weight if here and not (unlabelled and entry.category) else 0.0)
+        weights.append(entry.weight if entry.is_for(site) and not (unlabelled and entry.category) else 0.0)
     return len(stage.models) + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 

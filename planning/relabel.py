@@ -12,7 +12,7 @@ from planning.aiming import no_views, views_of_others
 from planning.instances import Instances
 from planning.labels import labels_of
 from planning.row import Label, Row, rounded
-from planning.rows import bounds_in_rows, seen_in_rows
+from planning.rows import bounds_in_rows, records, seen_in_rows
 from planning.schema import Config
 from planning.stage import Fleet, PlanStage, Site
 
@@ -73,6 +73,4 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     numbers |= {"gap": gap, "penetration": penetration}
     columns = {key: rounded(key, values).tolist() for key, values in numbers.items()}
     columns |= {"label": labels, "bounds": bounds_in_rows(vehicles)}
-    return [
-        {**seen, **{key: values[i] for key, values in columns.items()}} for i, seen in enumerate(seen_in_rows(views))
-    ]
+    return [seen | own for seen, own in zip(seen_in_rows(views), records(columns), strict=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def rows_of(
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
     }
     found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()
-    images = zip(block.owner.tolist(), seen_in_rows(views), zip(*columns.values(), strict=True), strict=True)
+    images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
     return [
         Row(
             target=PlannedVehicle(**vehicles[target[i]], **seen, label="none" if background[i] else "full"),
@@ -69,7 +70,7 @@ def rows_of(
             companions=beside[j, Role.COMPANION],
             distractors=beside[j, Role.DISTRACTOR],
             left_out=left_out[i],
-            **dict(zip(columns, values, strict=True)),
+            **values,
         )
         for j, (i, seen, values) in enumerate(images)
         if found[i]
@@ -94,33 +95,21 @@ def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> li
     settled, fleet = table.settled, block.fleet
     instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
     turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
-    columns = zip(
-        table.model.tolist(),
-        settled.world_from_vehicle,
-        turned,
-        rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
-        rounded("gap", settled.gap).tolist(),
-        rounded("penetration", settled.penetration).tolist(),
-        table.tries.tolist(),
-        bounds_in_rows(instances),
-        _coats(block, table, config=config, draws=draws),
-        strict=True,
-    )
-    return [
+    models = [fleet.models[model] for model in table.model.tolist()]
+    return records(
         {
-            "vehicle": fleet.models[model].shape.name,
-            "category": fleet.models[model].category,
-            "world_from_vehicle": pose,
-            "articulation": articulation,
-            "slope_deg": slope,
-            "gap": gap,
-            "penetration": penetration,
-            "tries": tries,
-            "bounds": box,
-            "paint": coats,
+            "vehicle": [model.shape.name for model in models],
+            "category": [model.category for model in models],
+            "world_from_vehicle": settled.world_from_vehicle,
+            "articulation": turned,
+            "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
+            "gap": rounded("gap", settled.gap).tolist(),
+            "penetration": rounded("penetration", settled.penetration).tolist(),
+            "tries": table.tries.tolist(),
+            "bounds": bounds_in_rows(instances),
+            "paint": _coats(block, table, config=config, draws=draws),
         }
-        for model, pose, articulation, slope, gap, penetration, tries, box, coats in columns
-    ]
+    )
 
 
 def _coats(block: Block, table: Table, *, config: Config, draws: Draws) -> list[list[Coat]]:
@@ -142,12 +131,13 @@ def _coats(block: Block, table: Table, *, config: Config, draws: Draws) -> list[
 
 def seen_in_rows(views: Views) -> list[dict[str, Any]]:
     """What rows say of what a camera sees of a vehicle."""
-    boxes = zip(_boxes(views.bbox), _boxes(views.bbox_amodal), strict=True)
-    shares = zip(*(rounded(key, getattr(views, key)).tolist() for key in _SEEN), strict=True)
-    return [
-        {"bbox": box, "bbox_amodal": amodal, **dict(zip(_SEEN, values, strict=True))}
-        for (box, amodal), values in zip(boxes, shares, strict=True)
-    ]
+    shares = {key: rounded(key, getattr(views, key)).tolist() for key in _SEEN}
+    return records({"bbox": _boxes(views.bbox), "bbox_amodal": _boxes(views.bbox_amodal), **shares})
+
+
+def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Return a dictionary for each row of columns of the same length."""
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:
