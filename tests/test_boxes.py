@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
-from annotate.clusters import ClusteredSurface
-from annotate.posing import PosedParts
 from assets.vehicle import VehicleShape
 from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
-from camera.shell import camera_pose
 from geometry.meshes import Mesh
-from geometry.transforms import apply, rigid, rotation_z
+from geometry.transforms import rigid
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -53,25 +50,6 @@ def test_box_of_a_framed_cube_in_closed_form():
     assert_box(box, [75.0, 25.0, 50.0, 50.0])
 
 
-def test_box_in_the_frame_ends_at_the_frame():
-    camera = camera_at(4.0, 0.0, -5.0)
-    assert_box(surface_box(CUBE, CUBE_FACES, camera), [0.0, 25.0, 50.0, 50.0])
-    # The side that turns to the camera, 6 m away at its far end, is amodal all the same.
-    assert_box(surface_box(CUBE, CUBE_FACES, camera, frame=False), [-25.0, 25.0, 75.0, 50.0])
-
-
-def test_camera_inside_sees_the_whole_frame_covered():
-    assert_box(surface_box(CUBE, CUBE_FACES, camera_at(0.0, 0.0, 0.0)), [0.0, 0.0, 200.0, 100.0])
-
-
-def test_surface_across_the_near_plane_is_cut_there():
-    triangle = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, -1.0], [1.0, 1.0, -1.0]])
-    box = surface_box(triangle, [[0, 1, 2]], camera_at(0.0, 0.0, 0.0), frame=False)
-    # The edges reach depth NEAR at 0.45 of their length.
-    share = (1.0 - NEAR) / 2.0
-    np.testing.assert_allclose(box, [100.0, 50.0, 100.0 * share / NEAR, 100.0 * share / NEAR], rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("camera", "why"),
     [
@@ -84,12 +62,6 @@ def test_surface_across_the_near_plane_is_cut_there():
 def test_nothing_in_the_frame_is_none(camera, why):
     assert surface_box(CUBE, CUBE_FACES, camera) is None, why
     assert VehicleBoxes(vehicle()).box(rigid(np.eye(3), [0.0, 0.0, -1e-3]), camera) is None, why
-
-
-def test_frame_holds_a_corner_that_no_vertex_and_no_edge_of_the_mesh_reaches():
-    # One huge triangle: its edges pass far outside, the image is all surface.
-    triangle = np.array([[-1e5, -1e5, 10.0], [3e5, -1e5, 10.0], [-1e5, 3e5, 10.0]])
-    assert_box(surface_box(triangle, [[0, 1, 2]], camera_at(0.0, 0.0, 0.0)), [0.0, 0.0, 200.0, 100.0])
 
 
 def test_vertices_that_no_face_uses_do_not_count():
@@ -105,31 +77,9 @@ def test_vertices_that_no_face_uses_do_not_count():
     assert np.array_equal(VehicleBoxes(stray).box(pose, camera), VehicleBoxes(shape).box(pose, camera))
 
 
-def test_turret_moves_the_box():
-    boxes, camera = VehicleBoxes(vehicle()), Camera(INTRINSICS, camera_pose([0, 0, 1], 8.0, 0.4, 0.2))
-    pose = rigid(rotation_z(0.7), [0.3, -0.2, 0.1])
-    for angle in (0.0, 1.0, math.pi):
-        vertices = apply(pose, vehicle().vertices_at({"turret": angle}))
-        expected = surface_box(vertices, vehicle().mesh.faces, camera)
-        np.testing.assert_allclose(boxes.box(pose, camera, {"turret": angle}), expected, rtol=0, atol=ROUNDING)
-    assert not np.allclose(boxes.box(pose, camera, {"turret": 1.0}), boxes.box(pose, camera), atol=1.0)
-
-
 def test_unknown_part_is_named():
     with pytest.raises(ValueError, match=r"'cubes' has no part 'gun'; it has \['turret'\]"):
         VehicleBoxes(vehicle()).box(np.eye(4), camera_at(0, 0, -5), {"gun": 1.0})
-
-
-def test_far_from_the_origin_the_digits_are_kept():
-    far = np.array([5e5, 5.4e6, 300.0])
-    near_pose, far_pose = rigid(np.eye(3), np.zeros(3)), rigid(np.eye(3), far)
-    near_camera = Camera(INTRINSICS, camera_pose(np.zeros(3), 8.0, 0.4, 0.2))
-    shifted = near_camera.world_from_camera.copy()
-    shifted[:3, 3] += far
-    boxes = VehicleBoxes(vehicle())
-    # At 5e6 m a position has 1e-9 m, here some 1e-8 px.
-    expected = boxes.box(near_pose, near_camera)
-    np.testing.assert_allclose(boxes.box(far_pose, Camera(INTRINSICS, shifted)), expected, rtol=0, atol=1e-7)
 
 
 def test_batch_has_a_row_for_each_pose_and_nan_for_what_is_not_there():
@@ -188,29 +138,3 @@ def test_no_faces_have_no_box():
 )
 def test_truncated_fraction(inner, outer, share):
     assert truncated_fraction(inner, outer) == share
-
-
-def test_flat_and_single_parts_have_boxes_too():
-    flat = Mesh(np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]]), np.array([[0, 1, 2]]))
-    shape = VehicleShape("sheet", flat, np.zeros(3, dtype=int), ("hull",), np.array([-1]), np.zeros((1, 3)),
-                         np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
-    edge_on = camera_at(0.0, 0.0, -5.0)
-    np.testing.assert_allclose(VehicleBoxes(shape).box(np.eye(4), edge_on), [100.0, 25.0, 0.0, 50.0], atol=1e-12)
-
-
-def test_a_framed_miniature_across_the_near_plane_is_cut_there():
-    shape = vehicle()
-    small = VehicleShape(
-        "small", Mesh(0.02 * shape.mesh.vertices, shape.mesh.faces), shape.vertex_part, shape.part_names,
-        shape.part_parent, 0.02 * shape.part_pivot, shape.part_axis, shape.part_limits, np.eye(4),
-    )  # fmt: skip
-    camera = camera_at(0.003, 0.001, -NEAR, Intrinsics(400, 300, math.pi / 2))
-    box = VehicleBoxes(small).box(np.eye(4), camera)
-    assert_box(box, surface_box(small.mesh.vertices, small.mesh.faces, camera))
-    assert box[2] < 400.0
-
-
-def test_every_triangle_is_in_a_cluster():
-    parts = PosedParts(vehicle())
-    clustered = ClusteredSurface(parts)._faces.reshape(-1, 3)
-    assert {tuple(face) for face in clustered} == {tuple(face) for face in parts.faces}

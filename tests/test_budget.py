@@ -60,13 +60,6 @@ def test_equation_1():
     assert budget.images.tolist() == [35] * len(CATEGORIES)
 
 
-def test_a_class_with_fewer_models_uses_them_more_often():
-    budget = make_budget(BudgetSection(images_per_class=10), CATEGORIES)
-    images = dict(zip(budget.vehicles, budget.images.tolist(), strict=True))
-    assert images == {"t72": 4, "leo": 3, "m1": 3, "ural": 5, "man": 5, "s300": 10}
-    assert budget.images_per_class.tolist() == [10, 10, 10]
-
-
 def test_position_of_an_image():
     budget = make_budget(BudgetSection(images_per_class=13, images_per_position=4), CATEGORIES)
     p = budget.positions(np.arange(budget.n_positions))
@@ -74,24 +67,6 @@ def test_position_of_an_image():
     assert [budget.position_of(i) for i in range(budget.n_images)] == expected.tolist()
     with pytest.raises(ValueError, match=r"image: expected 0 to 38, got 39"):
         budget.position_of(39)
-
-
-def test_a_beginning_of_the_plan_is_balanced():
-    budget = make_budget(BudgetSection(images_per_class=1000), CATEGORIES)
-    p = budget.positions(np.arange(60))
-    classes = np.searchsorted(budget.class_starts, p.vehicle, side="right") - 1
-    assert np.bincount(classes).tolist() == [20, 20, 20]
-
-
-def test_no_positions_asked():
-    budget = make_budget(BudgetSection(images_per_class=5), CATEGORIES)
-    assert budget.positions(np.zeros(0, dtype=int)).shots.shape == (0,)
-
-
-def test_a_position_that_is_not_there():
-    budget = make_budget(BudgetSection(images_per_class=5), CATEGORIES)
-    with pytest.raises(ValueError, match="index: expected positions 0 to"):
-        budget.positions([budget.n_positions])
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from demo.catalogue import (
     CATEGORY,
     DISTRACTOR_FILES,
     DISTRACTORS,
-    HDRI_FILES,
     LAUNCHER,
     SCENERIES,
     SCENERY_FILES,
@@ -22,8 +21,6 @@ from demo.catalogue import (
     TRUCK,
     VEHICLE_FILES,
 )
-from demo.relief import Course, Noise, ribbon, sheet, smoothstep
-from demo.shapes import Shape, block, ellipsoid, joined, lathe, path_tube, prism, stack, track, tube
 from geometry.errors import AssetError, ConfigError
 from planning.budget import make_budget
 from planning.config import parse_config
@@ -73,15 +70,6 @@ def _fingerprints(*paths: Path) -> list[dict]:
     return [json.loads(line[5:]) for line in lines if line.startswith("FILE ")]
 
 
-def _volume(shape: Shape) -> float:
-    """Signed volume: positive for a closed shape whose faces look outward."""
-    total = 0.0
-    for face in shape.faces:
-        p = shape.vertices[list(face)]
-        total += sum(np.linalg.det(p[[0, j, j + 1]]) for j in range(1, len(p) - 1)) / 6
-    return total
-
-
 @pytest.fixture(scope="module")
 def vehicles(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _build(tmp_path_factory.mktemp("demo"), *CATEGORY)
@@ -95,100 +83,6 @@ def distractors(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _build(tmp_path_factory.mktemp("land"), *SCENERIES)
-
-
-def test_ten_vehicles_in_three_classes():
-    assert len(CATEGORY) == 10
-    assert sorted(list(CATEGORY.values()).count(c) for c in set(CATEGORY.values())) == [3, 3, 4]
-    assert len(build.FILES) == len(VEHICLE_FILES) + len(DISTRACTOR_FILES) + len(SCENERY_FILES) + len(HDRI_FILES)
-
-
-@pytest.mark.parametrize(
-    ("shape", "volume", "tolerance"),
-    [
-        (block((0, 0, 0), (1, 2, 3)), 6.0, 1e-12),
-        (block((0, 0, 0), (1, 2, 3)).scaled(1, -1, 1), 6.0, 1e-12),
-        (block((0, 0, 0), (1, 1, 1)).pair(), 2.0, 1e-12),
-        (prism([(0, 0), (2, 0), (0, 1)], -1, 1), 2.0, 1e-12),
-        (prism([(0, 0), (0, 1), (2, 0)], 1, -1), 2.0, 1e-12),
-        (stack([(0, [(0, 0), (1, 0), (1, 1), (0, 1)]), (2, [(0, 0), (1, 0), (1, 1), (0, 1)])]), 2.0, 1e-12),
-        (tube((0, 0, 0), (0, 0, 2), 1.0, sides=64), 2 * np.pi, 0.02),
-        (tube((1, 2, 3), (4, 6, 3), 0.5, sides=64), 5 * np.pi / 4, 0.02),
-        (lathe([(1, 0), (1, 2)], sides=64), 2 * np.pi, 0.02),
-        (lathe([(1, 0), (2, 0), (2, 1), (1, 1)], sides=64, hollow=True), 3 * np.pi, 0.02),
-        (ellipsoid((1, 2, 3), (5, 5, 5), sides=48, rings=48), 8 * np.pi, 0.2),
-    ],
-)
-def test_shapes_enclose_their_volume_and_face_outward(shape, volume, tolerance):
-    assert _volume(shape) == pytest.approx(volume, abs=tolerance)
-
-
-def test_turning_and_shifting_keep_volume_and_move_corners():
-    bar = block((0, -1, 0), (4, 1, 1)).turned("z", 90).moved(z=2)
-    assert _volume(bar) == pytest.approx(8)
-    np.testing.assert_allclose([bar.vertices.min(0), bar.vertices.max(0)], [[-1, 0, 2], [1, 4, 3]], atol=1e-12)
-
-
-def test_track_links_go_round_all_wheels():
-    belt = track([(-2.0, 0.4, 0.4), (0.0, 0.4, 0.4), (2.0, 0.7, 0.3)], 1.0, 0.5, pitch=0.15, sag=0.0)
-    low, high = belt.vertices.min(0), belt.vertices.max(0)
-    np.testing.assert_allclose([low[1], high[1]], [0.75, 1.25], atol=1e-12)
-    assert low[0] == pytest.approx(-2.4, abs=0.1)
-    assert high[0] == pytest.approx(2.3, abs=0.1)
-    assert _volume(belt) > 0
-
-
-def test_bars_through_points_have_a_piece_for_each_stretch():
-    bent = path_tube([(0, 0, 0), (1, 0, 0), (1, 1, 0)], 0.1, sides=6)
-    assert len(bent.faces) == 2 * 8
-    assert len(joined([bent, bent]).vertices) == 2 * len(bent.vertices)
-
-
-def test_noise_is_the_same_for_the_same_seed_and_bounded():
-    x, y = np.meshgrid(np.linspace(-300, 300, 50), np.linspace(-300, 300, 40))
-    one, two, other = (Noise(np.random.default_rng(seed))(x, y, 40.0, octaves=3) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(one, two)
-    assert np.abs(one - other).max() > 0.1
-    assert np.abs(one).max() <= 1 + 0.5 + 0.25
-
-
-def test_noise_has_no_steps_at_its_lattice():
-    x = np.array([40.0, -80.0, 0.0])
-    noise = Noise(np.random.default_rng(0))
-    np.testing.assert_allclose(noise(x - 1e-9, x, 40.0), noise(x + 1e-9, x, 40.0), atol=1e-7)
-
-
-def test_smoothstep_rises_and_falls():
-    np.testing.assert_allclose(smoothstep(np.array([0.0, 1.0, 1.5, 2.0, 9.0]), 1.0, 2.0), [0, 0, 0.5, 1, 1])
-    np.testing.assert_allclose(smoothstep(np.array([0.0, 1.5, 9.0]), 2.0, 1.0), [1, 0.5, 0])
-
-
-def test_sheets_and_ribbons_face_up():
-    course = Course([(0, 0), (40, 10), (90, -5)])
-    level = course.profile(lambda x, y: 0 * x + 3.0)
-    np.testing.assert_allclose(level, 3.0)
-    for vertices, faces in (
-        sheet(np.arange(4.0), np.arange(3.0), lambda x, y: x * y),
-        ribbon(course, level, np.array([-2.0, 0.0, 2.0]), np.zeros(3)),
-    ):
-        a, b, c, _ = np.moveaxis(vertices[faces], 1, 0)
-        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-
-
-def test_a_course_knows_how_far_points_are_and_which_are_clear_of_it():
-    course, x, y = Course([(0, 0), (100, 0)], step=0.5), np.array([50.0, 20.0]), np.array([7.0, -3.0])
-    np.testing.assert_allclose(course.nearest(x, y)[0], [7, 3], atol=0.02)
-    np.testing.assert_array_equal(course.clear(x, y, 5.0), [1, 0])
-
-
-def test_building_tells_blenders_last_words(tmp_path, monkeypatch):
-    monkeypatch.setattr(build, "ROOT", tmp_path)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PYTHONPATH", raising=False)
-    (tmp_path / "demo").mkdir()
-    (tmp_path / "demo" / "__init__.py").write_text("raise SystemExit('no display, no cry')\n")
-    with pytest.raises(AssetError, match=r"could not build the demo assets: no display, no cry"):
-        build.build_demo_assets(tmp_path / "out")
 
 
 def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):

@@ -34,16 +34,6 @@ def merged(meshes, instance_mesh, poses):
     )
 
 
-def test_a_ray_meets_the_nearest_copy_and_says_which():
-    scene = InstancedScene([CUBE], [0, 0], [at(20, 0, 0), at(10, 0, 0)])
-    hits = scene.cast([[0, 0, 1], [0, 0, 1], [0, 0, 1]], [[3, 0, 0], [-1, 0, 0], [1, 0, 0]], max_distance=[99, 99, 8.9])
-    np.testing.assert_allclose(hits.distance, [9.0, np.inf, np.inf], atol=1e-6)
-    assert hits.instance.tolist() == [1, -1, -1]
-    assert hits.hit.tolist() == [True, False, False]
-    assert (CUBE.vertices[CUBE.faces[hits.face[0]]][:, 0] == -1).all()
-    assert scene.occluded([[0, 0, 1]] * 2, [[1, 0, 0], [0, 1, 0]]).tolist() == [True, False]
-
-
 @pytest.mark.parametrize("stretch", [(-1, 1, 1), (5, 0.2, 1), (-0.01, 1, -300)])
 def test_distances_are_metres_of_the_world_in_mirrored_and_stretched_copies(stretch):
     scene = InstancedScene([CUBE], [0], [at(0, 0, 0, stretch=stretch)])
@@ -61,11 +51,6 @@ def test_a_copy_squashed_flat_still_stops_rays(axis):
     hits = scene.cast([origin], [-np.eye(3)[axis]])
     assert hits.instance.tolist() == [0]
     np.testing.assert_allclose(hits.distance, origin[axis], atol=1e-5)
-
-
-def test_of_equal_distances_the_first_instance_is_named():
-    scene = InstancedScene([CUBE, CUBE], [1, 0, 1], [at(5, 0, 0)] * 3)
-    assert scene.cast([[0, 0.3, 1]], [[1, 0, 0]]).instance.tolist() == [0]
 
 
 def test_a_scene_of_nothing_is_never_hit():
@@ -88,16 +73,6 @@ def test_no_rays_are_legal():
     scene = InstancedScene([CUBE], [0], [np.eye(4)])
     assert scene.cast(np.zeros((0, 3)), np.zeros((0, 3))).distance.shape == (0,)
     assert scene.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
-
-
-def test_bounds_are_tight_around_turned_copies():
-    rng = np.random.default_rng(4)
-    meshes = [soup(rng, 100), CUBE]
-    poses = np.tile(np.eye(4), (30, 1, 1))
-    poses[:, :3] = rng.normal(0, 3, (30, 3, 4))
-    which = rng.integers(0, 2, 30)
-    expected = [Mesh(apply(p, meshes[m].vertices), meshes[m].faces).bounds for m, p in zip(which, poses, strict=True)]
-    np.testing.assert_allclose(InstancedScene(meshes, which, poses).bounds, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("offset", [0.0, 5.4e6])
@@ -126,15 +101,6 @@ def test_a_thousand_copies_answer_as_the_merged_mesh_does(offset):
     np.testing.assert_array_equal(
         scene.cast(origins, directions, max_distance=limit).hit, scene.occluded(origins, directions, max_distance=limit)
     )
-
-
-def test_the_number_of_threads_changes_nothing():
-    rng = np.random.default_rng(6)
-    scene = InstancedScene([soup(rng, 300)], np.zeros(50, int), [at(*rng.uniform(-9, 9, 3)) for _ in range(50)])
-    rays = rng.uniform(-12, 12, (5000, 3)), rng.normal(size=(5000, 3))
-    one, two = scene.cast(*rays), scene.cast(*rays, threads=2)
-    np.testing.assert_array_equal(one.distance, two.distance)
-    np.testing.assert_array_equal(one.instance, two.instance)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh
-from geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
+from geometry.rays import RayCaster
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
 FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
@@ -18,21 +18,11 @@ def test_the_first_face_is_met_and_its_distance_is_in_metres_whatever_the_direct
     assert hits.hit.tolist() == [True, True, False]
 
 
-def test_faces_are_met_from_behind_too():
-    assert RayCaster(HOUSE).cast([[0.75, 0.25, -1]], [[0, 0, 1]]).face.tolist() == [0]
-
-
 def test_nothing_beyond_the_limit_is_met():
     caster = RayCaster(HOUSE)
     origins, directions = [[-0.25, -0.5, 3.0]] * 2, [DOWN] * 2
     assert caster.cast(origins, directions, max_distance=[2.9, 3.1]).face.tolist() == [-1, 0]
     assert caster.occluded(origins, directions, max_distance=[2.9, 3.1]).tolist() == [False, True]
-
-
-def test_a_limit_that_ends_before_the_mesh_begins_meets_nothing():
-    caster = RayCaster(HOUSE)
-    assert not caster.cast([[-0.25, -0.5, 1e6]], [DOWN], max_distance=10.0).hit.any()
-    assert not caster.occluded([[-0.25, -0.5, 1e6]], [DOWN], max_distance=10.0).any()
 
 
 def test_occlusion_agrees_with_casting():
@@ -106,31 +96,6 @@ def test_wrong_calls_are_named(origins, directions, limit, message):
         RayCaster(HOUSE).cast(origins, directions, max_distance=limit)
 
 
-def test_no_threads_are_too_few():
-    with pytest.raises(ValueError, match="threads: expected at least 1, got 0"):
-        RayCaster(HOUSE).cast([[0, 0, 1]], [DOWN], threads=0)
-
-
 def test_coordinates_out_of_all_proportion_are_refused():
     with pytest.raises(ValueError, match="mesh 'house': expected coordinates within 1e30 m"):
         RayCaster(Mesh(HOUSE.vertices * 1e31, HOUSE.faces, "house"))
-
-
-@pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
-@pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
-    points = np.random.default_rng(4).uniform(0, 100, (n, 2))
-    with WorkerThreads(threads) as pool:
-        blocks = list(coherent_blocks(points, pool))
-    order = np.concatenate(blocks)
-    assert np.sort(order).tolist() == list(range(n))
-    if n > 4096:
-        step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)
-        assert np.median(step) < 3.0  # two random points are 67 apart
-
-
-def test_points_on_a_line_or_in_one_place_are_sorted_too():
-    line = np.column_stack([np.random.default_rng(5).uniform(0, 1, 5000), np.zeros(5000)])
-    with WorkerThreads(1) as pool:
-        assert len(np.concatenate(list(coherent_blocks(line, pool)))) == 5000
-        assert len(np.concatenate(list(coherent_blocks(np.zeros((5000, 2)), pool)))) == 5000

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh, merge
-from geometry.transforms import apply
-from placement.footprint import underside, underside_samples
+from placement.footprint import underside
 from placement.rejection import Rejection
 from placement.settle import settle
 from placement.terrain import Terrain
@@ -59,13 +58,6 @@ def test_on_a_slope_the_vehicle_lies_flat_on_it(rule):
     assert settled.gap.max() < 1e-13
     assert settled.penetration.max() < 1e-13
     assert (settled.share == 1).all()
-
-
-def test_on_the_fallback_plane_it_stands_level():
-    settled = settle(Terrain.flat(1.5), TANK, [[1e5, -3.0]], [0.0])
-    assert settled.ok.all()
-    level = [[1, 0, 0, 1e5], [0, 1, 0, -3], [0, 0, 1, 1.5], [0, 0, 0, 1]]
-    np.testing.assert_array_equal(settled.world_from_vehicle[0], level)
 
 
 def test_each_refusal_has_its_reason_and_leaves_what_was_not_reached_nan():
@@ -176,53 +168,6 @@ def test_a_ridge_higher_than_the_belly_carries_it():
     np.testing.assert_allclose(settled.world_from_vehicle[0, :3, 2], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(settled.world_from_vehicle[0, 2, 3], 0.15, atol=1e-12)
     np.testing.assert_allclose([settled.gap[0], settled.penetration[0]], [0.15, 0.0], atol=1e-12)
-
-
-def test_what_is_under_nothing_carries_nothing():
-    sides = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
-    frame = underside(merge([*sides, box((2.8, -1.3, 0.2), (3.0, 1.3, 0.6))])[0])
-    peak = Terrain(height_field(lambda x, y: 2 * np.maximum(0, 1 - np.hypot(x + 1, y) / 0.9), half=8, cell=0.1))
-    settled = settle(peak, TANK, [[0.0, 0.0]], [0.0], footprint=frame, max_slope=STEEP)
-    np.testing.assert_array_equal(settled.world_from_vehicle[0], np.eye(4))
-    np.testing.assert_array_equal([settled.share[0], settled.gap[0], settled.penetration[0]], [1.0, 0.0, 0.0])
-
-
-@pytest.mark.parametrize("rule", ["averaged", "least_squares"])
-def test_the_two_other_rules_take_the_underside_for_a_plate(rule):
-    plate, rails = (
-        settle(along(0.6), TANK, [[0.3, 0.1]], [0.0], rule=rule, footprint=f, max_slope=STEEP)
-        for f in (RAILS.box, RAILS)
-    )
-    for name in ("world_from_vehicle", "tilt", "share"):
-        np.testing.assert_array_equal(getattr(plate, name), getattr(rails, name))
-    # What is measured is the same whatever the rule: the ridge is in the belly's room.
-    assert rails.penetration[0] < plate.penetration[0] - 0.2
-
-
-def test_a_belly_in_the_ground_is_measured_where_it_is():
-    # Level on rails that touch nothing else, over a ridge that reaches 0.2 m into the hull.
-    rails = settle(along(0.65), TANK, [[0.0, 0.0]], [0.0], rule="averaged", n=2, footprint=RAILS, max_slope=STEEP)
-    np.testing.assert_allclose(rails.world_from_vehicle[0, 2, 3], 0.0, atol=1e-12)
-    np.testing.assert_allclose([rails.gap[0], rails.penetration[0]], [0.0, 0.2], atol=1e-12)
-
-
-@pytest.mark.parametrize("degrees", [0, 12, 25])
-def test_on_a_slope_rails_lie_flat_and_the_belly_is_no_gap(degrees):
-    angle = math.radians(degrees)
-    yaw = np.linspace(-3, 3, 7)
-    settled = settle(slope(angle), TANK, np.tile([1.0, 2.0], (7, 1)), yaw, footprint=RAILS)
-    np.testing.assert_allclose(settled.tilt, angle, atol=1e-12)
-    assert settled.gap.max() < 1e-12
-    assert settled.penetration.max() < 1e-12
-
-
-def test_the_feet_of_a_tilted_vehicle_are_where_they_are_said_to_be():
-    # Under every spot of the posed vehicle: its own height above the slope, at right angles.
-    settled = settle(slope(0.4), TANK, [[1.0, 2.0]], [0.7], footprint=RAILS)
-    at = underside_samples(RAILS, 9)
-    points = apply(settled.world_from_vehicle[0], np.column_stack([at.xy, at.height]))
-    normal = np.array([-math.sin(0.4), 0.0, math.cos(0.4)])
-    np.testing.assert_allclose(points @ normal, at.height, atol=1e-12)
 
 
 def test_an_axle_between_the_samples_is_stood_on():

@@ -49,15 +49,6 @@ def test_the_size_that_was_asked_for_comes_out(measure: str, fov_deg: float, cen
     np.testing.assert_allclose(achieved, size, rtol=1e-10 if centre == [0, 0, 0] else 1e-5)
 
 
-def test_one_intrinsics_for_each_camera() -> None:
-    cameras = [HD, Intrinsics(640, 480, 1.0), Intrinsics(100, 900, 2.0)]
-    poses = camera_pose(np.zeros(3), np.full(3, 30.0), [0.0, 1.0, 2.0], 0.2)
-    many = solve_distance(cameras, poses, POINTS[None], centre=[0, 0, 0], pixels=[90.0, 80, 70])
-    for i, (camera, pixels) in enumerate(zip(cameras, [90.0, 80, 70], strict=True)):
-        one = solve_distance(camera, poses[i : i + 1], POINTS[None], centre=[0, 0, 0], pixels=pixels)
-        assert many[i] == one[0]
-
-
 def test_a_size_that_no_distance_gives_is_nan() -> None:
     # The point that comes nearest stays in the middle, so the height stays below that of the far corners.
     arrow = np.array([[5.0, 0, 0], [-1, 1, 1], [-1, -1, 1], [-1, 0, -1]])

@@ -8,7 +8,7 @@ from camera.intrinsics import Intrinsics
 from camera.projection import NEAR, Camera
 from camera.shell import camera_pose
 from camera.target import PosedVehicle, VehicleTarget, points_around
-from camera.visibility import error_bound, jittered, visible_fraction
+from camera.visibility import error_bound, visible_fraction
 from camera.world import Plane, World
 from geometry.hulls import extreme_points
 from geometry.instances import InstancedScene
@@ -61,20 +61,6 @@ def wall(y: tuple[float, float], z: tuple[float, float], x: float = 10.0) -> Mes
 
 def scene_of(*meshes: Mesh) -> InstancedScene:
     return InstancedScene(meshes, np.arange(len(meshes)), np.tile(np.eye(4), (len(meshes), 1, 1)))
-
-
-def test_nothing_in_the_way_is_all_visible() -> None:
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(Plane(0.0), scene_of()))
-    assert seen.fraction[0] == 1
-    assert seen.by_ground[0] == seen.by_obstacles[0] == seen.by_vehicles[0] == 0
-
-
-def test_behind_a_wall_nothing_is_visible() -> None:
-    seen = visible_fraction(
-        CRATE, HERE, FRONT, intrinsics=VGA, world=World(obstacles=scene_of(wall((-50, 50), (-50, 50))))
-    )
-    assert seen.fraction[0] == 0
-    assert seen.by_obstacles[0] == 1
 
 
 def test_what_stands_behind_the_target_or_behind_the_camera_hides_nothing() -> None:
@@ -196,18 +182,6 @@ def test_error_bounds() -> None:
         error_bound([1], confidence=1.0)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 7, 64, 100, 256, 1000])
-def test_every_cell_of_the_pattern_has_the_same_area_and_one_point(n: int) -> None:
-    rng = np.random.default_rng(0)
-    points = np.array([jittered(n, rng=rng) for _ in range(300)])
-    assert points.min() >= 0
-    assert points.max() <= 1
-    # Uniform: each point's cell is a rectangle, whose area its spread over many draws tells.
-    area = np.ptp(points, axis=0).prod(axis=1)
-    np.testing.assert_allclose(area, 1 / n, rtol=0.1)
-    np.testing.assert_allclose(points.mean(axis=(0, 1)), 0.5, atol=0.06 / math.sqrt(n))
-
-
 @pytest.mark.parametrize("articulation", [{}, {"turret": 0.7}])
 def test_an_answer_does_not_depend_on_company_or_threads(articulation: dict) -> None:
     n = 700
@@ -272,30 +246,6 @@ def test_cameras_inside_the_vehicle_or_with_it_across_the_near_plane() -> None:
     assert seen.hits.tolist() == [256, 256]
 
 
-def test_straight_above() -> None:
-    above = camera_pose([0, 0, 1.0], 20.0, 0.0, math.pi / 2)[None]
-    lid = scene_of(Mesh(np.array([[-9.0, 0, 5], [9, 0, 5], [9, 9, 5], [-9, 9, 5]]), np.array([[0, 1, 2], [0, 2, 3]])))
-    seen = visible_fraction(CRATE, HERE, above, intrinsics=VGA, world=World(Plane(0.0), lid), rays=4096)
-    assert seen.fraction[0] == pytest.approx(0.5, abs=0.01)
-
-
-def test_a_vehicle_sunk_in_the_ground_is_hidden_by_it() -> None:
-    seen = visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(Plane(0.5)), rays=4096)
-    assert seen.by_ground[0] == pytest.approx(0.25, abs=0.02)
-
-
-def test_map_coordinates_change_nothing() -> None:
-    far = np.array([500_000.0, 5_400_000.0, 100.0])
-    shift = rigid(np.eye(3), far)
-    half = wall((-50, 0.3), (-50, 50))
-    near = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, world=World(RayCaster(half)))
-    there = visible_fraction(
-        TANK, shift[None], shift @ FRONT, intrinsics=VGA, world=World(RayCaster(Mesh(half.vertices + far, half.faces)))
-    )
-    assert there.fraction[0] == pytest.approx(near.fraction[0], abs=0.02)
-    assert there.hits[0] == pytest.approx(near.hits[0], abs=2)
-
-
 def test_no_cameras_is_legal() -> None:
     seen = visible_fraction(CRATE, HERE, np.zeros((0, 4, 4)), intrinsics=VGA, world=World(Plane(0.0), scene_of()))
     assert seen.fraction.shape == (0,)
@@ -319,13 +269,6 @@ def test_wrong_calls_are_refused(options: dict, message: str) -> None:
         visible_fraction(TANK, vehicles, FRONT, intrinsics=VGA, **options)
 
 
-def test_the_hulls_of_turned_parts_hold_the_turned_vehicle() -> None:
-    turned = {"turret": 0.8, "gun": 0.2}
-    bounds = TANK.shape.vertices_at(turned)
-    hull = TANK.hull_points(turned)
-    np.testing.assert_allclose([hull.min(0), hull.max(0)], [bounds.min(0), bounds.max(0)], atol=1e-14)
-
-
 @pytest.mark.parametrize("flat", [False, True])
 def test_few_points_hold_many(flat: bool) -> None:
     rng = np.random.default_rng(0)
@@ -337,14 +280,3 @@ def test_few_points_hold_many(flat: bool) -> None:
     assert len(around) <= (len(ball) if flat else 100)
     along = rng.normal(size=(500, 3))
     assert ((around @ along.T).max(axis=0) >= (ball @ along.T).max(axis=0)).all()
-
-
-def test_parts_in_front_of_each_other_are_one_silhouette() -> None:
-    # Seen from above the barrel's box covers much of turret and hull that the barrel itself does not.
-    turned = {"turret": 0.7, "gun": 0.1}
-    above = camera_pose([0, 0, 1.0], 25.0, 0.0, 1.2)[None]
-    whole = Mesh(TANK.shape.vertices_at(turned), TANK.shape.mesh.faces)
-    rigid_twin = VehicleTarget(shape_of([whole], ("hull",), [[0, 0, 0]]))
-    parts = visible_fraction(TANK, HERE, above, intrinsics=VGA, articulation=turned, rays=20_000)
-    one = visible_fraction(rigid_twin, HERE, above, intrinsics=VGA, rays=20_000)
-    assert parts.area[0] == pytest.approx(one.area[0], rel=0.005)

@@ -1,7 +1,6 @@
 """One world, one query: what a ray meets first among ground, obstacles and vehicles, and whether anything is there."""
 
 import numpy as np
-import pytest
 import trimesh
 
 from assets.scenery import Scenery
@@ -160,23 +159,3 @@ def test_missing_ground_is_a_plane_at_a_height_of_the_file():
     assert isinstance(ground, Plane)
     assert ground.z == 3.0
     assert World.of(scenery).ground is None
-
-
-def test_a_vehicle_in_several_poses_is_no_part_of_one_world():
-    two = PosedVehicle(TANK, np.tile(np.eye(4), (2, 1, 1)), {})
-    with pytest.raises(ValueError, match="vehicle: expected one pose"):
-        World(vehicles=[two]).occluded([[0, 0, 9.0]], [[0, 0, -1.0]])
-
-
-def test_map_coordinates_and_rays_from_afar_lose_no_vehicle():
-    origin, along = rays(2000)
-    here = World(vehicles=VEHICLES).nearest(origin, along)
-    far = np.array([5e5, 5.4e6, 300.0])
-    shift = rigid(np.eye(3), far)
-    moved = [PosedVehicle(TANK, shift @ v.world_from_vehicle, v.articulation) for v in VEHICLES]
-    there = World(vehicles=moved).nearest(origin + far - 1e4 * along, along)
-    assert here.hit.mean() > 0.1
-    assert (here.hit & (there.distance < np.inf))[here.hit].mean() > 0.995
-    # What the far rays meet before their start here is not met here.
-    both = here.hit & np.isclose(there.distance - 1e4, here.distance, atol=1e-2)
-    assert both.sum() > 0.95 * here.hit.sum()
