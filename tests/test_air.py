@@ -88,9 +88,11 @@ def studio(tmp_path_factory):
     made.worker.stop()
 
 
-@pytest.mark.parametrize(("kind", "colour"), [("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)])
+@pytest.mark.parametrize(
+    ("kind", "colour"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)]
+)
 @pytest.mark.parametrize("visibility", [50.0, 200.0])
-def test_the_veil_of_rain_and_dust_follows_koschmieders_law(studio, kind, colour, visibility):
+def test_the_veil_follows_koschmieders_law(studio, kind, colour, visibility):
     """Black walls at three distances have the airlight's radiance times 1 - exp(-3.912 d / visibility)."""
     weather = Weather(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     seen = studio.picture(weather, world="walls", fov_x_deg=90.0, width=128, samples=4)

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 
 from geometry.errors import ConfigError
-from planning.budget import make_budget
-from planning.check import check_plan
 from planning.extras import Role, offsets
 from planning.planner import Planner
 from planning.row import encode_rows
-from planning.schema import BudgetSection
 from planning.write import write_plan
-from tests.planning_assets import CLASSES, DISTRACTOR_ENTRIES, small_assets, small_config
+from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
 
 def config_of(**sections):
@@ -43,32 +40,11 @@ def rows(made):
     return list(made)
 
 
-@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.1, 31), (0.25, 93), (0.5, 280), (0.9, 2520)])
-def test_backgrounds_are_their_share_of_all_images(share, expected):
-    budget = make_budget(BudgetSection(images_per_class=140, background_share=share), CLASSES)
-    assert (budget.backgrounds, budget.n_images) == (expected, 280 + expected)
-    assert budget.images_per_class.tolist() == [140, 140]
-
-
-def test_backgrounds_are_spread_over_the_whole_plan():
-    budget = make_budget(BudgetSection(images_per_class=500, background_share=0.2), CLASSES)
-    held = budget.positions(np.arange(budget.n_positions))
-    tenths = np.array_split(held.background, 10)
-    assert {int(part.sum()) for part in tenths} == {5}
-    assert held.first_image.tolist() == [0, *np.cumsum(held.shots)[:-1].tolist()]
-    assert int(held.shots[held.background].sum()) == budget.backgrounds
-    assert [budget.position_of(int(i)) for i in held.first_image] == list(range(budget.n_positions))
-
-
 def test_without_backgrounds_and_distractors_rows_are_as_they_were(assets):
     plain = Planner(small_config(), small_assets())
     listed = Planner(small_config(assets={"distractors": DISTRACTOR_ENTRIES},
                                   placement={"distractors_per_image": 0}), assets)  # fmt: skip
     assert encode_rows(listed.rows(0, 4)) == encode_rows(plain.rows(0, 4))
-
-
-def test_the_plan_keeps_its_limits(made, assets):
-    assert check_plan(made, assets) == []
 
 
 def test_backgrounds_come_beside_the_classes_exactly(rows):

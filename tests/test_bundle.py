@@ -79,13 +79,6 @@ def test_a_scenery_comes_back_bit_for_bit(tmp_path: Path, ground: bool, obstacle
     assert_same(load_scenery(tmp_path / "s.npz"), made)
 
 
-def test_an_older_bundle_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "v.npz").write_bytes(b"old")
-    save_vehicle(tmp_path / "v.npz", vehicle())
-    assert [p.name for p in tmp_path.iterdir()] == ["v.npz"]
-    assert load_vehicle(tmp_path / "v.npz").name == vehicle().name
-
-
 def test_an_interrupted_save_leaves_the_old_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_vehicle(tmp_path / "v.npz", vehicle())
     before = (tmp_path / "v.npz").read_bytes()

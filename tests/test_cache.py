@@ -17,7 +17,7 @@ from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, ConfigError
 from geometry.meshes import Mesh
 from planning.config import Config, parse_config
-from planning.loading import load_assets, load_library, load_planned_assets
+from planning.loading import load_assets, load_planned_assets
 from planning.plan_file import Plan
 from planning.write import make_header
 from reading.cache import cached, sha256
@@ -113,12 +113,6 @@ def test_other_content_options_and_kind_are_other_entries(read: Callable[..., bo
     assert read()
     blend.write_bytes(BLEND + b" content")
     assert not read(), "the older content is still known"
-
-
-def test_a_copy_elsewhere_is_the_same_asset(read: Callable[..., bool], blend: Path, tmp_path: Path) -> None:
-    read()
-    (tmp_path / "copy.blend").write_bytes(blend.read_bytes())
-    assert not read(tmp_path / "copy.blend")
 
 
 def test_textures_and_libraries_count(
@@ -321,26 +315,12 @@ def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_
         load_assets(parse_config(data, path=config.path))
 
 
-def test_the_ground_patterns_belong_to_the_scenery(exporter: Exporter, tmp_path: Path) -> None:
-    load_library(config_in(tmp_path))
-    load_library(config_in(tmp_path, ground={"include": ["mesh"]}))
-    assert exporter.read.count("field.blend") == 2
-    assert exporter.read.count("a.blend") == 1
-
-
 def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> None:
     exporter.missing = (Missing("/x/gone.png", ("Hull", "Skirt")), Missing("/x/more.png", ()))
     load_assets(config_in(tmp_path))
     with pytest.raises(AssetError) as caught:
         load_assets(config_in(tmp_path), strict=True)
     assert "b.blend: /x/gone.png is missing, used by Hull, Skirt (and 1 more)" in str(caught.value)
-
-
-def test_a_missing_asset_is_one_line(exporter: Exporter, tmp_path: Path) -> None:
-    config = config_in(tmp_path)
-    (tmp_path / "a.blend").unlink()
-    with pytest.raises(AssetError, match=r"a\.blend: does not exist"):
-        load_assets(config)
 
 
 def planned(folder: Path, **assets_section: str) -> Plan:

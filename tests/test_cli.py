@@ -81,12 +81,6 @@ def test_a_mistake_is_one_line_with_exit_code_2(words, named, run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_mistake_is_one_line_in_a_terminal_too(tmp_path):
-    ran = run_apart("plan", "none.toml", "-o", "plan.jsonl", cwd=tmp_path)
-    assert (ran.returncode, ran.stdout, ran.stderr.count("\n")) == (2, "", 1)
-    assert "none.toml" in ran.stderr
-
-
 def test_the_help_does_not_wait_for_the_stages():
     code = "import sys, cli; cli.parser().format_help(); assert not {'numpy', 'scipy', 'bpy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=60)
@@ -127,12 +121,6 @@ def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
     monkeypatch.setattr(verbs.rendering, f"_{words[0]}", stopped)
     assert cli.main(words) == 130
     assert said in capsys.readouterr().err
-
-
-def test_an_error_with_line_breaks_in_its_path_is_one_line():
-    """Whoever catches it from Python reads no other text than the command prints."""
-    error = HulldownError("in it is 'a\r\nb'", path="folder\n/a.blend", remedy="rename it")
-    assert str(error) == "folder /a.blend: in it is 'a b'; rename it"
 
 
 @pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
@@ -205,13 +193,6 @@ def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output,
     assert (ran.returncode, ran.stdout) == (2, "")
     assert message in ran.stderr
     assert len(ran.stderr.splitlines()) == 1
-
-
-def test_a_plan_is_not_named_as_its_picture(run):
-    ran = run("plan", "hulldown.toml", "-o", "plan.png")
-    assert (ran.returncode, ran.stdout) == (2, "")
-    assert ran.stderr.startswith("hulldown: plan.png: ")
-    assert ".jsonl" in ran.stderr
 
 
 @pytest.mark.parametrize(

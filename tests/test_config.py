@@ -124,135 +124,84 @@ def test_names_come_from_files(read):
     assert config.assets.sceneries[0].name == "hills"
 
 
-RANGE = "expected a number or [low, high] with"
+WEATHER = "[weather]\nfog = 0.6\nrain = 0.5"
+WRONG = [  # what is added, the key that is named, and what is said of it
+    ("[placement]\nmax_slope = 20", "unknown key placement.max_slope", "did you mean placement.max_slope_deg?"),
+    ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg", "did you mean camera.fov_x_deg?"),
+    ("[placment]\nmargin = 1", "unknown key placment", "did you mean placement?"),
+    ("[ground]\nqwerty = 1", "unknown key ground.qwerty", "known here: exclude, fallback_z, include"),
+    (WEATHER, "weather", f"{', '.join(KINDS)} are 1.1 together; expected shares of at most 1 in all"),
+    *((f"[camera]\nfov_x_deg = {x}", f"camera.fov_x_deg = {x}", "0.1 <= low <= high <= 179")
+      for x in ("[50, 40]", "'wide'", "nan", "[1, 2, 3]")),
+    ("[light]\nstrength = [0, inf]", "light.strength = [0, inf]", "0 <= low <= high <= 1e+09"),
+    ("[placement]\nvehicles_per_image = [1, 2.5]", "placement.vehicles_per_image = [1, 2.5]", "a whole number or"),
+    *((f"[render]\nsamples = {x}", f"render.samples = {x}", "expected") for x in ("1.5", "'9'", "0")),
+    ("[render]\nprofile = 'best'", "render.profile = 'best'", "expected 'paper' or 'fast'"),
+    ("[render]\ndenoise = 1", "render.denoise = 1", "expected true or false"),
+    ("[placement]\nmargin = inf", "placement.margin = inf", "expected a finite number"),
+    ("[placement]\nmax_slope_deg = 90", "placement.max_slope_deg = 90", "expected less than 90"),
+    ("[light]\nhdris = [3]", "light.hdris[0] = 3", "expected a name or { name = ..., weight = ... }"),
+    ("[light]\nhdris = 'noon'", "light.hdris = 'noon'", "expected a list"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("extra", "message"),
-    [
-        ("[placement]\nmax_slope = 20", "unknown key placement.max_slope; did you mean placement.max_slope_deg?"),
-        ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg; did you mean camera.fov_x_deg?"),
-        ("[placment]\nmargin = 1", "unknown key placment; did you mean placement?"),
-        (
-            "[ground]\nqwerty = 1",
-            "unknown key ground.qwerty; known here: exclude, fallback_z, include",
-        ),
-        (
-            "[weather]\nfog = 0.6\nrain = 0.5",
-            f"weather: {', '.join(KINDS)} are 1.1 together; expected shares of at most 1 in all",
-        ),
-        ("[camera]\nfov_x_deg = [50, 40]", f"camera.fov_x_deg = [50, 40]: {RANGE} 0.1 <= low <= high <= 179"),
-        ("[camera]\nfov_x_deg = 'wide'", f"camera.fov_x_deg = 'wide': {RANGE} 0.1 <= low <= high <= 179"),
-        ("[camera]\nfov_x_deg = nan", f"camera.fov_x_deg = nan: {RANGE} 0.1 <= low <= high <= 179"),
-        ("[camera]\nfov_x_deg = [1, 2, 3]", f"camera.fov_x_deg = [1, 2, 3]: {RANGE} 0.1 <= low <= high <= 179"),
-        ("[camera]\nvisible_fraction = [0, 1.5]", f"camera.visible_fraction = [0, 1.5]: {RANGE} 0 <= low <= high <= 1"),
-        ("[light]\nstrength = [0, inf]", f"light.strength = [0, inf]: {RANGE} 0 <= low <= high <= 1e+09"),
-        (
-            "[placement]\nvehicles_per_image = [1, 2.5]",
-            "placement.vehicles_per_image = [1, 2.5]: "
-            "expected a whole number or [low, high] with 1 <= low <= high <= 64",
-        ),
-        ("[render]\nsamples = 1.5", "render.samples = 1.5: expected a whole number"),
-        ("[render]\nsamples = '9'", "render.samples = '9': expected a whole number"),
-        ("[render]\nsamples = 0", "render.samples = 0: expected greater than or equal to 1"),
-        ("[render]\nprofile = 'best'", "render.profile = 'best': expected 'paper' or 'fast'"),
-        ("[render]\ndenoise = 1", "render.denoise = 1: expected true or false"),
-        ("[placement]\nmargin = inf", "placement.margin = inf: expected a finite number"),
-        ("[placement]\nmax_slope_deg = 90", "placement.max_slope_deg = 90: expected less than 90"),
-        ("[light]\nhdris = [3]", "light.hdris[0] = 3: expected a name or { name = ..., weight = ... }"),
-        ("[light]\nhdris = 'noon'", "light.hdris = 'noon': expected a list"),
-    ],
-)
-def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, message):
+@pytest.mark.parametrize(("extra", "key", "said"), WRONG)
+def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, key, said):
     with pytest.raises(ConfigError) as caught:
         read(MINIMAL + extra)
-    assert str(caught.value) == f"{tmp_path / 'config.toml'}: {message}"
+    assert str(caught.value).startswith(f"{tmp_path / 'config.toml'}: {key}")
+    assert said in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("images_per_class = 140", "", "budget: expected exactly one of images_per_class and positions_per_vehicle"),
-        ("= 140", "= 1\npositions_per_vehicle = 1", "budget: expected exactly one of"),
-        ("= 140", "= -1", "budget.images_per_class = -1: expected a whole number from 0 to 1000000000, or a table"),
-        ("= 140", "= { tank = 9223372036854775808 }", "expected a whole number from 0 to 1000000000, or a table"),
-        ("images_per_class = 140", "positions_per_vehicle = 9223372036854775808", "budget.positions_per_vehicle = 9"),
-        ("= 140", "= 140\nimages_per_position = 9223372036854775808", "budget.images_per_position = 9"),
-        ("= 140", "= { tank = 1.5 }", "expected a whole number from 0 to 1000000000, or a table of them by class"),
-        ("[budget]\nimages_per_class = 140", "", "budget is missing"),
-        ('category = "tank"', "", "assets.vehicles[0].category is missing"),
-        ('category = "tank"', 'category = ""', "assets.vehicles[0].category = '': expected at least 1 character"),
-        (
-            'category = "tank"',
-            'category = "tank"\ngun_limits_deg = [20, -5]',
-            "assets.vehicles[0].gun_limits_deg = [20, -5]: expected a number or [low, high] with -90 <= low",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\nturret_limits_deg = 400',
-            "assets.vehicles[0].turret_limits_deg = 400: expected a number or [low, high] with -360 <= low",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\nforwrd = "-x"',
-            "unknown key assets.vehicles[0].forwrd; did you mean",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\nforward = "x"',
-            "assets.vehicles[0].forward = 'x': expected '+x', '-x'",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\nforward = 1' + "0" * 400,
-            f"assets.vehicles[0].forward = 1{'0' * 59}: expected '+x', '-x'",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\ngun_pivot = [0, 0, 1' + "0" * 400 + "]",
-            "expected the name of an object, or [x, y, z]",
-        ),
-        ("= 140", "= " + "9" * 5000, "is no TOML: "),
-        ("= 140", "= " + "[" * 2000, "is no TOML: "),
-        ("= 140", "= [0x" + "f" * 5000 + "]", "budget.images_per_class = an integer of thousands of digits: expected"),
-        ('path = "hills.blend"', "path = 3", "assets.sceneries[0].path = 3: expected a string"),
-        ('path = "hills.blend"', 'path = "hills.blend"\nweight = 0', "assets: all sceneries have weight 0"),
-        (
-            '[[assets.sceneries]]\npath = "hills.blend"',
-            "[assets]\nsceneries = []",
-            "assets.sceneries = []: expected at least one",
-        ),
-        (
-            'category = "tank"',
-            'category = "tank"\n[[assets.vehicles]]\npath = "other/t72.blend"\ncategory = "tank"',
-            "assets: 2 vehicles are called 't72'; give each its own `name`",
-        ),
-    ],
-)
+TANK, HILLS, COUNT = 'category = "tank"', 'path = "hills.blend"', "images_per_class = 140"
+INSTEAD = [  # a line of the config, what is in its place, and what is said of it
+    (COUNT, "", "budget: expected exactly one of images_per_class and positions_per_vehicle"),
+    (COUNT, COUNT + "\npositions_per_vehicle = 1", "budget: expected exactly one of"),
+    (COUNT, "images_per_class = -1", "budget.images_per_class = -1: expected a whole number"),
+    (COUNT, f"images_per_class = {{ tank = {2**63} }}", "budget.images_per_class"),
+    (COUNT, f"positions_per_vehicle = {2**63}", "budget.positions_per_vehicle = 9"),
+    (COUNT, f"{COUNT}\nimages_per_position = {2**63}", "budget.images_per_position = 9"),
+    ("[budget]\n" + COUNT, "", "budget is missing"),
+    (TANK, "", "assets.vehicles[0].category is missing"),
+    (TANK, 'category = ""', "assets.vehicles[0].category = '': expected at least 1 character"),
+    (TANK, TANK + "\ngun_limits_deg = [20, -5]", "assets.vehicles[0].gun_limits_deg = [20, -5]"),
+    (TANK, TANK + "\nturret_limits_deg = 400", "assets.vehicles[0].turret_limits_deg = 400"),
+    (TANK, TANK + '\nforwrd = "-x"', "unknown key assets.vehicles[0].forwrd; did you mean"),
+    (TANK, TANK + '\nforward = "x"', "assets.vehicles[0].forward = 'x': expected '+x', '-x'"),
+    (TANK, f"{TANK}\nforward = 1{'0' * 400}", f"assets.vehicles[0].forward = 1{'0' * 59}: expected"),
+    (TANK, f"{TANK}\ngun_pivot = [0, 0, 1{'0' * 400}]", "expected the name of an object, or [x, y, z]"),
+    (TANK, f'{TANK}\n[[assets.vehicles]]\npath = "b/t72.blend"\n{TANK}', "assets: 2 vehicles are called 't72'"),
+    *(("140", x, "is no TOML: ") for x in ("9" * 5000, "[" * 2000)),
+    ("140", f"[0x{'f' * 5000}]", "budget.images_per_class = an integer of thousands of digits"),
+    (HILLS, "path = 3", "assets.sceneries[0].path = 3: expected a string"),
+    (HILLS, HILLS + "\nweight = 0", "assets: all sceneries have weight 0"),
+    ("[[assets.sceneries]]\n" + HILLS, "[assets]\nsceneries = []", "assets.sceneries = []: expected at least one"),
+    ("[[assets.vehicles]]", "[assets]\nhdris = []\n[[assets.vehicles]]", "assets.hdris = []: expected at least one"),
+    (MINIMAL, f"seed = {2**63}\n{MINIMAL}", f"seed = {2**63}: expected less than {2**63}"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), INSTEAD)
 def test_a_wrong_section_is_named(read, old, new, message):
     with pytest.raises(ConfigError, match=re.escape(message)):
         read(MINIMAL.replace(old, new))
 
 
-def test_no_file(tmp_path):
-    with pytest.raises(ConfigError, match=r"missing.toml: no such file; `hulldown init`"):
-        load_config(tmp_path / "missing.toml")
-
-
-def test_a_folder_is_no_config(tmp_path):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file; `hulldown init`"),
+        (b"seed = 0\nx = = 2\n", "is no TOML: .*line 2"),
+        (b"\xff\xfe\x00", "cannot be read"),
+    ],
+)
+def test_what_is_no_config_is_said(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "c.toml").write_bytes(content)
+    with pytest.raises(ConfigError, match=rf"c.toml: {message}"):
+        load_config(tmp_path / "c.toml")
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path)
-
-
-def test_broken_toml_is_named_by_line(read):
-    with pytest.raises(ConfigError, match=r"is no TOML: .*line 2"):
-        read("seed = 0\nx = = 2\n")
-
-
-def test_not_text(tmp_path):
-    (tmp_path / "c.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="cannot be read"):
-        load_config(tmp_path / "c.toml")
 
 
 def test_hdris_are_found_by_pattern(read, tmp_path):
@@ -260,11 +209,6 @@ def test_hdris_are_found_by_pattern(read, tmp_path):
         (tmp_path / name).touch()
     config = read(f"[assets]\nhdris = ['night.hdr', '*.exr', '{tmp_path}/a.exr']\n" + MINIMAL)
     assert hdri_paths(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
-
-
-def test_hdris_that_are_not_there(read):
-    with pytest.raises(ConfigError, match=r"assets.hdris: 'sky/\*.exr' matches no file"):
-        hdri_paths(read("[assets]\nhdris = ['sky/*.exr']\n" + MINIMAL))
 
 
 def test_two_hdris_of_one_name(read, tmp_path):
@@ -278,25 +222,14 @@ def test_two_hdris_of_one_name(read, tmp_path):
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        ("", "assets.hdris: '' is no pattern of files"),
-        ("sky/**.exr", r"assets.hdris: 'sky/\*\*.exr' is no pattern of files"),
-        ("n*", r"assets.hdris: 'n\*' matches 'notes.txt', which is no .exr or .hdr file; narrow the pattern"),
+        ("sky/*.exr", r"'sky/\*.exr' matches no file"),
+        ("", "'' is no pattern of files"),
+        ("sky/**.exr", r"'sky/\*\*.exr' is no pattern of files"),
+        ("n*", r"'n\*' matches 'notes.txt', which is no .exr or .hdr file; narrow the pattern"),
     ],
 )
 def test_patterns_that_are_none(read, tmp_path, pattern, message):
     for name in ("notes.txt", "z.exr"):
         (tmp_path / name).touch()
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=f"assets.hdris: {message}"):
         hdri_paths(read(f"[assets]\nhdris = ['{pattern}']\n" + MINIMAL))
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("[assets]\nhdris = []", "assets.hdris = []: expected at least one"),
-        (f"seed = {2**63}", f"seed = {2**63}: expected less than {2**63}"),
-    ],
-)
-def test_no_hdris_and_a_seed_beyond_the_plan_file(read, line, message):
-    with pytest.raises(ConfigError, match=re.escape(message)):
-        read(f"{line}\n" + MINIMAL)

@@ -10,11 +10,10 @@ from assets.vehicle import VehicleShape
 from camera.target import PosedVehicle, VehicleTarget
 from camera.world import World
 from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
-from geometry.cutouts import CutoutCaster, caster_of
+from geometry.cutouts import caster_of
 from geometry.instances import InstancedScene
 from geometry.meshes import Mesh, merge
 from geometry.overlap import SceneTouch
-from geometry.rays import RayCaster
 from geometry.transforms import rigid, rotation_z
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
@@ -91,23 +90,6 @@ def test_a_ray_along_a_card_ends():
     assert ((found >= 0.0) & (found <= 1.0)).all()
 
 
-def test_faces_are_classed_by_all_that_can_be_looked_up():
-    texels = np.zeros((8, 8), dtype=np.uint8)
-    texels[:, 4:] = 255
-    alpha = AlphaMap(texels, Extension.EXTEND, smooth=False)
-    spans = {(0.55, 0.9): Cut.OPAQUE, (0.05, 0.45): Cut.CLEAR, (0.4, 0.6): Cut.MIXED, (-3.0, -1.0): Cut.CLEAR}
-    for (low, high), expected in spans.items():
-        mesh = card(alpha, uv=CORNERS * [high - low, 0.5] + [low, 0.2])
-        assert mesh.cutouts is not None
-        assert mesh.cutouts.cuts().tolist() == [expected] * 2
-    opaque = card(alpha, uv=CORNERS * 0.2 + 0.7)
-    assert isinstance(caster_of(opaque), RayCaster)
-    clear = caster_of(card(alpha, uv=CORNERS * 0.2 + 0.1))
-    origins, along, _ = through(10)
-    assert isinstance(clear, CutoutCaster)
-    assert not clear.cast(origins, along).hit.any()
-
-
 @pytest.mark.parametrize("extension", Extension)
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_face_classed_as_opaque_or_clear_is_so_at_every_point(extension: Extension, smooth: bool):
@@ -165,15 +147,6 @@ def test_instances_of_a_card_share_its_holes():
     np.testing.assert_array_equal(scene.occluded(origins, along), opaque)
 
 
-def test_the_part_of_a_mesh_keeps_its_holes():
-    mesh, _ = merge([Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES), card(), replace(card(SOFT), name="soft")])
-    part = mesh.of_faces(np.array([1, 2, 5]))
-    assert part.cutouts is not None
-    assert part.cutouts.face.tolist() == [1, 2]
-    assert [part.cutouts.maps[i] for i in part.cutouts.face_map] == [CHECKS, SOFT]
-    assert mesh.of_faces(np.array([0, 1])).cutouts is None
-
-
 def test_boxes_touch_a_card_where_it_hides():
     scene = InstancedScene([card()], [0], rigid(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
@@ -215,12 +188,6 @@ def test_fewer_texels_have_the_same_mean_opacity(longest: int, shape: tuple[int,
     assert left == (steps if longest == 8 else ())
     small, whole = AlphaMap(texels, steps=left).graded_texels(), replace(SOFT, steps=steps).graded_texels()
     assert small.mean() == pytest.approx(whole.mean(), abs=1 / 255)
-
-
-def test_a_long_image_keeps_its_sides_apart():
-    texels, _ = fewer_texels(np.arange(240, dtype=np.uint8).reshape(2, 120), (), 60)
-    assert texels.shape == (1, 60)
-    np.testing.assert_allclose(texels[0, :3], [60.5, 62.5, 64.5], atol=0.51)
 
 
 def test_a_vehicle_is_seen_through_its_net():

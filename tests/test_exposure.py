@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from assets.library import Assets
 from assets.skylight import SkyLight
 from camera.response import ALBEDO, CARD, displayed, white_balance
-from camera.weather_kinds import Weather
 from geometry.color import LUMINANCE
 from geometry.errors import ConfigError
 from planning.exposure import card
@@ -43,16 +41,6 @@ def test_the_errors_of_cameras_are_within_their_bounds_and_differ():
     kelvins = [row.white_balance_k for row in off]
     assert -300 <= min(kelvins) < max(kelvins) <= 600
     assert {row.white_balance_k for row in exact} == {0.0}
-
-
-def test_a_number_is_the_exposure_of_all_images():
-    assert {row.exposure_ev for row in rows(exposure=-2.5, exposure_error_ev=0)} == {-2.5}
-
-
-def test_weather_and_turn_do_not_change_what_the_ground_gets():
-    row = rows()[0]
-    foggy = replace(row, weather=Weather(visibility_m=200.0, kind="fog"), hdri_yaw_deg=200.0)
-    np.testing.assert_array_equal(card(foggy, lit()), card(row, lit()))
 
 
 def test_a_sky_without_light_has_the_longest_exposure():

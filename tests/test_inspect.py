@@ -13,11 +13,10 @@ from assets.scenery import Scenery
 from assets.vehicle import VehicleShape
 from geometry.errors import AssetError, HulldownError
 from geometry.meshes import Mesh
-from reading.doubts import scenery_doubts, vehicle_doubts
-from reading.formats import format_of
+from reading.doubts import scenery_doubts
 from reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
 from reading.options import Options
-from reading.report import FileReport, Missing, PartRow, Row, gathered
+from reading.report import FileReport, Missing, PartRow, Row
 from reading.roles import Link, Piece, Role
 
 FILE = """
@@ -143,20 +142,6 @@ def test_a_report_survives_json() -> None:
     assert FileReport.from_json(json.loads(json.dumps(report().to_json()))) == report()
 
 
-@pytest.mark.parametrize(
-    ("size", "unit", "expected"),
-    [
-        ((700.0, 300.0, 200.0), 1.0, ["the vehicle is 700 m long; set scale = 0.01 (now 1) if that is wrong"]),
-        ((0.04, 0.02, 0.01), 0.01, ["the vehicle is 4 cm long; set scale = 1 (now 0.01) if that is wrong"]),
-        ((3.0, 7.0, 2.0), 1.0, ["it is longer across (7.0 m) than along x (3.0 m); set forward to +y or -y"]),
-        ((2.5, 3.0, 7.0), 1.0, ['it is 7.0 m high and 3.0 m long; set up = "y" if it lies on its side']),
-        ((7.0, 3.0, 2.0), 1.0, []),
-    ],
-)
-def test_doubts_about_a_vehicle(size: tuple, unit: float, expected: list[str]) -> None:
-    assert list(vehicle_doubts(size, (), (), unit=unit, options=Options())) == expected
-
-
 def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
     pose, bounds = np.eye(4), np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
     pieces = [
@@ -204,25 +189,6 @@ def test_a_file_with_nothing_to_see_says_what_hides_it(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", HIDDEN, str(path)], check=True, capture_output=True)
     with pytest.raises(AssetError, match="nothing that is rendered: 'Hull' is hidden from render with its collection"):
         inspect(path)
-
-
-@pytest.mark.parametrize(("version", "refused"), [("1.0", True), ("2.0", False)])
-def test_an_old_gltf_is_refused_by_its_version(tmp_path: Path, version: str, refused: bool) -> None:
-    path = tmp_path / "truck.gltf"
-    path.write_text(json.dumps({"asset": {"version": version}}), encoding="utf-8")
-    if not refused:
-        assert format_of(path) == "gltf"
-        return
-    with pytest.raises(AssetError, match=r"is glTF 1\.0, which Blender does not read; convert it to glTF 2\.0"):
-        format_of(path)
-
-
-def test_a_forest_is_one_row() -> None:
-    trees = [Row(f"Tree.{i:03}", "MESH", "obstacle", f"says {i}", 1, 12, (1.0, 1.0, i + 1.0)) for i in range(40)]
-    wheels = [Row(f"Wheel_{i}", "MESH", "hull", "by default") for i in range(4)]
-    rows = gathered([*trees, *wheels, Row("Tree.040", "MESH", "ground", "odd one out")])
-    assert rows[0] == Row("Tree*", "MESH", "obstacle", "says 0", 40, 12, (1.0, 1.0, 40.0))
-    assert [row.name for row in rows[1:]] == ["Wheel_0", "Wheel_1", "Wheel_2", "Wheel_3", "Tree.040"]
 
 
 def test_many_pictures_are_pages(tmp_path: Path) -> None:

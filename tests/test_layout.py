@@ -1,13 +1,10 @@
 """Files that look as if they had been written here: read by line they say what they say to a parser of the whole."""
 
-import json
-
 import pytest
 
 import dataset.document
-from dataset.coco import CocoDataset
 from dataset.document import read_document
-from dataset.record_lines import OtherLayoutError, read_by_line
+from dataset.record_lines import OtherLayoutError
 from geometry.errors import DatasetError
 
 HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'
@@ -34,34 +31,6 @@ def outcome(folder):
         return str(error)
     names = ("head", "categories", "category_ids", "images", "annotations", "file_names", "runs")
     return {name: getattr(document, name) for name in names}
-
-
-def by_line(path):
-    with path.open("rb") as file:
-        head, images, annotations = read_by_line(file)
-        return head, list(images), list(annotations)
-
-
-def test_what_is_written_here_is_read_by_line(tmp_path, monkeypatch):
-    for i in range(3):
-        with CocoDataset.open(tmp_path) as dataset:
-            dataset.append(
-                {"file_name": f"{i}.png", "width": 4, "height": 3}, [{"category": "a", "bbox": [0, 0, 1, 1]}]
-            )
-        head, images, annotations = by_line(tmp_path / "annotations.json")
-        assert {**head, "images": images, "annotations": annotations} == json.loads(
-            (tmp_path / "annotations.json").read_text()
-        )
-        assert len(images) == len(annotations) == i + 1
-    assert outcome(tmp_path) == whole(tmp_path, monkeypatch)
-
-
-@pytest.mark.parametrize("lists", [(b"", b""), (b"", ANNOTATIONS), (IMAGES, b"")])
-def test_empty_lists_are_read_by_line(tmp_path, lists):
-    path = tmp_path / "annotations.json"
-    path.write_bytes(HEAD + (lists[0] or b'"images":[],\n') + (lists[1] or b'"annotations":[]}\n'))
-    _, images, annotations = by_line(path)
-    assert (len(images), len(annotations)) == (2 if lists[0] else 0, 1 if lists[1] else 0)
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,10 @@
 """What a config may say of paint, which materials it reaches, what is drawn, and where that is shown."""
 
-import json
-
 import numpy as np
 import pytest
 
 from geometry.errors import ConfigError
-from planning.config import parse_config
-from planning.paint import Coat, PaintEntry, paint_doubts, paint_notes, previewed
-from planning.plan_file import read_plan
+from planning.paint import Coat, PaintEntry, paint_doubts, previewed
 from planning.preview import caption
 from planning.summary import summarise
 from planning.write import write_plan
@@ -51,11 +47,6 @@ def test_paint_that_means_nothing_is_refused(paint, message):
         config(paint)
 
 
-def test_one_table_is_a_list_of_one():
-    assert config({"colours": [GREEN.upper()]}).paint_of("t72") == (PaintEntry(colours=(GREEN,)),)
-    assert config([]).paint_of("t72") == ()
-
-
 @pytest.mark.parametrize(
     "name",
     ["Tyre", "TIRES", "rubber_black", "Track.001", "TrackLinks_L", "glass", "WindowGlass", "Headlight", "decal_03"],
@@ -87,11 +78,6 @@ def test_doubts_name_patterns_that_do_nothing():
     (alone,) = doubts("track*")
     assert "'Tracks' is left alone, 'track' is in its name; give its whole name" in alone
     assert doubts("*", "canvas") == ["paint: an earlier entry has all materials of ['canvas']"]
-
-
-def test_notes_say_what_is_painted():
-    entry = PaintEntry(materials=("camo*",), colours=("own", GREEN), value=(0.5, 2.0))
-    assert paint_notes([entry], MATERIALS) == ["painted: Camo_Hull, camo turret; own, #4b5320, value 0.5 to 2"]
 
 
 PAINT = [
@@ -128,19 +114,6 @@ def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
     assert {first.colour for first, _ in coats} == {GREEN, SAND, "#303030"}
     assert len({first.value for first, _ in coats}) == len(coats)  # no two draw the same numbers
     assert all((second.colour, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
-
-
-def test_workers_make_no_difference(made, assets, tmp_path):
-    wanted = parse_config(made.header.config, path=made.path)
-    again = write_plan(wanted, assets, tmp_path / "plan.jsonl", workers=2)
-    assert [line for line in again.path.read_bytes().splitlines()[1:]] == made.path.read_bytes().splitlines()[1:]
-
-
-def edited(made, path, change):
-    header, *rows = map(json.loads, made.path.read_text().splitlines())
-    change(header, rows)
-    path.write_text("".join(json.dumps(line) + "\n" for line in (header, *rows)))
-    return read_plan(path)
 
 
 def test_the_summary_counts_coats(made):

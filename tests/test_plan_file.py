@@ -108,10 +108,6 @@ def test_rows_come_back_as_they_were(path):
         plan[5]
 
 
-def test_nothing_but_the_plan_is_left(path):
-    assert os.listdir(path.parent) == ["plan.jsonl"]
-
-
 @pytest.mark.parametrize(
     ("line", "text", "message"),
     [
@@ -160,44 +156,37 @@ OUT_OF_RANGE = [
     *((key, box) for key in ("bbox", "bbox_amodal") for box in (
         [-1e300, 0, 1, 1], [0, 0, -1, 1], [0, 0, 1, 1e300], [], [1, 2, 3], [1, 2, 3, 4, 5], [1, 2, 3, None],
     )),
-    ("strength", -5.0), ("weather", {"visibility_m": 0, "kind": "fog"}),
+    ("strength", -5.0), ("strength", True), ("background", 1), ("companions", {"a": 1}),
+    ("weather", {"visibility_m": 0, "kind": "fog"}),
     ("weather", {"visibility_m": 9.0, "kind": "hail"}), ("weather", {}),
     ("hdri_yaw_deg", 361), ("slope_deg", -1.0), ("slope_deg", 91.0), ("gap", -0.1), ("penetration", -0.1),
     ("position", -1), ("shot", 2**63), ("tries", -1), ("tries", 1.5), ("width", 65537), ("height", 10**400),
     ("paint", [{}]), ("paint", [{"materials": ["*"], "colour": "red"}]), ("paint", [{"materials": ["*"], "value": -1}]),
     ("sample_seed", 2**64), ("rejected", {"small": -1}), ("rejected", {"bored": 1}),
     ("rejected", []), ("articulation", {"gun": 1e300}),
+    ("articulation", {"turret": "left"}),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"image_id": 1}, "line 4 has image_id 1, expected 3"),
-        ({"world_from_vehicle": POSE[:2]}, r"line 4 has world_from_vehicle .*, expected a 4x4 matrix"),
-        ({"world_from_camera": [[None] * 4] * 4}, r"line 4 has world_from_camera .*, expected a 4x4 matrix"),
-        ({"bbox": "big"}, r"line 4 has bbox 'big', expected \[x, y, width, height\]"),
-        ({"bbox": None}, r"line 4 has bbox None"),
-        ({"hdri_yaw_deg": "x"}, "line 4 has hdri_yaw_deg 'x', expected a number"),
-        ({"strength": True}, "line 4 has strength True"),
-        ({"width": 0}, "line 4 has width 0, expected a whole number from 1 to 65536"),
-        ({"weather": {"fog": 1}}, "line 4 has weather"),
-        ({"articulation": {"turret": "left"}}, "line 4 has articulation"),
-        ({"companions": {"a": 1}}, "line 4 has companions {'a': 1}, expected a list of vehicles"),
-        ({"companions": [3]}, r"line 4 has companions \[3\], expected a list of vehicles"),
-        ({"distractors": [{**VEHICLE, "label": "no"}]}, r"has distractors\[0\].label 'no', expected \"full\", \"ign"),
-        ({"background": 1}, "line 4 has background 1, expected true or false"),
-        (
-            {"companions": [{key: VEHICLE[key] for key in VEHICLE if key != "label"}]},
-            r"line 4 lacks companions\[0\].label",
-        ),
-        ({"companions": [{"vehicle": "t72"}]}, r"line 4 lacks companions\[0\].category"),
-        ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
-        *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
-        ({"category": "zeppelin"}, "line 4 has the class 'zeppelin' for 't72', expected 'tank'"),
-        ({"companions": [{**VEHICLE, "category": "car"}]}, "line 4 has the class 'car' for 't72', expected 'tank'"),
-    ],
-)
+NO_LABEL = {key: VEHICLE[key] for key in VEHICLE if key != "label"}
+CHANGED = [
+    ({"image_id": 1}, "line 4 has image_id 1, expected 3"),
+    ({"world_from_camera": [[None] * 4] * 4}, "line 4 has world_from_camera .*, expected a 4x4 matrix"),
+    ({"bbox": "big"}, r"line 4 has bbox 'big', expected \[x, y, width, height\]"),
+    ({"bbox": None}, "line 4 has bbox None"),
+    ({"hdri_yaw_deg": "x"}, "line 4 has hdri_yaw_deg 'x', expected a number"),
+    ({"width": 0}, "line 4 has width 0, expected a whole number from 1 to 65536"),
+    ({"companions": [3]}, r"line 4 has companions \[3\], expected a list of vehicles"),
+    ({"distractors": [{**VEHICLE, "label": "no"}]}, r"has distractors\[0\].label 'no', expected \"full\""),
+    ({"companions": [NO_LABEL]}, r"line 4 lacks companions\[0\].label"),
+    ({"companions": [{**VEHICLE, "bbox": None, "gap": []}]}, r"line 4 has companions\[0\].gap \[\]"),
+    ({"category": "zeppelin"}, "line 4 has the class 'zeppelin' for 't72', expected 'tank'"),
+    ({"companions": [{**VEHICLE, "category": "car"}]}, "line 4 has the class 'car' for 't72', expected 'tank'"),
+    *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
+]
+
+
+@pytest.mark.parametrize(("changed", "message"), CHANGED)
 def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
     path = written(tmp_path / "plan.jsonl", vehicles={"t72": {"category": "tank"}})
     lines = path.read_bytes().splitlines(keepends=True)
@@ -220,6 +209,13 @@ def test_no_file_but_a_plan_is_written_over(path):
     assert not path.parent.with_name(path.parent.name + ".partial").exists()
 
 
+HEADERS = [
+    *(("images", value) for value in (-1, 2**63, 1.0, True)), ("seed", -1), ("seed", 2**63), ("config", []),
+    ("root", None), ("vehicles", [1]), ("vehicles", {"a": 1}), ("vehicles", {"a": {}}),
+    ("sceneries", {"a": {"origin": [0, 0]}}), ("hdris", {"a": {"path": 3}}), ("versions", {"python": 3}),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -231,25 +227,7 @@ def test_no_file_but_a_plan_is_written_over(path):
         (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
         (b"[" * 100_000, "line 1 is no header of a plan"),
         (b'{"hulldown_plan": 2, "a": "\xff"}', "line 1 is no header of a plan"),
-        *(
-            (line({**HEADER, key: value}), f"line 1 has {key} ")
-            for key, value in (
-                ("images", -1),
-                ("images", 2**63),
-                ("images", 1.0),
-                ("images", True),
-                ("seed", -1),
-                ("seed", 2**63),
-                ("config", []),
-                ("root", None),
-                ("vehicles", [1]),
-                ("vehicles", {"a": 1}),
-                ("vehicles", {"a": {}}),
-                ("sceneries", {"a": {"origin": [0, 0]}}),
-                ("hdris", {"a": {"path": 3}}),
-                ("versions", {"python": 3}),
-            )
-        ),
+        *((line({**HEADER, key: value}), f"line 1 has {key} ") for key, value in HEADERS),
     ],
 )
 def test_a_foreign_file_is_no_plan(tmp_path, content, message):
@@ -380,16 +358,6 @@ def test_two_pictures_of_one_name_are_found(tmp_path, names, message):
     else:
         with pytest.raises(ConfigError, match=message):
             list(read_plan(path))
-
-
-@pytest.mark.parametrize("name", ["images/1.png", "a.png", "a/b..c/d.png"])
-def test_names_inside(name):
-    assert stays_inside(name)
-
-
-@pytest.mark.parametrize("name", ["", "/a", "../a", "a/../../b", "C:\\a", "\\a", "a\\..\\b", "C:a", None, 3, "a\0b"])
-def test_names_that_leave_the_folder(name):
-    assert not stays_inside(name)
 
 
 @pytest.mark.parametrize(

@@ -74,11 +74,6 @@ def test_distances_are_equation_6_times_the_factor(found):
     assert off_uniform(found["distance"] * FRACTION, 1.0, 4.0) < FAR
 
 
-def test_a_single_factor_and_fraction_give_one_distance():
-    # Positions are written to 1e-9 m, some 1e-10 of these distances.
-    assert drawn()["distance"] * FRACTION == pytest.approx(np.full(N, FACTOR), rel=1e-10)
-
-
 def test_target_fractions_are_uniform():
     assert off_uniform(FACTOR / drawn(target_fraction=[0.05, 0.3])["distance"], 0.05, 0.3) < FAR
 

@@ -100,17 +100,6 @@ def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
     assert np.allclose(made.vertices.mean(axis=1), drops.centres, atol=1e-9)
 
 
-def test_a_streak_hides_its_middle_for_as_long_as_the_drop_passes_and_has_its_width():
-    diameter, length = 0.002, 0.05
-    u = np.linspace(-1.0, 1.0, 2001)
-    way = length / 2.0 / (diameter / math.sqrt(2.0))
-    hidden = opacity(np.stack([u, np.zeros_like(u), np.full_like(u, way)], axis=1))
-    assert hidden.max() == pytest.approx(diameter / (diameter + length), rel=0.05)
-    half = u[hidden >= hidden.max() / 2.0]
-    hard = math.sqrt(3.0) / 2.0 * diameter  # where the chord of a disc is half as long as its diameter
-    assert (half.max() - half.min()) * diameter / math.sqrt(2.0) == pytest.approx(hard, rel=0.01)
-
-
 @pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
 def test_opacity_is_that_of_a_disc_that_moves(way):
     v, u = np.meshgrid(np.linspace(-1 - way, 1 + way, 81), np.linspace(-1, 1, 41))
@@ -153,9 +142,3 @@ def test_no_view_has_more_than_it_can_be_drawn_with(sizes, fov_x_deg, exposure_s
     depth = drops.centres @ AHEAD[:3, 2]
     assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
     assert np.isfinite(streaks(drops, seen).vertices).all()
-
-
-def test_the_same_seed_is_the_same_rain():
-    one, again, other = (drawn(rain_sizes(10.0), view(), seed=seed).centres for seed in (1, 1, 2))
-    assert np.array_equal(one, again)
-    assert not np.array_equal(one[:10], other[:10])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from geometry.meshes import Mesh
-from geometry.rays import RayCaster
+from geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
 FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
@@ -99,3 +99,16 @@ def test_wrong_calls_are_named(origins, directions, limit, message):
 def test_coordinates_out_of_all_proportion_are_refused():
     with pytest.raises(ValueError, match="mesh 'house': expected coordinates within 1e30 m"):
         RayCaster(Mesh(HOUSE.vertices * 1e31, HOUSE.faces, "house"))
+
+
+@pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
+    points = np.random.default_rng(4).uniform(0, 100, (n, 2))
+    with WorkerThreads(threads) as pool:
+        blocks = list(coherent_blocks(points, pool))
+    order = np.concatenate(blocks)
+    assert np.sort(order).tolist() == list(range(n))
+    if n > 4096:
+        step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)
+        assert np.median(step) < 3.0  # two random points are 67 apart

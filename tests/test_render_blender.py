@@ -13,7 +13,6 @@ from msgspec.structs import replace as altered
 
 from annotate.masks import iou, mask_box, vehicle_mask
 from camera.target import PosedVehicle, VehicleTarget
-from camera.weather_kinds import Weather
 from camera.world import World
 from geometry.errors import ConfigError
 from planning.plan_file import Plan
@@ -23,7 +22,7 @@ from render.jobs import SceneryFile, mask_job, render_assets
 from render.masks import cycles_masks, verify_masks
 from render.messages import to_json
 from render.process import WORKER, WorkerProcess, worker_command
-from render.supervisor import Part, render_plan
+from render.supervisor import render_plan
 from tests.blender_plans import copied, draw, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
@@ -129,21 +128,6 @@ def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan
         assert np.array_equal(picture, pixels(dataset / plan[i].file_name))
 
 
-def test_the_same_plan_is_the_same_files(dataset, plan, assets, tmp_path):
-    render_plan(plan.path, tmp_path / "again", assets=assets, part=Part(limit=2))
-    pictures = sorted((tmp_path / "again" / "images").iterdir())
-    assert [p.read_bytes() for p in pictures] == [(dataset / "images" / p.name).read_bytes() for p in pictures]
-    assert not any(str(plan.path.parent).encode() in p.read_bytes() for p in pictures)
-
-
-def test_another_seed_is_another_noise(plan, assets, tmp_path):
-    row = plan[0]
-    messages = [job(altered(row, sample_seed=s), assets, SETTINGS, tmp_path / f"{s}.png") for s in (1, 2)]
-    one, two = draw(tmp_path, messages)
-    assert not np.array_equal(one, two)
-    assert np.abs(one - two).mean() < 20
-
-
 def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
     """A row's camera that looks from `at` into a direction."""
     z = np.array(
@@ -199,31 +183,6 @@ def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, 
     draw(tmp_path, messages)
     assert not (worlds / "registered").exists()
     assert not (worlds / "driven").exists()
-
-
-@pytest.mark.parametrize("visibility", [50.0, 200.0])
-def test_fog_follows_koschmieders_law(plan, assets, folder, tmp_path, visibility):
-    """Black walls in fog look as bright as a clear sky of 1 - exp(-3.912 d / visibility) the strength."""
-    walls = SceneryFile(folder / "walls.blend", np.eye(4), assets.sceneries["field"].scenery)
-    assets = replace(assets, sceneries={"walls": walls})
-    sunk = np.eye(4)
-    sunk[2, 3] = -500.0
-    row = altered(
-        plan[0],
-        **looking(0.0, 0.0, fov_x_deg=90.0, at=(0.0, 0.0, 0.0)),
-        **{"scenery": "walls", "companions": [], "strength": 1.0, "weather": None},
-        target=altered(plan[0].target, world_from_vehicle=sunk),
-    )
-    fog = altered(row, weather=Weather(visibility_m=visibility, kind="fog"))
-    messages = [job(fog, assets, SETTINGS, tmp_path / "fog.png")]
-    centres = [(19.75, -8.0), (59.75, 0.0), (149.75, 70.0)]
-    for i, centre in enumerate(centres):
-        strength = 1.0 - math.exp(-3.912 * math.hypot(*centre) / visibility)
-        messages.append(job(altered(row, strength=strength), assets, SETTINGS, tmp_path / f"{i}.png"))
-    foggy, *clear = draw(tmp_path, messages)
-    for (x, y), sky in zip(centres, clear, strict=True):
-        column = round(64.0 - 64.0 * y / x)
-        assert np.abs(foggy[35:37, column - 1 : column + 1] - sky[0, 0]).max() <= 2.0
 
 
 class Conversation:

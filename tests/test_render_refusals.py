@@ -31,12 +31,6 @@ def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, name):
     assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
 
 
-@pytest.mark.parametrize("share", [(0, 2), (3, 2), (1, 0)])
-def test_a_share_that_is_none_is_refused(share):
-    with pytest.raises(ValueError, match=r"share: expected \(k, n\)"):
-        Part(share=share)
-
-
 @pytest.mark.parametrize(
     ("script", "message"),
     [
@@ -179,13 +173,6 @@ def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
     render_plan(write_plan(tmp_path, [make_row(0)]), dataset, assets=ASSETS, engine=Engine(blender=str(loud)))
     assert outside.read_text() == "precious"
     assert "hello" in (dataset / "logs" / "worker-0.log").read_text()
-
-
-def test_two_images_of_one_name_are_refused_before_rendering(tmp_path, blender):
-    plan = write_plan(tmp_path, [make_row(0), make_row(1, file_name="images/00000001.png")])
-    with pytest.raises(ConfigError, match=r"line 3 has file_name 'images/00000001.png', which line 2 has"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
-    assert not (tmp_path / "d").exists()
 
 
 def test_a_damaged_plan_leaves_the_dataset_as_it_was(tmp_path, blender):

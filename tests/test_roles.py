@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says, words
+from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says
 from geometry.errors import AssetError
-from reading.build import build_scenery
 from reading.doubts import vehicle_doubts
-from reading.evaluated import Evaluated
 from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.options import Options
 from reading.parts import Asked, find_parts
@@ -39,24 +37,6 @@ def scenery_uses(*pieces: Piece, **options: object) -> list[str]:
 
 
 HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("Ground.001", ("ground",)),
-        ("farGround", ("far", "ground")),
-        ("HTMLGun", ("html", "gun")),
-        ("ground_02-b", ("ground", "02", "b")),
-        ("LOD0Terrain", ("lod", "0", "terrain")),
-        ("Straße Nord", ("straße", "nord")),
-        ("", ()),
-        ("...", ()),
-        ("a.12", ("a", "12")),
-    ],
-)
-def test_words_of_a_name(name: str, expected: tuple[str, ...]) -> None:
-    assert words(name) == expected
 
 
 @pytest.mark.parametrize(
@@ -161,10 +141,6 @@ def test_two_floors_do_not_vouch_for_each_other() -> None:
     assert vehicle_uses(*floors, HULL) == ["dropped", "dropped", "dropped", "vehicle"]
 
 
-def test_a_lone_plane_is_the_vehicle() -> None:
-    assert vehicle_uses(piece("Plane", size=(5, 2, 0))) == ["vehicle"]
-
-
 def test_the_config_beats_the_rules_and_keep_beats_drop() -> None:
     floor, wheel, spare = piece("Floor", size=(20, 20, 0.1)), piece("Wheel"), piece("Wheel_spare")
     got = vehicle_uses(HULL, floor, wheel, spare, keep=["floor", "*spare"], drop=["wheel*"])
@@ -194,12 +170,6 @@ def test_the_config_beats_the_rules_and_keep_beats_drop() -> None:
 )
 def test_ground_by_object_then_mesh_then_collection(thing: Piece, use: str) -> None:
     assert scenery_uses(thing) == [use]
-
-
-def test_the_users_ground_comes_first_and_exclude_beats_include() -> None:
-    pieces = [piece("Plate_1"), piece("Plate_far"), piece("Terrain"), piece("Skydome")]
-    got = scenery_uses(*pieces, include=("plate*", "skydome"), exclude=("*far", "terrain"))
-    assert got == ["ground", "obstacle", "obstacle", "ground"]
 
 
 def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
@@ -262,14 +232,6 @@ def test_children_of_a_turret_belong_to_it_and_its_gun_rides_on_it() -> None:
     assert parts.axis.tolist() == [[0, 0, 1], [0, 0, 1], [0, -1, 0]]
 
 
-def test_a_gun_that_hangs_on_nothing_rides_on_the_turret_all_the_same() -> None:
-    _, parts = parts_of(link("Hull"), link("Turret"), link("Barrel", at=(3, 0, 0)))
-    assert parts.names == ("hull", "turret", "gun")
-    assert parts.parent == (-1, 0, 1)
-    _, without = parts_of(link("Hull"), link("Barrel", at=(3, 0, 0)))
-    assert without.parent == (-1, 0)
-
-
 @pytest.mark.parametrize(
     ("chains", "expected"),
     [
@@ -325,10 +287,3 @@ def test_positive_angles_raise_a_gun_wherever_it_points(yaw: float) -> None:
     pieces = [piece("Hull"), Piece("m", (link("Gun", kind="EMPTY", at=(0, 0, 2)),), 0, np.eye(4), np.zeros((2, 3)), 12)]
     found = find_parts(pieces, [np.zeros((1, 3)), tube], (), vehicle_from_file=np.eye(4))
     assert np.allclose(found.axis[1], turn @ [0, -1, 0], atol=1e-6)
-
-
-def test_an_empty_scenery_says_so() -> None:
-    from geometry.errors import AssetError
-
-    with pytest.raises(AssetError, match="nothing in it is rendered"):
-        build_scenery("s", Evaluated(), [], metres=np.eye(4), options=Options())

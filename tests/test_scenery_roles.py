@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from geometry.errors import AssetError
-from geometry.meshes import Mesh
-from geometry.transforms import rigid, rotation_about
 from reading.build import build_scenery
 from reading.doubts import scenery_doubts
 from reading.evaluated import Evaluated
@@ -13,7 +11,6 @@ from reading.kinds import likely_kind, refuse_wrong_kind
 from reading.options import Options
 from reading.roles import Piece
 from reading.scenery_roles import VOLUME, matching, scenery_roles
-from reading.shape import level_share
 from tests.test_roles import link, piece
 
 HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
@@ -111,13 +108,6 @@ def test_ground_that_wears_water_and_a_small_nameless_sheet_are_doubts() -> None
     assert any("perhaps water: 'Plane.003'" in doubt for doubt in doubts)
 
 
-def test_ground_by_shape() -> None:
-    roles = scenery_roles([HILLS, *HOUSES], Options())
-    assert [role.use for role in roles] == ["ground", *["obstacle"] * 7]
-    doubts = scenery_doubts((200.0, 200.0, 12.0), [HILLS, *HOUSES], roles, (), unit=1.0, options=Options())
-    assert doubts == ("taken as ground: 'Plane.003', by shape; if it is none, name it in not_ground",)
-
-
 @pytest.mark.parametrize(
     ("pieces", "expected"),
     [
@@ -141,10 +131,6 @@ def test_ground_by_shape_is_large_level_lowest_and_carries_the_rest(pieces: list
     for order in (pieces, pieces[::-1]):
         roles = scenery_roles(order, Options())
         assert sorted(p.name for p, role in zip(order, roles, strict=True) if role.use == "ground") == expected
-
-
-def test_a_name_beats_the_shape() -> None:
-    assert uses(HILLS, piece("Road", size=(9, 200, 0.1), level=1.0)) == ["obstacle", "ground"]
 
 
 def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
@@ -172,11 +158,6 @@ def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
 def test_a_pattern_is_an_objects_whole_name(pattern: str, matches: bool) -> None:
     one = piece(link("Plane.003", "Hills"), data="Terrain_mesh", materials=("Grass_A",))
     assert bool(matching(one, (pattern,))) is matches
-
-
-@pytest.mark.parametrize("name", ["Tile[3]", "a*b", "collection:odd", "what?"])
-def test_a_name_with_signs_of_a_glob_matches_itself(name: str) -> None:
-    assert matching(piece(name), (name,)) == ("object", name, name)
 
 
 def test_the_sceneries_own_patterns_come_before_those_of_all() -> None:
@@ -218,10 +199,3 @@ def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
     with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
         build_scenery("s", Evaluated(pieces=[HILLS]), [], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
-
-
-@pytest.mark.parametrize(("lean", "level"), [(0, 1.0), (25, 1.0), (35, 0.0), (90, 0.0), (180, 1.0)])
-def test_how_level_a_turned_sheet_is(lean: float, level: float) -> None:
-    sheet = Mesh(np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]), np.array([[0, 1, 2], [0, 3, 2]]))
-    pose = rigid(rotation_about([1.0, 0, 0], np.radians(lean)), [0, 0, 0]) @ np.diag([2.0, -3.0, 1.0, 1.0])
-    assert level_share(sheet, pose) == level

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from camera.shell import camera_pose, draw_azimuth, draw_elevation
+from camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 
 
 def test_a_level_camera_to_the_east_looks_west_with_north_to_its_right() -> None:
@@ -69,3 +69,10 @@ def test_wrong_bounds_are_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="bounds: expected -pi/2 <= low <= high"):
         draw_elevation(1, (0.5, 0.4), rng=rng)
+
+
+def test_poses_broadcast_over_everything() -> None:
+    assert camera_pose(np.zeros((4, 1, 3)), np.ones(5), 0.0, 0.0).shape == (4, 5, 4, 4)
+    assert camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0).shape == (0, 4, 4)
+    outward, axes = shell_axes([0.0, 1.0], 0.2)
+    np.testing.assert_allclose(axes[..., 2], -outward)

@@ -46,15 +46,6 @@ def test_rigid_inverses_undo():
     np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, 3], 0, atol=1e-8)
 
 
-def test_points_are_moved_by_stacks_that_broadcast():
-    poses = rigid(some_rotations(), np.arange(60.0).reshape(20, 3))
-    points = np.random.default_rng(3).normal(size=(7, 3))
-    moved = apply(poses, points)
-    assert moved.shape == (20, 7, 3)
-    np.testing.assert_allclose(moved[4, 2], poses[4, :3, :3] @ points[2] + poses[4, :3, 3])
-    assert apply(poses, np.zeros((0, 3))).shape == (20, 0, 3)
-
-
 def test_the_smallest_tilt_turns_about_a_level_axis():
     up = some_ups()
     tilt = tilt_to(up)
@@ -99,11 +90,3 @@ def test_products_written_out_are_those_of_matrices():
     vectors = rng.normal(size=(7, 5, 3))
     turned = np.einsum("nij,nkj->nki", b_from_a[:, :3, :3], vectors)
     assert np.allclose(rotate(b_from_a[:, :3, :3], vectors), turned, rtol=0, atol=1e-14)
-
-
-def test_a_row_does_not_depend_on_the_others():
-    rng = np.random.default_rng(6)
-    pose, points = rng.normal(size=(4, 4)), rng.normal(size=(100, 3))
-    assert all(
-        np.array_equal(apply(pose, points)[i : i + n], apply(pose, points[i : i + n])) for i, n in ((0, 1), (7, 3))
-    )

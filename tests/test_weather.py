@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from camera.weather import air_contrast, rain_extinction, rain_visibility_m, wetness
-from camera.weather_kinds import KINDS, Weather
+from camera.weather import rain_extinction, rain_visibility_m, wetness
+from camera.weather_kinds import Weather
 from geometry.errors import ConfigError
-from planning.air import CLEAR, NAMES, draw_air
+from planning.air import NAMES, draw_air
 from planning.draws import Draws
 from planning.light import draw_lights, hdri_weights
 from planning.planner import plan
@@ -34,24 +34,6 @@ def test_extinction_of_rain_is_the_integral_over_its_drops(rate):
 
     assert rain_extinction(rate) == pytest.approx(quad(blocked, 0.0, 100.0)[0], rel=2e-3)
     assert rain_visibility_m(rate) * rain_extinction(rate) == pytest.approx(-math.log(0.02))
-
-
-def test_what_rain_wets_grows_with_its_rate():
-    wet = wetness(np.linspace(0.0, 100.0, 101))
-    assert wet[0] == 0.0
-    assert (np.diff(wet) >= 0.0).all()
-    assert 0.99 < wet[-1] <= 1.0
-
-
-def test_shares_are_met():
-    kind = drawn(**ALL).kind
-    for i, name in enumerate(NAMES):
-        assert np.mean(kind == i) == pytest.approx(ALL.get(name, 0.0), abs=0.03)
-    assert np.mean(kind == CLEAR) == pytest.approx(0.15, abs=0.03)
-
-
-def test_shares_of_one_in_all_leave_no_image_clear():
-    assert not (drawn(fog=0.1, rain=0.2, snow=0.3, dust=0.4).kind == CLEAR).any()
 
 
 def test_other_weather_changes_no_fog():
@@ -112,22 +94,6 @@ def test_an_overcast_sky_that_is_not_there_is_said(light, message):
 def test_a_weather_out_of_range_is_refused(wrong):
     with pytest.raises(ValueError, match="weather: expected one of fog, rain"):
         Weather(**{"visibility_m": 500.0, "kind": "rain", **wrong})
-
-
-def test_each_kind_has_keys_of_the_config_that_are_its_own():
-    keys = [key for name, kind in KINDS.items() for key in (name, kind.visibility, kind.rate, *kind.covers) if key]
-    shared = {"wind_m_s", "exposure_s", "min_contrast"}
-    assert sorted(keys) == sorted(set(WeatherSection.model_fields) - shared)
-
-
-def test_contrast_falls_with_distance():
-    left = air_contrast(1000.0, np.linspace(0.0, 3000.0, 50))
-    assert left[0] == 1.0
-    assert (np.diff(left) < 0.0).all()
-    assert (left > 0.0).all()
-    assert air_contrast(1000.0, 1000.0) == pytest.approx(0.02)
-    assert air_contrast(np.nan, 1e9) == 1.0
-    assert air_contrast(1.0, 1e9) > 0.0
 
 
 def distance(row):
