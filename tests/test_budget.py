@@ -81,3 +81,9 @@ def test_position_of_an_image():
 def test_a_budget_that_makes_no_sense(section, message):
     with pytest.raises(ConfigError, match=message):
         make_budget(BudgetSection(**section), CATEGORIES)
+
+
+def test_a_position_that_is_not_there():
+    budget = make_budget(BudgetSection(images_per_class=5), CATEGORIES)
+    with pytest.raises(ValueError, match="index: expected positions 0 to"):
+        budget.positions([budget.n_positions])

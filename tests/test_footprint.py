@@ -109,3 +109,8 @@ def test_a_sheet_without_width_is_refused():
 def test_a_wrong_call_names_the_argument(vertices, band, message):
     with pytest.raises(ValueError, match=message):
         contact_footprint(vertices, band=band)
+
+
+def test_one_low_point_is_no_footprint():
+    hook = np.array([[-2.9, 0.0, 0.3]])
+    np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, hook])), [[-3.0, -1.7], [3.0, 1.7]])

@@ -4,7 +4,6 @@ import io
 import json
 
 import numpy as np
-import pytest
 from PIL import Image
 from rich.console import Console
 
@@ -12,7 +11,7 @@ from camera.weather_kinds import Weather
 from placement.rejection import Rejection
 from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
 from planning.summary import Histogram, summarise
-from planning.tally import AIMING, BY_KEY, PLACING, sentence
+from planning.tally import AIMING, BY_KEY, PLACING
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},
@@ -109,14 +108,3 @@ def test_every_reason_has_words_and_a_key():
     for reason in (*PLACING, *AIMING):
         assert reason.phrase
         assert BY_KEY[reason.key] is reason
-
-
-def test_reasons_are_told_most_frequent_first():
-    counts = {Rejection.TOO_STEEP: 710, Rejection.OFF_GROUND: 289, Rejection.OBSTACLE: 1, Rejection.GAP: 0}
-    text = "of 1,000 tries 71 % were too steep at the spot, 29 % had no ground below, 0.1 % were too near an obstacle"
-    assert sentence(counts) == text
-
-
-@pytest.mark.parametrize("n", [0, 1, 4097])
-def test_any_number_of_rows(n):
-    assert summarise(row(i) for i in range(n)).images == n
