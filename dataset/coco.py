@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
 from dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
 from dataset.journal import MERGED, Journal
-from dataset.names import is_plain, place_of
+from dataset.names import place_of
 from dataset.runs import Run
 from dataset.seals import PICTURE_KEY, RECORD_KEY, sealed
 from geometry.errors import DatasetError
@@ -238,14 +238,6 @@ class CocoDataset:
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
         image_id = free_id(record, "image", document.next_image_id, document.image_ids)
-        if (
-            "id" in record
-            and not is_plain(record["file_name"])
-            and any(run.has_image(image_id) for run in document.runs.values())
-        ):
-            raise ValueError(
-                f"image: file_name: expected a name such as images/00000001.png, got {record['file_name']!r:.120}"
-            )
         categories: list[dict[str, Any]] = []
         records: list[dict[str, Any]] = []
         used: set[int] = set()
@@ -318,7 +310,7 @@ class CocoDataset:
         self.close()
 
     def _write(self, line: dict[str, Any]) -> None:
-        self._journal.append_sealed(line)
+        self._journal.append(line)
         self._document.apply(line)
 
     def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:

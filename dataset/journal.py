@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import orjson
@@ -62,11 +62,7 @@ class Journal:
         sync_folder(path.parent)
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Write `record` as the next line; when this returns, the line survives a crash of the machine."""
-        self.append_bytes(orjson.dumps(record, option=JOURNAL_OPTIONS))
-
-    def append_sealed(self, record: Mapping[str, Any]) -> None:
-        """As `append`, with the hash of the line at its end, which `read_journal` checks."""
+        """Write `record` as the next line, with its hash; on disk when this returns."""
         self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
 
     def append_bytes(self, line: bytes) -> None:
@@ -105,14 +101,6 @@ class Journal:
             # The number may become another file's at once.
             os.close(self._file)
             self._file = CLOSED
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
@@ -187,18 +175,12 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _whole_lines(path: Path) -> int:
-    """Bytes up to and with the last newline, searched from the end."""
-    block = 1 << 16
+    """Return how many bytes there are up to and with the last newline."""
     with _opened(path) as file:
-        end = file.seek(0, os.SEEK_END)
-        while end > 0:
-            start = max(0, end - block)
-            file.seek(start)
-            found = file.read(end - start).rfind(b"\n")
-            if found >= 0:
-                return start + found + 1
-            end = start
-    return 0
+        if not os.fstat(file.fileno()).st_size:
+            return 0
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content.rfind(b"\n") + 1
 
 
 def _damaged(path: Path, number: int, what: str) -> DatasetError:

@@ -5,6 +5,7 @@ What records say comes first; distance, elevation, side and slope are else deriv
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -138,17 +139,10 @@ def weather_of(value: Any) -> str | None:
 def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
     """(n, 4, 4) poses of records; nan where there is none."""
     poses = np.full((len(records), 4, 4), np.nan)
-    known = [i for i, record in enumerate(records) if isinstance(record.get(key), list)]
-    try:
-        found = np.array([records[i][key] for i in known], dtype=np.float64).reshape(len(known), 4, 4)
-    except (TypeError, ValueError):  # one at least is of another kind: it is left out
-        for i in known:
-            try:
-                poses[i] = np.array(records[i][key], dtype=np.float64).reshape(4, 4)
-            except (TypeError, ValueError):
-                continue
-    else:
-        poses[known] = found
+    for i, record in enumerate(records):
+        if isinstance(record.get(key), list):
+            with contextlib.suppress(TypeError, ValueError):  # a pose of another kind
+                poses[i] = np.array(record[key], dtype=np.float64).reshape(4, 4)
     return poses
 
 

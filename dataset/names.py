@@ -35,11 +35,3 @@ def is_free(file_name: object) -> bool:
         return False
     first = place_of(file_name).casefold().split("/")[0]
     return first != "." and first not in RESERVED
-
-
-def is_plain(file_name: str) -> bool:
-    """Whether a name is spelled as its file, without empty, ``.`` or hidden components.
-
-    Plans ask more of theirs (`geometry.files.PICTURE_NAME`); older datasets have names that plans may no longer have.
-    """
-    return not any(part == "" or part.startswith(".") for part in file_name.split("/"))

@@ -125,7 +125,7 @@ class Tile:
         Of each facet by key what the thumbnail is, or several such; a facet that says nothing of it
         is left out.
     numbers
-        Of each key of an `Order` what it is put in order by; what is not known comes last.
+        By key what it is put in order by; what is not known comes last.
     overlay
         Boxes and masks that are drawn over the picture, and can be hidden.
     """
@@ -155,20 +155,6 @@ class Facet:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """Something thumbnails can be put in order by.
-
-    Parameters
-    ----------
-    key, title
-        What it is called in `Tile.numbers`, and for readers.
-    """
-
-    key: str
-    title: str
-
-
-@dataclass(frozen=True, slots=True)
 class Gallery:
     """Thumbnails that filter by facets; a click on one shows it large.
 
@@ -179,13 +165,13 @@ class Gallery:
     facets
         What they are filtered by. Those by which all tiles are alike are left out.
     orders
-        What else they can be put in order by.
+        What else they can be put in order by: keys of `Tile.numbers`, and what readers call them.
     """
 
     kind: ClassVar[str] = "gallery"
     tiles: Sequence[Tile]
     facets: Sequence[Facet]
-    orders: Sequence[Order] = ()
+    orders: Mapping[str, str] = field(default_factory=dict)
 
     def choices(self) -> list[tuple[Facet, list[tuple[str, int]]]]:
         """Return the facets that tell tiles apart, with their values and how many tiles have them."""

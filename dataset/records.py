@@ -15,7 +15,7 @@ from camera.weather import GHOST
 from dataset.clipping import ROUNDED, SLIGHT, beyond
 from dataset.document import read_coco
 from dataset.entries import is_box
-from dataset.names import is_plain, place_of
+from dataset.names import place_of
 from dataset.runs import runs_of
 from dataset.seals import PICTURE_KEY, RECORD_KEY, broken
 from dataset.space import check_space
@@ -240,7 +240,7 @@ def _seal_problems(where: str, record: Mapping[str, Any], image: Mapping[str, An
 
 
 def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
-    """Two plans that have the same ids set aside, and names of their images that are not spelled as their files."""
+    """Find two plans that have the same ids set aside."""
     runs = runs_of(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(run, f"{kind}_offset"), getattr(run, f"{kind}s"), run.key) for run in runs)
@@ -248,11 +248,6 @@ def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
             if following < start + length:
                 problem = f"{kind} ids from {following + 1} on are set aside for two plans, {one:.12} and {other:.12}"
                 yield Finding("error", "info: hulldown_runs", problem)
-    for image in coco["images"]:
-        name = image.get("file_name")
-        if isinstance(name, str) and not is_plain(name) and any(run.owns(image["id"], name) for run in runs):
-            problem = "is a planned image's name, expected one such as images/00000001.png"
-            yield Finding("error", _name(image), problem)
 
 
 def _name(image: Mapping[str, Any]) -> str:

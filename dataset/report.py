@@ -15,7 +15,7 @@ from annotate.drawing import colour_of
 from annotate.outlines import polygons
 from dataset.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
-from dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Order, Overlay, Section, Table, Tile, Words, page
+from dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Overlay, Section, Table, Tile, Words, page
 from dataset.table import Dataset, Image
 from geometry.errors import DatasetError
 from geometry.files import replace_file
@@ -156,7 +156,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
         *(Facet(one.name, one.title, one.bins) for one in ORDERS),
         Facet("side", "side seen", SIDES),
     ]
-    orders = [Order(one.name, one.title) for one in ORDERS]
+    orders = {one.name: one.title for one in ORDERS}
     return Section("What it looks like", [*said, Gallery(tiles, facets, orders)])
 
 

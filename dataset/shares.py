@@ -31,15 +31,12 @@ class Item:
         What its picture is called in the export: without folders, its stem unique.
     picture
         The file itself, links followed.
-    source
-        What the dataset calls it, for errors.
     """
 
     image: Mapping[str, Any]
     labels: Sequence[Mapping[str, Any]]
     name: str
     picture: Path
-    source: Path
 
     @property
     def stem(self) -> str:
@@ -49,19 +46,6 @@ class Item:
     def link(self, folder: Path, name: str | None = None) -> None:
         """Give the picture its name, or another one, in a folder too."""
         link_or_copy(self.picture, folder / (name or self.name))
-
-    def content(self) -> bytes:
-        """Return the picture's bytes.
-
-        Raises
-        ------
-        DatasetError
-            If it cannot be read any more.
-        """
-        try:
-            return self.picture.read_bytes()
-        except OSError as error:
-            raise _unusable(self.source, error) from error
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,13 +77,7 @@ class Shares:
     tick: Callable[[], None]
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
-        """Each split with its items, in the order of the dataset.
-
-        Raises
-        ------
-        DatasetError
-            From the items: naming a picture that is missing, or a link that leads out of the dataset.
-        """
+        """Each split with its items, in the order of the dataset."""
         names = flat_names(self.images)
         for split in SPLITS:
             yield split, self._items(split, names)
@@ -124,12 +102,8 @@ class Shares:
             key = image["id"]
             if self.split_of[key] != split:
                 continue
-            source = self.folder / image["file_name"]
-            try:
-                picture = own_picture(self.folder, image["file_name"], self.allowed)
-            except OSError as error:
-                raise _unusable(source, error) from error
-            yield Item(image, self.labels[key], names[key], picture, source)
+            picture = own_picture(self.folder, image["file_name"], self.allowed)
+            yield Item(image, self.labels[key], names[key], picture)
             self.tick()
 
 
@@ -189,30 +163,8 @@ def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
 
 
 def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
-    """The polygons of a label; of one that has none the corners of its box.
-
-    Raises
-    ------
-    DatasetError
-        If a polygon is no list of coordinates.
-    """
+    """Return the polygons of a label; of one that has none, the corners of its box."""
     if isinstance(rings := label.get("segmentation"), list) and rings:
-        if not all(_is_ring(ring) for ring in rings):
-            raise DatasetError(
-                f"label {label.get('id')!r:.60} has a polygon that is no list of x, y, x, y, ...",
-                remedy="look for others with `hulldown verify`, and repair the labels",
-            )
         return rings
     x, y, w, h = (float(number) for number in label["bbox"])
     return [[x, y, x + w, y, x + w, y + h, x, y + h]]
-
-
-def _is_ring(ring: Any) -> bool:
-    """Whether this is three or more points."""
-    numbers = isinstance(ring, list) and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in ring)
-    return bool(numbers) and len(ring) >= 6 and len(ring) % 2 == 0
-
-
-def _unusable(source: Path, error: OSError) -> DatasetError:
-    problem = f"cannot be exported ({error.strerror})"
-    return DatasetError(problem, path=source, remedy="check it with `hulldown verify`")

@@ -165,7 +165,8 @@ class Dataset:
         try:
             return draw(image, records, self.categories, masks=masks)
         except ValueError as error:
-            raise DatasetError(str(error), remedy="check the dataset with `hulldown verify`") from error
+            problem = f"{self.images[i].file_name}: {error}"
+            raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
 
     @cached_property
     def labels(self) -> Columns:

@@ -1,5 +1,3 @@
-import contextlib
-import io
 import json
 import os
 import subprocess
@@ -7,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from pycocotools.coco import COCO
 
 import dataset.document as documents
 from dataset.coco import CocoDataset
@@ -77,44 +74,6 @@ def test_a_foreign_dataset_keeps_everything_it_had(tmp_path):
         assert coco[key][: len(value)] == value if isinstance(value, list) else coco[key] == value
     assert coco["categories"][2:] == [{"id": 10, "name": "launcher", "supercategory": "vehicle"}]
     assert [(a["id"], a["category_id"]) for a in coco["annotations"][2:]] == [(100, 9), (101, 10)]
-
-
-def test_pycocotools_reads_it(tmp_path):
-    with CocoDataset.open(tmp_path) as dataset:
-        dataset.append(image(1), [annotation(), annotation("truck")])
-    with contextlib.redirect_stdout(io.StringIO()):
-        coco = COCO(str(tmp_path / "annotations.json"))
-    assert coco.getAnnIds(imgIds=[1], catIds=coco.getCatIds(catNms=["truck"])) == [2]
-
-
-def test_a_second_run_goes_on_where_the_first_ended(tmp_path):
-    for run in range(3):
-        with CocoDataset.open(tmp_path) as dataset:
-            for i in range(2 * run + 2):
-                if not dataset.finished(image(i)["file_name"]):
-                    dataset.append(image(i), [annotation()])
-    coco = load(tmp_path)
-    assert [i["id"] for i in coco["images"]] == [a["id"] for a in coco["annotations"]] == [1, 2, 3, 4, 5, 6]
-
-
-def test_an_image_twice_is_refused(tmp_path):
-    with CocoDataset.open(tmp_path) as dataset:
-        dataset.append(image(1), [])
-        with pytest.raises(ValueError, match=r"'images/00000001.png' is in the dataset already"):
-            dataset.append(image(1), [])
-    assert len(load(tmp_path)["images"]) == 1
-
-
-def test_runs_number_their_images_whatever_the_order(tmp_path):
-    for folder, order in ((tmp_path / "a", [0, 1, 2, 3]), (tmp_path / "b", [2, 0, 3, 1])):
-        for half in (order[:2], order[2:]):
-            with CocoDataset.open(folder, categories=["tank"]) as dataset:
-                run = dataset.run("plan", images=4, annotations=4)
-                for i in half:
-                    dataset.append(
-                        {**image(i), "id": run.image_offset + i + 1}, [annotation(id=run.annotation_offset + i + 1)]
-                    )
-    assert (tmp_path / "a" / "annotations.json").read_bytes() == (tmp_path / "b" / "annotations.json").read_bytes()
 
 
 def test_two_plans_do_not_fight_for_ids_or_names(tmp_path):

@@ -79,12 +79,6 @@ def test_thumbnails_filter_by_every_facet_and_all_come_back(shown):
     assert visible(shown) == [0, 1, 2, 3, 4]
 
 
-def test_a_row_of_a_table_chooses_its_thumbnails(shown):
-    choose(shown, "outcome", "found")
-    shown.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
-    assert visible(shown) == [0, 2]
-
-
 def test_a_click_on_a_thumbnail_shows_it_large_and_escape_closes_it(shown):
     dialog = shown.find_element(By.TAG_NAME, "dialog")
     assert not dialog.is_displayed()
@@ -92,14 +86,6 @@ def test_a_click_on_a_thumbnail_shows_it_large_and_escape_closes_it(shown):
     assert dialog.is_displayed()
     assert dialog.find_element(By.TAG_NAME, "p").text == "tank 1 & <b>co</b>\nline"
     shown.switch_to.active_element.send_keys(Keys.ESCAPE)
-    assert not dialog.is_displayed()
-
-
-def test_the_keyboard_alone_opens_and_closes_a_thumbnail(shown):
-    shown.find_elements(By.CSS_SELECTOR, ".tile")[2].send_keys(Keys.ENTER)
-    dialog = shown.find_element(By.TAG_NAME, "dialog")
-    assert dialog.is_displayed()
-    shown.switch_to.active_element.send_keys(Keys.ENTER)
     assert not dialog.is_displayed()
 
 

@@ -193,11 +193,3 @@ def test_what_the_dataset_keeps_for_itself_is_no_name_of_a_picture(tmp_path, nam
         pytest.raises(ValueError, match="a path inside the dataset that is free"),
     ):
         target.append({"file_name": name, "width": 32, "height": 24}, [])
-
-
-def test_a_planned_image_is_called_as_its_file(tmp_path):
-    with CocoDataset.open(tmp_path) as target:
-        target.run(PLAN, images=2, annotations=0)
-        with pytest.raises(ValueError, match=r"expected a name such as images/00000001\.png, got 'images/\./1\.png'"):
-            target.append({"id": 1, "file_name": "images/./1.png", "width": 32, "height": 24}, [])
-        target.append({"file_name": "photos/./1.jpg", "width": 32, "height": 24}, [])

@@ -7,7 +7,6 @@ from PIL import Image
 
 from dataset.coco import CocoDataset
 from dataset.export import LAYOUTS, export
-from dataset.layouts.yolo import label_lines
 from dataset.split import SPLITS, group_of, share_out
 from geometry.errors import DatasetError
 
@@ -125,53 +124,6 @@ def test_poses_of_another_kind_do_not_tie_images_together(kind):
     assert group_of(image, [*boxed, {"vehicle": "a", "world_from_vehicle": pose(2)}]) == "hills a 2.000 0.000 0.000"
 
 
-def test_coco_folders(dataset, tmp_path):
-    out = tmp_path / "out"
-    counts = export(dataset, out)
-    assert sum(counts.values()) == 320
-    annotated = 0
-    for split in SPLITS:
-        coco = json.loads((out / split / "_annotations.coco.json").read_text())
-        assert len(coco["images"]) == counts[split]
-        names = {image["file_name"] for image in coco["images"]}
-        assert {path.name for path in (out / split).iterdir()} == names | {"_annotations.coco.json"}
-        assert {a["image_id"] for a in coco["annotations"]} <= {image["id"] for image in coco["images"]}
-        assert [c["name"] for c in coco["categories"]] == ["tank", "truck"]
-        annotated += len(coco["annotations"])
-    assert annotated == 300
-
-
-def test_yolo_folders(dataset, tmp_path):
-    out = tmp_path / "out"
-    counts = export(dataset, out, layout="yolo")
-    for split in SPLITS:
-        pictures = sorted(path.stem for path in (out / "images" / split).iterdir())
-        labels = sorted(path.stem for path in (out / "labels" / split).iterdir())
-        assert pictures == labels
-        assert len(pictures) == counts[split]
-    assert (out / "data.yaml").read_text() == (
-        'train: images/train\nval: images/valid\ntest: images/test\nnames:\n  0: "tank"\n  1: "truck"\n'
-    )
-    (line,) = [path.read_text() for path in (out / "labels").rglob("5.txt")]
-    assert line == "0 0.250000000 0.250000000 0.250000000 0.250000000\n"
-
-
-def test_yolo_lines_give_the_box_back():
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        box = np.sort(rng.uniform(0, 1000, (2, 2)), axis=0)
-        xywh = [*box[0], *(box[1] - box[0])]
-        (line,) = label_lines([{"bbox": xywh, "category_id": 7}], {7: 2}, 1920, 1080)
-        number, cx, cy, w, h = (float(n) for n in line.split())
-        assert number == 2
-        back = [cx * 1920 - w * 960, cy * 1080 - h * 540, w * 1920, h * 1080]
-        np.testing.assert_allclose(back, xywh, rtol=0, atol=2e-6)
-
-
-def test_crowds_have_no_yolo_line():
-    assert label_lines([{"bbox": [0, 0, 1, 1], "category_id": 1, "iscrowd": 1}], {1: 0}, 10, 10) == []
-
-
 @pytest.mark.parametrize(
     "names", [("a/1.png", "b/1.png", "b/1.jpg"), ("1-3.png", "a/1.png", "b/1.png"), ("a/1-2.png", "b/1-2.png", "1.png")]
 )
@@ -238,13 +190,6 @@ def test_a_picture_that_is_a_link_is_exported_as_what_it_leads_to(tmp_path):
     exported = tmp_path / "far" / "away" / "out" / "train" / "x.png"
     assert exported.is_file()
     assert not exported.is_symlink()
-
-
-def test_a_missing_image_is_named(tmp_path):
-    with CocoDataset.open(tmp_path / "dataset") as dataset:
-        dataset.append({"file_name": "images/7.png", "width": 4, "height": 4}, [])
-    with pytest.raises(DatasetError, match=r"7\.png is missing"):
-        export(tmp_path / "dataset", tmp_path / "out")
 
 
 def test_no_dataset_is_named(tmp_path):

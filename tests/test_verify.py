@@ -281,22 +281,3 @@ def test_compare_measures_box_and_mask():
 def test_compare_with_one_of_the_two_missing(bbox, mask, error):
     assert compare(bbox, mask).box_error == error
     assert compare(None, MASK & False).box_error == 0.0
-
-
-@pytest.mark.parametrize("line", ["3", "{", '{"file_name": "", "companions": []}'])
-def test_a_plan_with_a_row_that_is_none_is_said_to_be_none(planned, line):
-    folder, plan = planned
-    before = hashlib.sha256(plan.read_bytes()).hexdigest()
-    plan.write_text(plan.read_text() + line + "\n")
-    path = folder / "annotations.json"
-    path.write_text(path.read_text().replace(before, hashlib.sha256(plan.read_bytes()).hexdigest()))
-    (folder / "journal.jsonl").unlink()
-    with pytest.raises(ConfigError, match=r"plan.jsonl: line 6 (is|lacks)"):
-        list(verify(folder, plan=plan))
-
-
-@pytest.mark.parametrize("header", ["{}", "3", "[1]", "seed = 0"])
-def test_a_file_without_a_plans_header_is_no_plan(dataset, header):
-    (dataset / "plan.jsonl").write_text(header + "\n")
-    with pytest.raises(ConfigError, match=r"plan.jsonl: line 1 is no header of a plan"):
-        list(verify(dataset, plan=dataset / "plan.jsonl"))

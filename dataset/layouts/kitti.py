@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from dataset.known import number as number_of
 from dataset.shares import Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
@@ -45,10 +46,11 @@ def write(shares: Shares, out: Path) -> None:
                 item.link(pictures, stem + Path(item.name).suffix)
                 lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-                if (fov := _number(item.image, "fov_x_deg")) is not None:
-                    (cameras / f"{stem}.txt").write_text(_calibration(item.image, fov), encoding="utf-8")
-                else:
+                fov = number_of(item.image.get("fov_x_deg"))
+                if math.isnan(fov):
                     without += 1
+                else:
+                    (cameras / f"{stem}.txt").write_text(_calibration(item.image, fov), encoding="utf-8")
                 stems.write(f"{stem}\n")
     if without:
         pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
@@ -63,8 +65,8 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
     in space is one on level ground, and only ``bbox_3d`` of the dataset has the whole turn.
     """
     x, y, w, h = label["bbox"]
-    seen, cut = _number(label, "visible_fraction"), _number(label, "truncated_fraction")
-    hidden = 3 if seen is None else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
+    seen, cut = number_of(label.get("visible_fraction")), number_of(label.get("truncated_fraction"))
+    hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
     alpha = UNKNOWN_ALPHA
     numbers: tuple[float, ...] = UNKNOWN
     if isinstance(box := label.get("bbox_3d"), Mapping):
@@ -76,7 +78,7 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
         numbers = (height, width, length, *(float(each) for each in ground), turn)
     kind = "DontCare" if label.get("iscrowd") else "_".join(name.split())
     corners = (x, y, x + w, y + h)
-    truncated = -1.0 if cut is None else cut
+    truncated = -1.0 if math.isnan(cut) else cut
     return " ".join(
         [kind, f"{truncated:.4f}", str(hidden), f"{alpha:.6f}", *(f"{each:.4f}" for each in corners)]
         + [f"{each:.6f}" for each in numbers]
@@ -91,10 +93,3 @@ def _calibration(image: Mapping[str, Any], fov: float) -> str:
     lines = [f"P{i}: {camera}" for i in range(4)]
     lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]
     return "\n".join(lines) + "\n"
-
-
-def _number(record: Mapping[str, Any], key: str) -> float | None:
-    value = record.get(key)
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
-        return None
-    return float(value)

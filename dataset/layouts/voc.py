@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
+from dataset.known import number
 from dataset.shares import Item, Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
@@ -47,15 +47,14 @@ def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
     _with(root, segmented=0)
     for label in item.labels:
         x, y, w, h = label["bbox"]
-        crowd, seen = int(label.get("iscrowd", 0)), label.get("visible_fraction")
         shown = ElementTree.SubElement(root, "object")
         _with(
             shown,
             name=names[label["category_id"]],
             pose="Unspecified",
-            truncated=int(_number(label, "truncated_fraction", 0.0) > TRUNCATED),
-            occluded=int(seen is not None and _number(label, "visible_fraction", 1.0) < OCCLUDED),
-            difficult=crowd,
+            truncated=int(number(label.get("truncated_fraction")) > TRUNCATED),  # nan, if it isn't known, is neither
+            occluded=int(number(label.get("visible_fraction")) < OCCLUDED),
+            difficult=int(label.get("iscrowd", 0)),
         )
         _with(
             ElementTree.SubElement(shown, "bndbox"),
@@ -70,8 +69,3 @@ def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
 def _with(parent: ElementTree.Element, **texts: object) -> None:
     for name, value in texts.items():
         ElementTree.SubElement(parent, name).text = str(value)
-
-
-def _number(label: Mapping[str, Any], key: str, default: float) -> float:
-    value = label.get(key)
-    return float(value) if isinstance(value, int | float) else default

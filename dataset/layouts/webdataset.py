@@ -33,7 +33,7 @@ def write(shares: Shares, out: Path) -> None:
                 for item in samples:
                     labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
                     suffix = PurePosixPath(item.name).suffix.lower()
-                    _add(shard, f"{item.stem}{suffix}", item.content())
+                    _add(shard, f"{item.stem}{suffix}", item.picture.read_bytes())
                     _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))
     (out / "categories.json").write_bytes(orjson.dumps(shares.categories))
 
