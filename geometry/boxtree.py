@@ -2,6 +2,7 @@
 
 Embree answers for the nearest triangle only. Finding every instance whose box a ray crosses, or every triangle near a
 vehicle, needs all boxes; here thousands of queries go down the tree together, one array operation a level.
+Rays side by side go as one query.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from jaxtyping import Bool, Float, Int
 
 FANOUT = 8
 SLACK = 1e-14  # what rounding may take from a ray that runs through an edge of a box
+PARALLEL = 1e-200  # a direction's coordinate below which a ray keeps its place on that axis
+PACKET = 16  # rays that go down together
+SPREAD = 0.1  # by which a coordinate of their directions may differ
 VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 
@@ -44,6 +48,7 @@ class BoxTree:
     """
 
     def __init__(self, bounds: Float[np.ndarray, "k 2 3"]) -> None:
+        self._bounds = bounds
         self._order = _morton_order(bounds)
         self._levels: list[Float[np.ndarray, "g 6 f"]] = []
         boxes = bounds[self._order].reshape(-1, 6)
@@ -68,36 +73,52 @@ class BoxTree:
 
         A box that a ray passes by less than rounding may be among them.
         """
-        parallel = np.abs(directions) < 1e-200
-        inverse = 1.0 / np.where(parallel, 1.0, directions)
-        some_parallel = parallel.any(axis=0)
-        entries: list[np.ndarray] = []
+        first = self._packets(origins, directions)
+        count = np.diff(first, append=len(origins))
+        # A packet's origins and directions lie between these, and every box that one of its rays crosses meets what
+        # lies between them. Rounding is monotone, so this holds in float64, too.
+        reach = np.maximum.reduceat(max_distance, first) if len(first) else max_distance
+        sides = [
+            (pick.reduceat(origins, first), pick.reduceat(directions, first)) if len(first) else (origins, directions)
+            for pick in (np.minimum, np.maximum)
+        ]
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-            entry = np.zeros((len(query), FANOUT))
-            leave = np.repeat(max_distance[query][:, None], FANOUT, axis=1)
-            for axis in range(3):
-                start, along = origins[query, axis][:, None], inverse[query, axis][:, None]
-                a, b = boxes[:, axis], boxes[:, axis + 3]
-                if some_parallel[axis]:
-                    aside = ((a > start) | (b < start)) & parallel[query, axis][:, None]
-                for side in (a, b):
-                    side -= start
-                    side *= along
-                near, far = np.minimum(a, b), np.maximum(a, b)
-                if some_parallel[axis]:
-                    # Such a ray is between the two sides for ever or never.
-                    near[parallel[query, axis]], far[parallel[query, axis]] = -np.inf, np.inf
-                    far[aside] = -np.inf
-                np.maximum(entry, near, out=entry)
-                np.minimum(leave, far, out=leave)
-            leave *= 1 + SLACK
-            crossed = (entry <= leave) & (entry < np.inf)
-            entries[:] = [entry[crossed]]
-            return crossed
+            enter = np.zeros((len(query), FANOUT))
+            leave = np.repeat(reach[query][:, None], FANOUT, axis=1)
+            for (start, along), box, toward in zip(sides, (boxes[:, 3:], boxes[:, :3]), (1.0, -1.0), strict=True):
+                for axis in range(3):
+                    # Low sides of the packet must not be above the box, nor high sides below it.
+                    speed = along[query, axis][:, None] * toward
+                    room = (box[:, axis] - start[query, axis][:, None]) * toward
+                    still = np.abs(speed) < PARALLEL
+                    at = room / np.where(still, 1.0, speed)
+                    at = np.where(still, np.where(room >= 0.0, np.inf, -np.inf), at)
+                    away = speed < -PARALLEL
+                    np.maximum(enter, np.where(away, at, -np.inf), out=enter)
+                    np.minimum(leave, np.where(away, np.inf, at), out=leave)
+            return (enter <= leave * (1 + SLACK)) & (enter < np.inf)
 
-        rays, boxes, kept = self._descend(len(origins), touch, entries)
-        return Crossings(rays, boxes, kept)
+        packet, box = self._descend(len(first), touch)
+        found = [
+            _entries(self._bounds, origins, directions, max_distance, *_each(first, count, packet[some], box[some]))
+            for some in (slice(i, i + VISITS) for i in range(0, max(len(packet), 1), VISITS))
+        ]
+        return Crossings(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+    def _packets(
+        self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> Int[np.ndarray, " p"]:
+        """The first ray of each packet: rays side by side that go much the same way, or one ray alone."""
+        block = np.arange(0, len(origins), PACKET)
+        alone = np.ones(len(block), dtype=bool)
+        if len(block) and len(self._bounds):
+            wide, turned = (
+                np.maximum.reduceat(rays, block) - np.minimum.reduceat(rays, block) for rays in (origins, directions)
+            )
+            alone = (wide > np.ptp(self._bounds, axis=1).mean(axis=0)).any(axis=1) | (turned > SPREAD).any(axis=1)
+        ray = np.arange(len(origins))
+        return ray[alone[ray // PACKET] | (ray % PACKET == 0)]
 
     def overlapping(
         self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
@@ -108,34 +129,67 @@ class BoxTree:
             apart = (boxes[:, :3] > high[query][:, :, None]) | (boxes[:, 3:] < low[query][:, :, None])
             return ~apart.any(axis=1)
 
-        queries, boxes, _ = self._descend(len(low), touch, [])
-        return queries, boxes
+        return self._descend(len(low), touch)
 
     def _descend(
-        self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]], extra: list[np.ndarray]
-    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Walks all queries down; `touch` may overwrite the boxes it is given.
-
-        What it leaves in `extra` at the leaves is gathered along with the pairs.
-        """
-        found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]]
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """Walks all queries down; returns the pairs of query and box that touch."""
+        found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
             level, query, node = waiting.pop()
             if len(query) > VISITS:
                 waiting += [(level, query[i : i + VISITS], node[i : i + VISITS]) for i in range(0, len(query), VISITS)]
                 continue
-            touched = touch(query, self._levels[level][node])
-            row, slot = np.nonzero(touched)
+            row, slot = np.nonzero(touch(query, self._levels[level][node]))
             child = node[row] * FANOUT + slot
             if level + 1 < len(self._levels):
                 waiting.append((level + 1, query[row], child))
             else:
-                found.append((query[row], self._order[child], extra[0] if extra else np.zeros(len(row))))
-        if not found:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
-        query, box, value = (np.concatenate(part) for part in zip(*found, strict=True))
-        return query, box, value
+                found.append((query[row], self._order[child]))
+        query, box = (np.concatenate(part) for part in zip(*found, strict=True))
+        return query, box
+
+
+def _each(
+    first: Int[np.ndarray, " p"],
+    count: Int[np.ndarray, " p"],
+    packet: Int[np.ndarray, " q"],
+    box: Int[np.ndarray, " q"],
+) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
+    """Pairs of packet and box as pairs of ray and box."""
+    many = count[packet]
+    ends = np.cumsum(many)
+    step = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - many, many)
+    return np.repeat(first[packet], many) + step, np.repeat(box, many)
+
+
+def _entries(
+    bounds: Float[np.ndarray, "k 2 3"],
+    origins: Float[np.ndarray, "n 3"],
+    directions: Float[np.ndarray, "n 3"],
+    max_distance: Float[np.ndarray, " n"],
+    ray: Int[np.ndarray, " p"],
+    box: Int[np.ndarray, " p"],
+) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+    """Those pairs whose ray crosses the box within its distance, and the distance to the box."""
+    entry, leave = np.zeros(len(ray)), max_distance[ray]
+    for axis in range(3):
+        start, along = origins[ray, axis], directions[ray, axis]
+        low, high = bounds[box, 0, axis] - start, bounds[box, 1, axis] - start
+        parallel = np.abs(along) < PARALLEL
+        inverse = 1.0 / np.where(parallel, 1.0, along)
+        a, b = low * inverse, high * inverse
+        near, far = np.minimum(a, b), np.maximum(a, b)
+        if parallel.any():
+            # Such a ray is between the two sides for ever or never.
+            near[parallel] = -np.inf
+            far[parallel] = np.where((low <= 0.0) & (high >= 0.0), np.inf, -np.inf)[parallel]
+        np.maximum(entry, near, out=entry)
+        np.minimum(leave, far, out=leave)
+    crossed = (entry <= leave * (1 + SLACK)) & (entry < np.inf)
+    return ray[crossed], box[crossed], entry[crossed]
 
 
 def _morton_order(bounds: Float[np.ndarray, "k 2 3"]) -> Int[np.ndarray, " k"]:
