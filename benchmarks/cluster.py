@@ -18,7 +18,7 @@ from demo.project import create_project
 from planning.config import parse_config
 from planning.plan_file import Plan
 from render.cluster_pool import ClusterPool
-from render.confinement import confinement_of
+from render.confinement import Confinement
 from render.jobs import RenderAssets, render_job
 from render.messages import Settings, to_json
 from render.node import SHARE_VARIABLE
@@ -77,7 +77,7 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
                 output / "logs",
                 device="cpu",
                 workers=WORKERS,
-                confinement=confinement_of(assets, output, gpu=False),
+                confinement=Confinement(output, assets.readable, gpu=False),
             ) as local,
             _pool(nodes, assets, output) as dask,
         ):

@@ -88,7 +88,7 @@ class Child:
         except psutil.Error:
             return 0
 
-    def send(self, line: bytes) -> None:
+    def write(self, line: bytes) -> None:
         """Write to its stdin; if it has just ended, `hear` learns that."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):

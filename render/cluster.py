@@ -6,6 +6,7 @@ do the tasks, which Dask doesn't know.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import threading
@@ -66,7 +67,7 @@ class Cluster:
         self._refusal, self._about = refusal, about
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we report what matters
         self.client = _connect(scheduler)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._reached, self._looked = time.monotonic(), 0.0
         self._fit: set[str] = set()
         self._refused: dict[str, str] = {}
@@ -96,7 +97,8 @@ class Cluster:
                 return False
             if time.monotonic() > self._looked + LOOK_S:
                 self._looked = time.monotonic()
-                self._count(self._workers())
+                with contextlib.suppress(OSError):
+                    self._count(self._workers())
             if self._asked and self._asked <= self._refused.keys():
                 address = next(reversed(self._refused))
                 raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
@@ -119,17 +121,12 @@ class Cluster:
             )
         return False
 
-    def _workers(self) -> set[str] | None:
-        try:
-            # Client.scheduler_info() is replaced every other second by an answer without workers.
-            found = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-        except OSError:
-            return None
+    def _workers(self) -> set[str]:
+        # Client.scheduler_info() is replaced every other second by an answer without workers.
+        found = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
         return {address for address, about in found.items() if about["resources"].get(self._resource, 0) >= 1}
 
-    def _count(self, there: set[str] | None) -> None:
-        if there is None:
-            return
+    def _count(self, there: set[str]) -> None:
         for address in self._fit - there:
             self._say(f"{address}: is gone; others do its tasks")
         self._fit &= there
@@ -157,43 +154,36 @@ class Cluster:
                 self._asked.discard(address)  # it's gone, or will be asked again
             elif answer:
                 why = answer if isinstance(answer, str) else f"fails: {type(answer).__name__}: {answer}"
-                self._refuse(address, why)
+                self.refuse(address, why)
             elif address in self._asked:
                 self._fit.add(address)
 
     def refuse(self, address: str, why: str) -> None:
         """Give a worker no more tasks; `why` completes a sentence about it."""
         with self._lock:
-            self._refuse(address, why)
-
-    def _refuse(self, address: str, why: str) -> None:
-        if address not in self._refused:
-            self._refused[address] = why
-            self._say(f"{address}: is not used: it {why}")
-        self._fit.discard(address)
+            if address not in self._refused:
+                self._refused[address] = why
+                self._say(f"{address}: is not used: it {why}")
+            self._fit.discard(address)
 
     def submit(self, function: Callable[..., Any], *data: Any, avoiding: Iterable[str] = ()) -> Future:
         """Have one of the fit workers call a function; not one of `avoiding` if there's another.
 
         A future that ends as cancelled was lost with its workers or data, and can be submitted again.
         """
-        fit = self.fit
-        workers = fit - set(avoiding) or fit
         with self._lock:
-            return self._submit(function, data, workers)
-
-    def _submit(self, function: Callable[..., Any], data: tuple[Any, ...], workers: frozenset[str]) -> Future:
-        future = self.client.submit(
-            function,
-            *data,
-            key=f"hulldown-{uuid.uuid4().hex}",
-            workers=sorted(workers),
-            allow_other_workers=False,
-            resources={self._resource: 1},
-            pure=False,
-        )
-        self._tasks[future] = workers
-        return future
+            workers = self.fit - set(avoiding) or self.fit
+            future = self.client.submit(
+                function,
+                *data,
+                key=f"hulldown-{uuid.uuid4().hex}",
+                workers=sorted(workers),
+                allow_other_workers=False,
+                resources={self._resource: 1},
+                pure=False,
+            )
+            self._tasks[future] = workers
+            return future
 
     def content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
         """Data in the cluster's memory by its SHA-256, put on a worker first; None if that worker is gone."""

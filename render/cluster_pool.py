@@ -11,14 +11,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from distributed import Future, KilledWorker, as_completed
+from distributed import Future, KilledWorker
 
+from geometry.code import versions
 from geometry.errors import HulldownError
 from render.asset_files import AssetNote, ClientFiles
 from render.cluster import Cluster
 from render.jobs import RenderAssets
 from render.messages import RenderJob, from_json
-from render.node import Answer, Order, refusal, render_row, versions
+from render.node import Answer, Order, refusal, render_row
 from render.pool import Limits, Stopped
 from render.scheduler import Scheduler
 
@@ -104,8 +105,7 @@ class ClusterPool:
         self._say, self._stopping = say, stopping
         self._files = ClientFiles(assets)
         self._strikes: dict[str, int] = {}
-        self._cluster = Cluster(scheduler, RESOURCE, refusal, (versions(), require_confinement), say=say)
-        self._ended = as_completed(loop=self._cluster.client.loop)
+        self._cluster = Cluster(scheduler, RESOURCE, refusal, (versions("bpy"), require_confinement), say=say)
 
     @property
     def working(self) -> int:
@@ -129,7 +129,7 @@ class ClusterPool:
                 raise Stopped
             if self._cluster.look():
                 self._feed()
-            ended = self._ended.next_batch(block=False)
+            ended = [future for future in self._running if future.done()]
             for future in ended:
                 self._hear(future)
             if not ended:
@@ -150,7 +150,6 @@ class ClusterPool:
         order = Order(job, self._assets_of(job), self._files.key, self._device, self._limits.job_s)
         future = self._cluster.submit(render_row, order, *row.contents, avoiding=row.failed_on)
         self._running[future] = row
-        self._ended.add(future)
 
     def _assets_of(self, job: RenderJob) -> tuple[AssetNote, ...]:
         named = {job.scenery.path, job.light.hdri, *(vehicle.tidy for vehicle in job.vehicles)}
@@ -163,7 +162,6 @@ class ClusterPool:
             answer: Answer = future.result(timeout=GATHER_S)
         except TimeoutError:
             self._running[future] = row
-            self._ended.add(future)
         except CancelledError:  # with its workers, its contents or the scheduler
             self._lost(row, 1)
         except KilledWorker:  # Dask has tried it on several workers

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from reading.landlock import confined
-from render.jobs import RenderAssets
 
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
@@ -43,8 +42,3 @@ class Confinement:
     def environment(self) -> dict[str, str]:
         """Where it puts what it writes for itself."""
         return {"TMPDIR": str(self.write)}
-
-
-def confinement_of(assets: RenderAssets, write: Path, *, gpu: bool) -> Confinement:
-    """What workers may reach that render from these assets into the folder `write`."""
-    return Confinement(write, assets.readable, gpu=gpu)

@@ -63,14 +63,5 @@ def _pass_on(line: bytes) -> None:
 def worker_command(address: str, workers: int) -> list[str]:
     """How workers of this machine are started, as docs/cluster.md says."""
     # Of memory Dask would see its own process, and not Blender, which is watched by `render.pool`.
-    options = [
-        "--nworkers",
-        str(workers),
-        "--nthreads",
-        "1",
-        "--resources",
-        f"{RESOURCE}=1,train=1",
-        "--memory-limit",
-        "0",
-    ]
-    return [sys.executable, "-m", "distributed.cli.dask_worker", address, *options, "--host", HOST, "--no-dashboard"]
+    options = ["--nthreads", "1", "--resources", RESOURCES, "--memory-limit", "0", "--host", HOST, "--no-dashboard"]
+    return [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nworkers", str(workers), *options]

@@ -27,7 +27,7 @@ from planning.plan_file import Plan, read_plan
 from planning.row import Row
 from reading.watch import DEFAULT_LIMITS, ReadLimits
 from render.annotations import Segmenter
-from render.confinement import confinement_of
+from render.confinement import Confinement
 from render.jobs import RenderAssets, mask_job, render_assets
 from render.messages import to_json
 from render.pool import Pool
@@ -286,7 +286,7 @@ def cycles_masks(
         def failed(index: int, reasons: list[str]) -> None:
             raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)
 
-        confinement = confinement_of(assets, folder, gpu=device != "cpu")
+        confinement = Confinement(folder, assets.readable, gpu=device != "cpu")
         with Pool(folder / "logs", blender=blender, device=device, workers=1, confinement=confinement) as pool:
             pool.run(sorted(rows, key=lambda i: plan[i].scenery), message, done, failed)
     return [found[index] for index in rows]

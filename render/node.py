@@ -7,7 +7,6 @@ them is closed then, see `render.blender.worker`.
 from __future__ import annotations
 
 import asyncio
-import importlib.metadata
 import os
 import platform
 import threading
@@ -19,7 +18,7 @@ from typing import Any
 from distributed import Worker, get_worker
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from geometry.code import code_sha256
+from geometry.code import MISSING, difference, versions
 from geometry.errors import HulldownError
 from reading import landlock
 from render.asset_files import AssetCache, AssetNote, cache_folder
@@ -29,42 +28,26 @@ from render.messages import RenderJob, to_json
 from render.png import damage
 from render.pool import Limits, Pool, Stopped
 
-CODE = ("render.node", "render.blender.worker")  # what must be the same on all machines, with all that it imports
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
 PLUGIN = "hulldown-blender"
 IDLE_S = 60.0  # after which Blender is ended: it holds memory
 NEVER = 2**31  # the client judges whether failures have a common cause
 
 
-@dataclass(frozen=True, slots=True)
-class Versions:
-    """What client and workers must have in common to render the same picture: hulldown with its code's hash, and bpy.
+def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
+    """Why this process can't render for a client; empty if it can.
 
-    A client that only plans may have no bpy.
+    Parameters
+    ----------
+    client
+        Its versions of hulldown and bpy, which must be the same here; a client that only plans may have no bpy.
+    require_confinement
+        Whether Blender must be confined.
     """
-
-    hulldown: str
-    bpy: str
-
-
-def versions() -> Versions:
-    """What this process runs."""
-    try:
-        bpy = importlib.metadata.version("bpy")
-    except importlib.metadata.PackageNotFoundError:
-        bpy = ""
-    return Versions(f"{importlib.metadata.version('hulldown')} ({code_sha256(*CODE)[:8]})", bpy)
-
-
-def refusal(client: Versions, require_confinement: bool) -> str:
-    """Why this process can't render for a client; empty if it can."""
-    own = versions()
-    if not own.bpy:
+    if versions("bpy")["bpy"] == MISSING:
         return "has no bpy"
-    if own.hulldown != client.hulldown:
-        return f"has hulldown {own.hulldown}, and the client {client.hulldown}"
-    if client.bpy and own.bpy != client.bpy:
-        return f"has bpy {own.bpy}, and the client {client.bpy}"
+    if wrong := difference({name: version for name, version in client.items() if version != MISSING}):
+        return wrong
     if require_confinement and (why := landlock.unconfined()):
         return f"can't confine Blender: {why}"
     return ""

@@ -208,7 +208,7 @@ class Pool:
 
     def _hear(self, worker: _Worker, process: WorkerProcess, answer: dict[str, Any] | None) -> None:
         if answer is None:
-            self._lost(worker, process.last_words())
+            self._lost(worker, f"Blender {process.last_words()}")
         elif "unusable" in answer:
             raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
         elif "ready" in answer:

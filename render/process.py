@@ -29,7 +29,7 @@ def worker_command(blender: str | None) -> list[str]:
     return [blender, *options, "--python", str(WORKER)]
 
 
-class WorkerProcess:
+class WorkerProcess(Child):
     """A running worker.
 
     Parameters
@@ -54,50 +54,28 @@ class WorkerProcess:
         log.parent.mkdir(parents=True, exist_ok=True)
         if log.is_symlink():
             log.unlink()
-        self._hear = hear
-        self._child = Child(
+
+        def answer(line: bytes) -> None:
+            text = line.decode("utf-8", "replace")
+            if not line:
+                hear(self, None)
+            elif text.startswith(ANSWER):
+                with contextlib.suppress(json.JSONDecodeError):  # half a line of a worker that was killed
+                    hear(self, json.loads(text[len(ANSWER) :]))
+
+        super().__init__(
             list(command) if confinement is None else confinement.of(command),
             env={**STEADY_MEMORY, **os.environ, **(confinement.environment if confinement else {})},
-            hear=self._listen,
+            hear=answer,
             log=log,
         )
 
-    def _listen(self, line: bytes) -> None:
-        text = line.decode("utf-8", "replace")
-        if not line:
-            self._hear(self, None)
-        elif text.startswith(ANSWER):
-            with contextlib.suppress(json.JSONDecodeError):  # half a line of a worker that was killed
-                self._hear(self, json.loads(text[len(ANSWER) :]))
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._child.pid
-
-    @property
-    def memory(self) -> int:
-        """Bytes of memory that it holds; 0 if it has ended."""
-        return self._child.memory
-
     def send(self, message: Mapping[str, Any]) -> None:
         """Give it a job."""
-        self._child.send(json.dumps(message).encode() + b"\n")
-
-    def last_words(self) -> str:
-        """How it ended, and the last line of its log."""
-        return f"Blender {self._child.last_words()}"
-
-    def close_stdin(self) -> None:
-        """Tell the process that its parent is done with it: it ends, even in the middle of a job."""
-        self._child.close_stdin()
+        self.write(json.dumps(message).encode() + b"\n")
 
     def stop(self) -> None:
         """Let it end by itself, if it is idle."""
         self.close_stdin()
-        self._child.wait(STOP_S)
+        self.wait(STOP_S)
         self.kill()
-
-    def kill(self) -> None:
-        """End it now."""
-        self._child.kill()

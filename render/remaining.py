@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -65,30 +63,15 @@ class Remaining:
         self.stamp = outline.stamp
         self.run: Run = dataset.run(outline.key, images=len(rows), annotations=int(outline.labels.sum()))
         self.first_annotation = outline.first_annotations(self.run)
-        mine = share_of(sorted(rows[:wanted]), share)
+        k, n = share
+        wanted = min(wanted, len(rows))
+        mine = sorted(rows[:wanted])[(k - 1) * wanted // n : k * wanted // n]  # neighbors stay together
         left = [(row, name) for row in mine if not dataset.finished(name := self.run.file_name(row[3]))]
         for (_, index, labels, _), name in left:
             first = int(self.first_annotation[index])
             dataset.check_free(name, self.run.image_offset + index + 1, range(first, first + labels))
         self.order, self.names = [row[1] for row, _ in left], {name for _, name in left}
         self.wanted, self.already = len(mine), len(mine) - len(self.order)
-
-
-Item = TypeVar("Item")
-
-
-def share_of(items: Sequence[Item], share: tuple[int, int]) -> Sequence[Item]:
-    """The k-th of n parts of equal size, but for one: neighbours stay together, and each is in exactly one part.
-
-    Parameters
-    ----------
-    items
-        What is shared out.
-    share
-        (k, n), k from 1 to n.
-    """
-    k, n = share
-    return items[(k - 1) * len(items) // n : k * len(items) // n]
 
 
 def sort_key(row: Row) -> tuple[str, str, str, str]:

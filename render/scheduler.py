@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from geometry.errors import HulldownError
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,3 +26,20 @@ class Scheduler:
     tls_ca: Path | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None
+
+
+@contextmanager
+def needing_dask() -> Iterator[None]:
+    """Say in one line that Dask is not installed.
+
+    Raises
+    ------
+    HulldownError
+        That.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None

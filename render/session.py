@@ -7,11 +7,10 @@ one picture; the next run does it again under the same name and id.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -29,7 +28,11 @@ from render.annotations import Segmenter, annotation_records
 from render.jobs import RenderAssets, render_job
 from render.messages import Settings, to_json
 from render.png import damage, without_notes
+from render.pool import Pool
 from render.remaining import Remaining, stamp_of
+
+if TYPE_CHECKING:
+    from render.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
@@ -44,38 +47,6 @@ class Progress:
     images: int
     line: str = ""
     workers: int = 0
-
-
-@runtime_checkable
-class Renders(Protocol):
-    """Who renders: a `render.pool.Pool`, or a cluster."""
-
-    restarts: int
-    devices: set[str]
-    systems: set[str]
-    confinements: set[str]
-    blender_version: str
-
-    @property
-    def working(self) -> int:
-        """How many workers there are."""
-        ...
-
-    def run(
-        self,
-        jobs: Sequence[int],
-        message: Callable[[int], Mapping[str, Any]],
-        done: Callable[[int, dict[str, Any]], str | None],
-        failed: Callable[[int, list[str]], None],
-    ) -> None:
-        """Do all jobs; see `render.pool.Pool.run`."""
-        ...
-
-    def __enter__(self) -> Renders: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
 
 class Session:
@@ -107,7 +78,7 @@ class Session:
         self.begun = False
         self._plan, self._dataset, self._remaining, self._assets = plan, dataset, remaining, assets
         self._progress = progress
-        self._pool: Renders | None = None
+        self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
         self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
@@ -132,7 +103,7 @@ class Session:
         workers = self._pool.working if self._pool else 0
         self._progress(Progress(finished, len(self.failed), self._remaining.wanted, line, workers))
 
-    def render(self, pool: Renders) -> None:
+    def render(self, pool: Pool | ClusterPool) -> None:
         """Render what is left; see `render.pool.Pool.run` for what it raises."""
         if self._unfinished.is_symlink() or self._unfinished.is_file():
             self._unfinished.unlink()  # and not what a link leads to
@@ -156,7 +127,7 @@ class Session:
             self.begun = True
             write_failures(self._folder, self._failures)
 
-    def _record(self, pool: Renders) -> None:
+    def _record(self, pool: Pool | ClusterPool) -> None:
         """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
         made_by = {
             "blender": [pool.blender_version],
@@ -200,7 +171,7 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, answer: Mapping[str, Any], pool: Renders) -> str | None:
+    def _done(self, index: int, answer: Mapping[str, Any], pool: Pool | ClusterPool) -> str | None:
         row = self._row(index)
         picture = self._output(index)
         if wrong := damage(picture, row.width, row.height):

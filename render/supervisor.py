@@ -18,12 +18,12 @@ from geometry.errors import HulldownError
 from planning.plan_file import read_plan
 from reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from reading.watch import ReadLimits
-from render.confinement import confinement_of
+from render.confinement import Confinement
 from render.jobs import RenderAssets, render_assets
 from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
 from render.remaining import Outline, Remaining
-from render.scheduler import Scheduler
-from render.session import LOGS_NAME, Progress, Renders, Session
+from render.scheduler import Scheduler, needing_dask
+from render.session import LOGS_NAME, Progress, Session
 
 if TYPE_CHECKING:
     from render.cluster_pool import ClusterPool
@@ -122,7 +122,9 @@ class Engine:
     require_confinement: bool = False
     limits: Limits = DEFAULT_LIMITS
 
-    def pool(self, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]) -> Renders:
+    def pool(
+        self, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]
+    ) -> Pool | ClusterPool:
         """What does the jobs of a session.
 
         Raises
@@ -139,9 +141,11 @@ class Engine:
                 limits=self.limits,
                 say=session.say,
                 stopping=stopping,
-                confinement=confinement_of(assets, session.unfinished, gpu=self.device != "cpu"),
+                confinement=Confinement(session.unfinished, assets.readable, gpu=self.device != "cpu"),
             )
-        return _cluster_pool(self.scheduler)(
+        with needing_dask():
+            from render.cluster_pool import ClusterPool
+        return ClusterPool(
             self.scheduler,
             assets,
             device=self.device,
@@ -153,19 +157,6 @@ class Engine:
 
 
 DEFAULT_ENGINE = Engine()
-
-
-def _cluster_pool(scheduler: Scheduler) -> type[ClusterPool]:
-    """Dask's side, which is loaded by those that use it only."""
-    try:
-        from render.cluster_pool import ClusterPool
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise HulldownError(
-            "needs Dask, which is not installed", path=scheduler.address, remedy="pip install 'hulldown[cluster]'"
-        ) from None
-    return ClusterPool
 
 
 def render_plan(
@@ -226,7 +217,7 @@ def render_plan(
     with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
-        pool: Renders | None = None
+        pool: Pool | ClusterPool | None = None
         try:
             remaining = Remaining(outline, dataset, wanted, share=part.share)
             session = Session(plan, dataset, remaining, assets, say)

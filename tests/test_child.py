@@ -27,7 +27,7 @@ def heard():
 
 def test_it_is_told_lines_and_answers_and_ends_with_its_stdin(heard):
     with started(ECHO, heard) as child:
-        child.send(b"abc\n")
+        child.write(b"abc\n")
         assert heard.get(timeout=60) == b"cba\n"
         child.close_stdin()
         assert child.wait(60) == child.code == 0

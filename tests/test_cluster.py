@@ -18,11 +18,12 @@ from pathlib import Path
 import psutil
 import pytest
 
+from geometry.code import versions
 from geometry.errors import HulldownError
 from reading.cache import sha256
 from reading.landlock import abi
 from render.cluster import Cluster
-from render.node import refusal, versions
+from render.node import refusal
 from render.scheduler import Scheduler
 from render.supervisor import Engine, render_plan
 from tests.blender_plans import IMAGES, make_worlds, plan_in
@@ -210,7 +211,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
     ]
     nodes.wait()
     said = []
-    with Cluster(Scheduler(nodes.address), "render", refusal, (versions(), False), say=said.append) as workers:
+    with Cluster(Scheduler(nodes.address), "render", refusal, (versions("bpy"), False), say=said.append) as workers:
         while sum("is not used" in line for line in said) < 2:
             workers.look()
             time.sleep(0.1)

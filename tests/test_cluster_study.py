@@ -16,7 +16,7 @@ from tests.test_study import SMALL, tree, written
 from tests.training_pictures import make_dataset
 from training.study import elsewhere
 from training.study.config import load_study
-from training.study.elsewhere import NANNYS, Order, code, refusal, run_here
+from training.study.elsewhere import NANNYS, Order, run_here
 from training.study.manifest import settle, write_manifest
 from training.study.report import write_report
 from training.study.runs import Options, run_study
@@ -85,11 +85,6 @@ def order(study, tmp_path):
     out.mkdir()
     write_manifest(study, out)
     return Order(str(out), hashlib.sha256((out / "study.json").read_bytes()).hexdigest(), "real-100-seed0", OPTIONS)
-
-
-def test_a_worker_with_other_code_says_so():
-    assert refusal(code()) == ""
-    assert refusal("hulldown 0.0.1").startswith(f"has {code()}, and the client hulldown 0.0.1")
 
 
 @pytest.mark.parametrize(

@@ -1,44 +1,33 @@
-"""What counts as the same code: the modules that are named and everything that they import."""
+"""What counts as the same code: all modules."""
 
 import shutil
 
 import pytest
 
 from geometry import code
-from render.node import CODE as RENDERS
-from training.study.elsewhere import CODE as TRAINS
 
 
-@pytest.fixture(scope="module")
-def copied(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("code")
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
     for name in code.FOLDERS:
-        shutil.copytree(code.ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    return folder
+        shutil.copytree(code.ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(code, "ROOT", tmp_path)
+    return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("modules", "changed", "matters"),
-    [
-        (RENDERS, "camera/fog.py", True),
-        (RENDERS, "camera/precipitation.py", True),
-        (RENDERS, "render/blender/worker.py", True),
-        (RENDERS, "render/blender/covers.py", True),
-        (RENDERS, "training/train.py", False),
-        (TRAINS, "training/train.py", True),
-        (TRAINS, "dataset/entries.py", True),
-        (TRAINS, "geometry/files.py", True),
-        (TRAINS, "render/pool.py", False),
-    ],
-)
-def test_what_is_imported_counts(copied, monkeypatch, modules, changed, matters):
-    """Blender's side of rendering imports camera/ and a training imports dataset/."""
-    before = code.code_sha256(*modules)
-    monkeypatch.setattr(code, "ROOT", copied)
-    path = copied / changed
-    text = path.read_text()
-    path.write_text(text + "\nx = 1\n")
-    after = code.code_sha256.__wrapped__(*modules)
-    path.write_text(text)
-    assert len(before) == 64
-    assert (after != before) == matters
+def test_any_change_of_a_module_counts_and_where_it_is_installed_does_not(copied):
+    before = code.code_sha256()
+    assert code.code_sha256.__wrapped__() == before
+    for changed in ("camera/fog.py", "render/blender/worker.py", "training/train.py"):
+        (copied / changed).write_text((copied / changed).read_text() + "\nx = 1\n")
+        after = code.code_sha256.__wrapped__()
+        assert after != before
+        before = after
+
+
+def test_another_version_is_named():
+    own = code.versions("numpy", "no-such-package")
+    assert own.keys() == {"hulldown", "numpy", "no-such-package"}
+    assert code.difference(own) == ""
+    assert code.difference({**own, "numpy": "0.1"}) == f"has numpy {own['numpy']}, and the client 0.1"
+    assert code.difference({"no-such-package": "1"}) == "has no-such-package not installed, and the client 1"

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import HulldownError
+from geometry.code import difference, versions
+from render.scheduler import Scheduler, needing_dask
 from verbs.arguments import AddVerb, at_least_one, port
 from verbs.terminal import DONE, print_json, say
 
@@ -27,8 +28,6 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
     """The cluster that a command line names; None without."""
     if arguments.scheduler is None:
         return None
-    from render.scheduler import Scheduler
-
     return Scheduler(
         arguments.scheduler,
         tls_ca=arguments.tls_ca_file,
@@ -38,30 +37,13 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 
 
 @contextmanager
-def needing_dask() -> Iterator[None]:
-    """Say in one line that Dask is not installed.
-
-    Raises
-    ------
-    HulldownError
-        That.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
-
-
-@contextmanager
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
     """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
     with needing_dask():
         from render.cluster import Cluster
-    from training.study.elsewhere import RESOURCE, code, launch_on, refusal
+    from training.study.elsewhere import PACKAGES, RESOURCE, launch_on
 
-    with Cluster(scheduler, RESOURCE, refusal, (code(),), say=say) as cluster:
+    with Cluster(scheduler, RESOURCE, difference, (versions(*PACKAGES),), say=say) as cluster:
         yield launch_on(cluster, _train_here)
 
 
