@@ -154,7 +154,7 @@ def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
 def test_water_is_no_obstacle_beside_which_room_is_kept():
     shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
     (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
-    assert site.vehicle_room.clear(TANK, np.eye(4)[None], 5.0).tolist() == [True]
+    assert site.vehicle_room.touched(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
 
 
 def house(*, open_front=False, size=12.0):
