@@ -9,7 +9,7 @@ TRAINING_STAMP := $(VENV)/.installed-training
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 # Processes that test: each has at most one Blender at a time.
 WORKERS ?= 2
-PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen.
@@ -39,7 +39,7 @@ demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/
 	$(BIN)/hulldown demo --output $(DEMO)
 
 study: setup-training ## what rendered images are worth beside stand-ins for photographs: 20 minutes; ends in a report (STUDY=folder: elsewhere)
-	$(BIN)/python -m demo.study $(STUDY)
+	$(BIN)/python -m hulldown.demo.study $(STUDY)
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
 
@@ -53,7 +53,7 @@ test: setup-training browser ## all tests but the thorough ones: 8 minutes on tw
 	HULLDOWN_NO_SKIPS=1 $(PYTEST)
 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
-	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -m pytest -q $(wildcard $(KERNEL_TESTS)) || exit 1; done
+	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(wildcard $(KERNEL_TESTS)) || exit 1; done
 
 check: setup ## linters: ruff, mypy, import rules
 	$(BIN)/ruff check .
@@ -62,14 +62,14 @@ check: setup ## linters: ruff, mypy, import rules
 	$(BIN)/lint-imports
 
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)
-	$(BIN)/python -m benchmarks $(BENCH)
+	$(BIN)/python -m hulldown.benchmarks $(BENCH)
 
 thorough: setup-training browser kernels ## what make test leaves out: long tests, all shapes checked, thousands of examples: hours
 	HULLDOWN_NO_SKIPS=1 HULLDOWN_SHAPES=all $(PYTEST) -m thorough
 	HYPOTHESIS_PROFILE=thorough $(PYTEST) property_tests
 
 fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
-	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest --hypothesis-show-statistics \
+	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -P -m pytest --hypothesis-show-statistics \
 	$(wildcard property_tests/test_any_*.py) property_tests/test_blend_files.py
 
 clean: ## remove what the other targets made, .venv included

@@ -19,13 +19,13 @@ from pathlib import Path
 
 from rich.markup import escape
 
-import verbs.cluster
-import verbs.planning
-import verbs.rendering
-import verbs.study
-import verbs.training
-from geometry.errors import HulldownError
-from verbs.terminal import (
+import hulldown.verbs.cluster
+import hulldown.verbs.planning
+import hulldown.verbs.rendering
+import hulldown.verbs.study
+import hulldown.verbs.training
+from hulldown.geometry.errors import HulldownError
+from hulldown.verbs.terminal import (
     DONE,
     FOUND,
     MISTAKE,
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
-    from render.doctor import diagnose
+    from hulldown.render.doctor import diagnose
 
     with STDERR.status("asking Blender"):
         diagnosis = diagnose()
@@ -108,8 +108,8 @@ def _demo(arguments: argparse.Namespace) -> int:
         STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
-    from annotate.sheets import save_sheet
-    from dataset.overlay import dataset_sheet
+    from hulldown.annotate.sheets import save_sheet
+    from hulldown.dataset.overlay import dataset_sheet
 
     save_sheet(dataset_sheet(dataset, count=12, columns=3, masks=False), folder / "contact_sheet.png")
     say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
@@ -132,7 +132,13 @@ def parser() -> argparse.ArgumentParser:
             sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
         return sub
 
-    for stage in (verbs.planning, verbs.rendering, verbs.cluster, verbs.training, verbs.study):
+    for stage in (
+        hulldown.verbs.planning,
+        hulldown.verbs.rendering,
+        hulldown.verbs.cluster,
+        hulldown.verbs.training,
+        hulldown.verbs.study,
+    ):
         stage.add(verb)
     verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
 

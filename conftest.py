@@ -25,14 +25,14 @@ PYPROJECT = tomllib.loads((Path(__file__).with_name("pyproject.toml")).read_text
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
 CHECKED = {
     "entry": [
-        "geometry.meshes",
-        "placement.terrain",
-        "placement.settle",
-        "camera.intrinsics",
-        "camera.projection",
-        "annotate.boxes",
+        "hulldown.geometry.meshes",
+        "hulldown.placement.terrain",
+        "hulldown.placement.settle",
+        "hulldown.camera.intrinsics",
+        "hulldown.camera.projection",
+        "hulldown.annotate.boxes",
     ],
-    "all": [package.removesuffix(".py") for package in PACKAGES],
+    "all": [f"hulldown.{package.removesuffix('.py')}" for package in PACKAGES if package != "__init__.py"],
     "off": [],
 }
 install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "beartype.beartype")

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from annotate.clipping import Frustum, extremes_of_mesh
-from annotate.clusters import ClusteredSurface
-from annotate.posing import PosedParts, move
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Lenses, Optics, lenses
-from camera.projection import NEAR, Camera
-from geometry.arrays import checked
+from hulldown.annotate.clipping import Frustum, extremes_of_mesh
+from hulldown.annotate.clusters import ClusteredSurface
+from hulldown.annotate.posing import PosedParts, move
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Lenses, Optics, lenses
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.geometry.arrays import checked
 
 POSES = 4096  # poses of a batch whose matrices are held at a time
 CLEAR = 1e-6  # pixels beside the image from which on no rounding brings a point into it
@@ -69,7 +69,7 @@ def surface_box(
     --------
     >>> import math
     >>> import numpy as np
-    >>> from camera.intrinsics import Intrinsics
+    >>> from hulldown.camera.intrinsics import Intrinsics
     >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), np.eye(4))
     >>> triangle = np.array([[-1.0, -1.0, 10.0], [1.0, -1.0, 10.0], [0.0, 1.0, 10.0]])
     >>> surface_box(triangle, [[0, 1, 2]], camera).round(6).tolist()
@@ -96,8 +96,8 @@ class VehicleBoxes:
     --------
     >>> import math
     >>> import numpy as np
-    >>> from camera.intrinsics import Intrinsics
-    >>> from geometry.meshes import Mesh
+    >>> from hulldown.camera.intrinsics import Intrinsics
+    >>> from hulldown.geometry.meshes import Mesh
     >>> wall = Mesh(np.array([[0.0, -2, 0], [0, 2, 0], [0, 2, 3], [0, -2, 3]]), np.array([[0, 1, 2], [0, 2, 3]]))
     >>> rigid = VehicleShape(
     ...     "wall", wall, np.zeros(4, int), ("hull",), np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]),

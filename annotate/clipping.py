@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from camera.intrinsics import Intrinsics, Lenses
-from camera.projection import NEAR
+from hulldown.camera.intrinsics import Intrinsics, Lenses
+from hulldown.camera.projection import NEAR
 
 # Which planes a point is outside of, or lies on, as bits.
 NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT = 1, 2, 4, 8, 16

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from annotate.clipping import Frustum, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
-from annotate.posing import PosedParts, move
-from camera.projection import NEAR
+from hulldown.annotate.clipping import Frustum, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
+from hulldown.annotate.posing import PosedParts, move
+from hulldown.camera.projection import NEAR
 
 SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 from PIL import Image, ImageDraw, ImageFont
 
-from annotate.masks import decode
+from hulldown.annotate.masks import decode
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by colour-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))

@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
-from camera.intrinsics import Lenses
-from camera.projection import NEAR, Camera, directions
-from camera.target import PosedVehicle
-from camera.visibility import TOUCHING
-from camera.world import World
-from geometry.arrays import checked
-from geometry.transforms import rotate
+from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.projection import NEAR, Camera, directions
+from hulldown.camera.target import PosedVehicle
+from hulldown.camera.visibility import TOUCHING
+from hulldown.camera.world import World
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.transforms import rotate
 
 FIRST_LOOK = 256  # pixels at which a vehicle is looked for before all others
 MOST_RAYS = 1 << 18  # cast together

@@ -10,7 +10,7 @@ import contourpy
 import numpy as np
 from jaxtyping import Bool, Float
 
-from annotate.masks import decode
+from hulldown.annotate.masks import decode
 
 Ring = Float[np.ndarray, "_ 2"]
 

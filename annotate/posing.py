@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from assets.vehicle import VehicleShape
-from geometry.hulls import extreme_points
-from geometry.small_matrices import compose, product
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.small_matrices import compose, product
 
 NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from geometry.errors import HulldownError
-from geometry.files import open_regular, replacing
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import open_regular, replacing
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from assets.scenery import Scenery
-from assets.textures import ARRAYS, packed, unpacked
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError
-from geometry.files import open_regular, replacing
-from geometry.meshes import Mesh
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.textures import ARRAYS, packed, unpacked
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.files import open_regular, replacing
+from hulldown.geometry.meshes import Mesh
 
 FORMAT = 2
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from assets.scenery import Scenery
-from assets.skylight import EVEN, SkyLight
-from assets.vehicle import VehicleShape
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.skylight import EVEN, SkyLight
+from hulldown.assets.vehicle import VehicleShape
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.meshes import Mesh, merge
-from geometry.transforms import apply
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.transforms import apply
 
 
 @dataclass(frozen=True, eq=False, slots=True)

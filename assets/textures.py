@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from geometry.alpha import AlphaMap, Cutouts, Extension, Step
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, Step
 
 TEXTURE_SIZE = 1024  # texels of the longer side that is kept, if nothing else is said
 ARRAYS = (

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from geometry.meshes import Mesh
-from geometry.small_matrices import compose, product, turn
-from geometry.transforms import apply
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.small_matrices import compose, product, turn
+from hulldown.geometry.transforms import apply
 
 Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest
 

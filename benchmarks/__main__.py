@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: run every benchmark; write docs/benchmarks.md, its plots, and the raw figures.
+"""`python -m hulldown.benchmarks`: run every benchmark; write docs/benchmarks.md, its plots, and the raw figures.
 
 Each benchmark module has three functions: `run(quick)` measures and returns JSON data, `report(results)` turns that
 into a Markdown section, and `plots(results, folder)` draws it and returns the files. Peers take turns with hulldown in
@@ -60,7 +60,7 @@ def main() -> int:
         console.print(f"{name}: {seconds:.0f} s")
     (arguments.output / "benchmarks.md").write_text(document(results, arguments.output / "plots"))
     if "top_hits" in results:
-        table = importlib.import_module("benchmarks.top_hits").hard_cases(results["top_hits"]["figures"])
+        table = importlib.import_module("hulldown.benchmarks.top_hits").hard_cases(results["top_hits"]["figures"])
         (arguments.output / "hard-cases.md").write_text(HARD_CASES.read_text().replace("{{top_hits}}", table))
     console.print(f"wrote {arguments.output / 'benchmarks.md'}")
     return 0

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.boxes import VehicleBoxes, surface_box
-from annotate.clipping import Frustum, extremes_of_mesh
-from annotate.posing import PosedParts, move
-from assets.vehicle import VehicleShape
-from benchmarks.scenes import HD
-from benchmarks.tables import table
-from camera.projection import Camera
-from camera.shell import camera_pose
-from geometry.meshes import Mesh
-from geometry.transforms import apply, rigid, rotation_z
+from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.clipping import Frustum, extremes_of_mesh
+from hulldown.annotate.posing import PosedParts, move
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.benchmarks.scenes import HD
+from hulldown.benchmarks.tables import table
+from hulldown.camera.projection import Camera
+from hulldown.camera.shell import camera_pose
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply, rigid, rotation_z
 
 KINDS = ("framed", "cut by the frame", "across the near plane")
 PEERS = {

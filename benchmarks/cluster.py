@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rendering import planned
-from benchmarks.rendering_error import FAST
-from benchmarks.tables import table
-from demo.project import create_project
-from planning.config import parse_config
-from planning.plan_file import Plan
-from render.cluster_pool import ClusterPool
-from render.confinement import Confinement
-from render.jobs import RenderAssets, render_job
-from render.messages import Settings, to_json
-from render.node import SHARE_VARIABLE
-from render.pool import DEFAULT_LIMITS, Pool
-from render.remaining import sort_key
-from render.scheduler import Scheduler
-from render.supervisor import Engine, render_plan
-from tests.clusters import Cluster, blenders, cluster
-from tests.oracles.resuming import differences
+from hulldown.benchmarks.rendering import planned
+from hulldown.benchmarks.rendering_error import FAST
+from hulldown.benchmarks.tables import table
+from hulldown.demo.project import create_project
+from hulldown.planning.config import parse_config
+from hulldown.planning.plan_file import Plan
+from hulldown.render.cluster_pool import ClusterPool
+from hulldown.render.confinement import Confinement
+from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.node import SHARE_VARIABLE
+from hulldown.render.pool import DEFAULT_LIMITS, Pool
+from hulldown.render.remaining import sort_key
+from hulldown.render.scheduler import Scheduler
+from hulldown.render.supervisor import Engine, render_plan
+from hulldown.tests.clusters import Cluster, blenders, cluster
+from hulldown.tests.oracles.resuming import differences
 
 SIZES = ((96, 54), (480, 270))
 WORKERS = 2

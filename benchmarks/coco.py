@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from benchmarks.tables import table
-from dataset.coco import MERGE_SHARE, CocoDataset
-from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME
-from dataset.record_lines import write_coco
+from hulldown.benchmarks.tables import table
+from hulldown.dataset.coco import MERGE_SHARE, CocoDataset
+from hulldown.dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME
+from hulldown.dataset.record_lines import write_coco
 
 APPENDS = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory
@@ -144,7 +144,7 @@ def _opened(folder: Path) -> tuple[float, float]:
     """Seconds it takes to open a dataset, and how many MB that adds to a process that does nothing else."""
     code = r"""if True:
         import re, sys, time
-        from dataset.coco import CocoDataset
+        from hulldown.dataset.coco import CocoDataset
         # Not ru_maxrss, which begins at what the parent held.
         def peak(): return int(re.search(r"VmHWM:\s+(\d+)", open("/proc/self/status").read())[1]) / 1024
         before, started = peak(), time.perf_counter()

@@ -15,14 +15,14 @@ from faster_coco_eval import COCOeval_faster
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from benchmarks.tables import table
-from training.average_precision import average_precision
-from training.bootstrap import RESAMPLES, figure_intervals, resampled_sums
-from training.labels import Labels
-from training.matching import match, overlapping
-from training.metrics import confusion, curves, outcomes, sums_by
-from training.predictions import Predictions
-from training.tide import errors
+from hulldown.benchmarks.tables import table
+from hulldown.training.average_precision import average_precision
+from hulldown.training.bootstrap import RESAMPLES, figure_intervals, resampled_sums
+from hulldown.training.labels import Labels
+from hulldown.training.matching import match, overlapping
+from hulldown.training.metrics import confusion, curves, outcomes, sums_by
+from hulldown.training.predictions import Predictions
+from hulldown.training.tide import errors
 
 CLASSES, LABELS, DETECTIONS = 3, 3, 10  # of each image the last two
 OURS = "everything but AP (hulldown)"

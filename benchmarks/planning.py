@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from assets.library import Assets
-from benchmarks.scenes import vehicles
-from demo.project import CONFIG, create_project, project_text
-from geometry.meshes import Mesh
-from geometry.transforms import apply
-from planning.config import load_config, parse_config
-from planning.loading import load_assets
-from planning.planner import BLOCK, Planner
-from tests.planning_assets import hills
+from hulldown.assets.library import Assets
+from hulldown.benchmarks.scenes import vehicles
+from hulldown.demo.project import CONFIG, create_project, project_text
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply
+from hulldown.planning.config import load_config, parse_config
+from hulldown.planning.loading import load_assets
+from hulldown.planning.planner import BLOCK, Planner
+from hulldown.tests.planning_assets import hills
 
 CELLS = 500  # 5e5 triangles of ground
 VARIANTS = (  # vehicles, distractors, and whether there are woods

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
-from benchmarks.reading_things import LITTER
-from benchmarks.tables import table
-from geometry.errors import AssetError
-from geometry.transforms import apply
-from reading.build import build_vehicle
-from reading.doubts import vehicle_doubts
-from reading.kinds import refuse_wrong_kind
-from reading.options import Options
-from reading.report import Row
-from reading.stance import stand_upright
+from hulldown.benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
+from hulldown.benchmarks.reading_things import LITTER
+from hulldown.benchmarks.tables import table
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.transforms import apply
+from hulldown.reading.build import build_vehicle
+from hulldown.reading.doubts import vehicle_doubts
+from hulldown.reading.kinds import refuse_wrong_kind
+from hulldown.reading.options import Options
+from hulldown.reading.report import Row
+from hulldown.reading.stance import stand_upright
 
 ROOT = Path(__file__).parents[1]
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
@@ -149,7 +149,7 @@ def _compared(truth: Truth, drawn: Any, uses: list[str]) -> dict[str, str]:
 
 def run(quick: bool) -> dict[str, Any]:
     """Make the corpus, read it without options, compare with the truth."""
-    from demo.vehicles import LOOK, write_vehicle
+    from hulldown.demo.vehicles import LOOK, write_vehicle
 
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)

@@ -15,14 +15,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
-from benchmarks.reading_things import LITTER, Model, Thing
-from geometry.transforms import apply
-from reading.blender.evaluate import evaluate
-from reading.blender.importers import open_file
-from reading.build import build_vehicle
-from reading.options import Options
-from reading.stance import metres_from_file, stand_upright
+from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
+from hulldown.benchmarks.reading_things import LITTER, Model, Thing
+from hulldown.geometry.transforms import apply
+from hulldown.reading.blender.evaluate import evaluate
+from hulldown.reading.blender.importers import open_file
+from hulldown.reading.build import build_vehicle
+from hulldown.reading.options import Options
+from hulldown.reading.stance import metres_from_file, stand_upright
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from benchmarks.reading_things import Model, Thing, litter_of
+from hulldown.benchmarks.reading_things import Model, Thing, litter_of
 
 PARTS = ("hull", "turret", "gun")
 

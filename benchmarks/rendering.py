@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import rendering_error
-from benchmarks.rendering_error import FAST, PAPER
-from benchmarks.tables import table
-from demo.project import create_project
-from planning.config import load_config, parse_config
-from planning.loading import load_assets
-from planning.plan_file import Plan
-from planning.row import Row
-from planning.write import write_plan
-from render.jobs import RenderAssets, render_assets, render_job
-from render.messages import Settings, to_json
-from render.process import WorkerProcess, worker_command
-from render.remaining import sort_key
+from hulldown.benchmarks import rendering_error
+from hulldown.benchmarks.rendering_error import FAST, PAPER
+from hulldown.benchmarks.tables import table
+from hulldown.demo.project import create_project
+from hulldown.planning.config import load_config, parse_config
+from hulldown.planning.loading import load_assets
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import Row
+from hulldown.planning.write import write_plan
+from hulldown.render.jobs import RenderAssets, render_assets, render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.process import WorkerProcess, worker_command
+from hulldown.render.remaining import sort_key
 
 FEW = 4  # samples of the pictures whose sampling is not what is measured
 MORE = 32  # samples that, beside few, tell what one more sample takes

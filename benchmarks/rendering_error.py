@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from msgspec.structs import replace as altered
 from PIL import Image
 
-from benchmarks.tables import table
-from planning.row import Row
-from render.jobs import RenderAssets, render_job
-from render.messages import Settings, to_json
+from hulldown.benchmarks.tables import table
+from hulldown.planning.row import Row
+from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.messages import Settings, to_json
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
-from geometry.meshes import Mesh, merge
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.geometry.meshes import Mesh, merge
 
 HD = Intrinsics(1920, 1080, math.radians(50))
 

@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.cbook import get_sample_data
 from matplotlib.figure import Figure
 
-from benchmarks.tables import table
-from geometry.meshes import Mesh
-from geometry.transforms import rotation_z
-from placement.candidates import candidates
-from placement.settle import settle
-from placement.support import support_plane
-from placement.terrain import Terrain
+from hulldown.benchmarks.tables import table
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import rotation_z
+from hulldown.placement.candidates import candidates
+from hulldown.placement.settle import settle
+from hulldown.placement.support import support_plane
+from hulldown.placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = ("averaged", "least_squares", "support")

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import top_hits_peers as peers
-from benchmarks.tables import table
-from benchmarks.top_hits_cases import cases, errors
-from geometry.meshes import Mesh
+from hulldown.benchmarks import top_hits_peers as peers
+from hulldown.benchmarks.tables import table
+from hulldown.benchmarks.top_hits_cases import cases, errors
+from hulldown.geometry.meshes import Mesh
 
 DEFAULT = "hulldown certified"
 RAW = "raw embreex"

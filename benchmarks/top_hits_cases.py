@@ -7,10 +7,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from benchmarks.top_hits_peers import hills, raw_embreex
-from geometry.meshes import Mesh, merge
-from placement.terrain import Hits, Terrain
-from tests.oracles.top_hits import Top, angle, exact_tops, on_face
+from hulldown.benchmarks.top_hits_peers import hills, raw_embreex
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.placement.terrain import Hits, Terrain
+from hulldown.tests.oracles.top_hits import Top, angle, exact_tops, on_face
 
 Case = tuple[str, Mesh, np.ndarray]
 

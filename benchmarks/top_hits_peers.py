@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from geometry.meshes import Mesh
-from placement.terrain import Terrain
+from hulldown.geometry.meshes import Mesh
+from hulldown.placement.terrain import Terrain
 
 Query = Callable[[np.ndarray], object]  # of (n, 2) points in the mesh's frame
 DOWN = np.array([[0, 0, -1]], dtype=np.float32)

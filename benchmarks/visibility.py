@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.scenes import HD, sheet, vehicles
-from benchmarks.tables import table
-from camera.framing import frame_target
-from camera.projection import Camera, project
-from camera.shell import camera_pose, draw_azimuth, draw_elevation
-from camera.target import VehicleTarget
-from camera.visibility import error_bound, visible_fraction
-from camera.world import World
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.rays import RayCaster
-from geometry.transforms import apply, rigid, rotation_z
+from hulldown.benchmarks.scenes import HD, sheet, vehicles
+from hulldown.benchmarks.tables import table
+from hulldown.camera.framing import frame_target
+from hulldown.camera.projection import Camera, project
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.target import VehicleTarget
+from hulldown.camera.visibility import error_bound, visible_fraction
+from hulldown.camera.world import World
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import apply, rigid, rotation_z
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 SIZE = 600.0  # metres of ground to each side of the middle

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from camera.pencils import Pencils, box_at_unit_depth
-from camera.projection import NEAR
-from geometry.cutouts import PASSED
-from geometry.instances import InstancedScene
-from geometry.transforms import apply, invert_rigid
+from hulldown.camera.pencils import Pencils, box_at_unit_depth
+from hulldown.camera.projection import NEAR
+from hulldown.geometry.cutouts import PASSED
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.transforms import apply, invert_rigid
 
 # A beam is cut into so many lengths, whose boxes hold less that is beside the beam than its own would.
 LENGTHS = 4

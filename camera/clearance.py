@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy.typing import ArrayLike
 
-from camera.projection import NEAR
-from camera.target import PosedVehicle
-from geometry.arrays import checked
-from geometry.instances import InstancedScene
-from geometry.overlap import SceneTouch
-from geometry.transforms import apply, invert_rigid
-from placement.rejection import Rejection
-from placement.terrain import Terrain
+from hulldown.camera.projection import NEAR
+from hulldown.camera.target import PosedVehicle
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.overlap import SceneTouch
+from hulldown.geometry.transforms import apply, invert_rigid
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.terrain import Terrain
 
 
 class CameraRoom:

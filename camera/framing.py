@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Lenses, Optics, lenses
-from camera.projection import directions, project
-from geometry.arrays import checked
-from geometry.portable import exp, hypot, log
-from geometry.transforms import rotate, tilt_to
-from geometry.uniform import UniformNumbers
+from hulldown.camera.intrinsics import Lenses, Optics, lenses
+from hulldown.camera.projection import directions, project
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.portable import exp, hypot, log
+from hulldown.geometry.transforms import rotate, tilt_to
+from hulldown.geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 ROUNDS = 20

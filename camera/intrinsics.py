@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.portable import hypot, sin_cos, tan
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.portable import hypot, sin_cos, tan
 
 WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
 

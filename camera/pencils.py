@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from camera.projection import NEAR
-from geometry.transforms import rotate
+from hulldown.camera.projection import NEAR
+from hulldown.geometry.transforms import rotate
 
 
 class Pencils:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camera.fog import extinction
+from hulldown.camera.fog import extinction
 
 EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
 RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up

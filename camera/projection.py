@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Intrinsics, Optics, lenses
-from geometry.arrays import checked
-from geometry.transforms import apply, invert_rigid, rotate
+from hulldown.camera.intrinsics import Intrinsics, Optics, lenses
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.transforms import apply, invert_rigid, rotate
 
 NEAR = 0.1  # metres along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
 
@@ -84,7 +84,7 @@ class Camera:
     --------
     >>> import math
     >>> import numpy as np
-    >>> from camera.intrinsics import Intrinsics
+    >>> from hulldown.camera.intrinsics import Intrinsics
     >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), np.eye(4))  # at the origin, looking along +z
     >>> pixels, depth = camera.project([[0.0, 0.0, 10.0], [1.0, 0.5, 10.0], [0.0, 0.0, -1.0]])
     >>> pixels.round(6).tolist(), depth.tolist()

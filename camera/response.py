@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from geometry.color import LUMINANCE, srgb_from_linear
+from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
 ALBEDO = 0.18  # of the grey card
 CARD = 117.64  # of 255: what a neutral radiance of 0.18 has in a picture of Blender 5.0; 118 in whole levels

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.portable import arcsin, sin, sin_cos
-from geometry.transforms import rigid
-from geometry.uniform import UniformNumbers
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.portable import arcsin, sin, sin_cos
+from hulldown.geometry.transforms import rigid
+from hulldown.geometry.uniform import UniformNumbers
 
 
 def camera_pose(

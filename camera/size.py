@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from camera.intrinsics import Optics, lenses
-from geometry.arrays import checked
-from geometry.portable import hypot
-from geometry.transforms import rotate
+from hulldown.camera.intrinsics import Optics, lenses
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.portable import hypot
+from hulldown.geometry.transforms import rotate
 
 Measure = Literal["height", "width", "diagonal", "area"]
 

@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
-from assets.vehicle import Articulation, VehicleShape
-from geometry.arrays import joined
-from geometry.cutouts import CutoutCaster, caster_of
-from geometry.hulls import extreme_points
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster, RayHits
-from geometry.transforms import apply, compose, invert_rigid, rotate
+from hulldown.assets.vehicle import Articulation, VehicleShape
+from hulldown.geometry.arrays import joined
+from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster, RayHits
+from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
 FEW = 64  # hull vertices below which simplifying the hull does not pay
 

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from assets.vehicle import Articulation
-from camera.intrinsics import Optics, lenses
-from camera.pencils import Pencils, box_at_unit_depth
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import BATCH, World
-from geometry.arrays import checked
-from geometry.transforms import apply, invert_rigid
+from hulldown.assets.vehicle import Articulation
+from hulldown.camera.intrinsics import Optics, lenses
+from hulldown.camera.pencils import Pencils, box_at_unit_depth
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import BATCH, World
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.transforms import apply, invert_rigid
 
 # What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
 TOUCHING = 1e-3

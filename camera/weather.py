@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from camera.fog import CONTRAST_THRESHOLD, extinction
-from geometry.portable import exp, log
+from hulldown.camera.fog import CONTRAST_THRESHOLD, extinction
+from hulldown.geometry.portable import exp, log
 
 GHOST = 0.05  # of the contrast left: the World Meteorological Organization's limit of what is seen
 WETTING_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest

@@ -14,9 +14,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from camera.fog import DUST_ALBEDO, DUST_LAYERS, FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, AirLayer, extinction
-from camera.precipitation import Sizes, rain_sizes, snow_sizes
-from geometry.color import LUMINANCE
+from hulldown.camera.fog import DUST_ALBEDO, DUST_LAYERS, FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, AirLayer, extinction
+from hulldown.camera.precipitation import Sizes, rain_sizes, snow_sizes
+from hulldown.geometry.color import LUMINANCE
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from assets.scenery import Scenery
-from camera.beams import passed_in_beams
-from camera.pencils import Pencils, box_at_unit_depth
-from camera.target import PosedVehicle
-from geometry.cutouts import CutoutCaster, caster_of
-from geometry.instances import InstancedScene, InstanceHits
-from geometry.rays import RayCaster, RayHits
-from geometry.transforms import apply, invert_rigid
+from hulldown.assets.scenery import Scenery
+from hulldown.camera.beams import passed_in_beams
+from hulldown.camera.pencils import Pencils, box_at_unit_depth
+from hulldown.camera.target import PosedVehicle
+from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.instances import InstancedScene, InstanceHits
+from hulldown.geometry.rays import RayCaster, RayHits
+from hulldown.geometry.transforms import apply, invert_rigid
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.

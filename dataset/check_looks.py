@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from annotate.masks import decode
-from dataset.look import BLACK, FAINT, NOTHING, UNLIKE, WHITE, Appearance, appearance
-from dataset.records import Finding
-from dataset.seals import PICTURE_KEY
+from hulldown.annotate.masks import decode
+from hulldown.dataset.look import BLACK, FAINT, NOTHING, UNLIKE, WHITE, Appearance, appearance
+from hulldown.dataset.records import Finding
+from hulldown.dataset.seals import PICTURE_KEY
 
 OURS = (PICTURE_KEY, "world_from_camera")  # what a photograph's record has not
 

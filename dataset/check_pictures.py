@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from dataset.check_looks import check_looks, is_rendered
-from dataset.names import place_of
-from dataset.near_duplicates import near_duplicates, picture_hash
-from dataset.picture_files import UPRIGHT, read_picture, size_problem
-from dataset.records import Finding
-from dataset.seals import PICTURE_KEY, digest
-from geometry.errors import DatasetError
-from geometry.files import stays_inside
+from hulldown.dataset.check_looks import check_looks, is_rendered
+from hulldown.dataset.names import place_of
+from hulldown.dataset.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.picture_files import UPRIGHT, read_picture, size_problem
+from hulldown.dataset.records import Finding
+from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import stays_inside
 
 DECODERS = 4
 LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each

@@ -12,15 +12,15 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image
 
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from camera.world import World
-from dataset.records import Finding
-from dataset.runs import Run, find_run, plan_key
-from dataset.sky import deviation, inner, pictured, radiance
-from planning.loading import load_planned_library, planned_cache
-from planning.plan_file import Plan
-from reading.hdri import sky_map
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.world import World
+from hulldown.dataset.records import Finding
+from hulldown.dataset.runs import Run, find_run, plan_key
+from hulldown.dataset.sky import deviation, inner, pictured, radiance
+from hulldown.planning.loading import load_planned_library, planned_cache
+from hulldown.planning.plan_file import Plan
+from hulldown.reading.hdri import sky_map
 
 WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dataset.seals import changed
-from geometry.errors import DatasetError
+from hulldown.dataset.seals import changed
+from hulldown.geometry.errors import DatasetError
 
 ROUNDED = 1e-6  # pixels: what decimal text may add
 SLIGHT = 1.0  # pixels that a box may leave its image by without being refused

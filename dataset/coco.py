@@ -19,13 +19,13 @@ import numpy as np
 import orjson
 from filelock import FileLock, Timeout
 
-from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
-from dataset.journal import MERGED, Journal
-from dataset.names import place_of
-from dataset.runs import Run
-from dataset.seals import PICTURE_KEY, RECORD_KEY, sealed
-from geometry.errors import DatasetError
+from hulldown.dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from hulldown.dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
+from hulldown.dataset.journal import MERGED, Journal
+from hulldown.dataset.names import place_of
+from hulldown.dataset.runs import Run
+from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, sealed
+from hulldown.geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
 MERGE_EVERY_S = 30.0

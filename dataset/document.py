@@ -16,12 +16,12 @@ from typing import Any
 
 import orjson
 
-from dataset.journal import last_merged, read_journal, replaced
-from dataset.names import place_of
-from dataset.record_lines import OtherLayoutError, read_by_line, write_coco
-from dataset.runs import Run
-from geometry.errors import DatasetError
-from geometry.files import open_regular
+from hulldown.dataset.journal import last_merged, read_journal, replaced
+from hulldown.dataset.names import place_of
+from hulldown.dataset.record_lines import OtherLayoutError, read_by_line, write_coco
+from hulldown.dataset.runs import Run
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"

@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from dataset.names import is_free
+from hulldown.dataset.names import is_free
 
 
 def plain_json(value: Any, name: str) -> Any:

@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from annotate.masks import extent
-from annotate.outlines import polygons
-from dataset.clipping import clipped_boxes, refuse_all
-from dataset.floors import ALL_LABELS, LabelFloors
-from dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
-from dataset.records import by_image, read_usable
-from dataset.seals import changed
-from dataset.shares import Shares, check_sound
-from dataset.split import SPLITS, share_out
-from dataset.unfinished import all_or_nothing
-from geometry.errors import DatasetError
+from hulldown.annotate.masks import extent
+from hulldown.annotate.outlines import polygons
+from hulldown.dataset.clipping import clipped_boxes, refuse_all
+from hulldown.dataset.floors import ALL_LABELS, LabelFloors
+from hulldown.dataset.layouts import coco, huggingface, kitti, voc, webdataset, yolo
+from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.seals import changed
+from hulldown.dataset.shares import Shares, check_sound
+from hulldown.dataset.split import SPLITS, share_out
+from hulldown.dataset.unfinished import all_or_nothing
+from hulldown.geometry.errors import DatasetError
 
 # What each layout is written by, from the shares to a folder that is there; docs/exports.md says who reads which.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dataset.seals import changed
+from hulldown.dataset.seals import changed
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ from typing import Any
 
 import orjson
 
-from dataset.coco import CocoDataset
-from dataset.failures import read_failures, write_failures
-from dataset.part import Part, loaded, read_part
-from dataset.pictures import confined, own_picture, place
-from dataset.provenance import add_provenance, read_provenance
-from dataset.runs import Run
-from geometry.errors import DatasetError
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.failures import read_failures, write_failures
+from hulldown.dataset.part import Part, loaded, read_part
+from hulldown.dataset.pictures import confined, own_picture, place
+from hulldown.dataset.provenance import add_provenance, read_provenance
+from hulldown.dataset.runs import Run
+from hulldown.geometry.errors import DatasetError
 
 
 @dataclass(frozen=True, slots=True)

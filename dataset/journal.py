@@ -12,9 +12,9 @@ from typing import Any, BinaryIO
 
 import orjson
 
-from dataset.seals import LINE_KEY, line_is_broken, seal_line
-from geometry.errors import DatasetError
-from geometry.files import open_regular, replacing, sync_folder
+from hulldown.dataset.seals import LINE_KEY, line_is_broken, seal_line
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular, replacing, sync_folder
 
 CLOSED = -1
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none

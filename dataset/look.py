@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
-from geometry.color import LUMINANCE
+from hulldown.geometry.color import LUMINANCE
 
 NOTHING = 1.0  # of 255: a target that differs less from what is around it, and within itself, is not in the picture
 FAINT = 8.0  # of 255: hard to make out; sound renders had 20.9 and more

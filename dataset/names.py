@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import posixpath
 
-from geometry.files import stays_inside
+from hulldown.geometry.files import stays_inside
 
 # What the dataset keeps for itself: pictures under these names would be swept away or written over.
 RESERVED = (

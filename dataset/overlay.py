@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from annotate.drawing import contact_sheet
-from dataset.table import Dataset
-from geometry.errors import DatasetError
+from hulldown.annotate.drawing import contact_sheet
+from hulldown.dataset.table import Dataset
+from hulldown.geometry.errors import DatasetError
 
 
 def dataset_sheet(

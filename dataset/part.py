@@ -9,13 +9,13 @@ from typing import Any
 
 import orjson
 
-from dataset.document import Document, check_is_dataset, read_document
-from dataset.failures import read_failures
-from dataset.pictures import own_picture
-from dataset.provenance import read_provenance
-from dataset.records import check_usable
-from dataset.seals import broken
-from geometry.errors import DatasetError
+from hulldown.dataset.document import Document, check_is_dataset, read_document
+from hulldown.dataset.failures import read_failures
+from hulldown.dataset.pictures import own_picture
+from hulldown.dataset.provenance import read_provenance
+from hulldown.dataset.records import check_usable
+from hulldown.dataset.seals import broken
+from hulldown.geometry.errors import DatasetError
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,8 +11,8 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError
 from PIL.ExifTags import Base
 
-from geometry.errors import DatasetError
-from geometry.files import open_regular
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
 
 UPRIGHT = 1  # the EXIF orientation of a picture that is stored as it is displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0

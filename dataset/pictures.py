@@ -8,8 +8,8 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from geometry.errors import DatasetError
-from geometry.files import stays_inside, sync_folder
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import stays_inside, sync_folder
 
 
 class LinkError(DatasetError):

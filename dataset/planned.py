@@ -8,11 +8,11 @@ from typing import Any
 
 import orjson
 
-from dataset.records import Finding
-from dataset.runs import find_run, plan_key
-from dataset.space import space_of
-from planning.plan_file import read_plan
-from planning.row import PlannedVehicle, Row, encode, fields
+from hulldown.dataset.records import Finding
+from hulldown.dataset.runs import find_run, plan_key
+from hulldown.dataset.space import space_of
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.row import PlannedVehicle, Row, encode, fields
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)

@@ -8,9 +8,9 @@ from typing import Any
 
 import orjson
 
-from dataset.journal import replaced
-from geometry.errors import DatasetError
-from geometry.files import open_regular
+from hulldown.dataset.journal import replaced
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
 
 PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to

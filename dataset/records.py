@@ -10,17 +10,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-from annotate.masks import extent
-from camera.weather import GHOST
-from dataset.clipping import ROUNDED, SLIGHT, beyond
-from dataset.document import read_coco
-from dataset.entries import is_box
-from dataset.names import place_of
-from dataset.runs import runs_of
-from dataset.seals import PICTURE_KEY, RECORD_KEY, broken
-from dataset.space import check_space
-from geometry.errors import DatasetError, shortened
-from geometry.files import stays_inside
+from hulldown.annotate.masks import extent
+from hulldown.camera.weather import GHOST
+from hulldown.dataset.clipping import ROUNDED, SLIGHT, beyond
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.entries import is_box
+from hulldown.dataset.names import place_of
+from hulldown.dataset.runs import runs_of
+from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, broken
+from hulldown.dataset.space import check_space
+from hulldown.geometry.errors import DatasetError, shortened
+from hulldown.geometry.files import stays_inside
 
 MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
 

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as Pictures
 
-from annotate.drawing import colour_of
-from annotate.outlines import polygons
-from dataset.charts import azimuths, histogram, place_map, places_in_pictures, shares
-from dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
-from dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Overlay, Section, Table, Tile, Words, page
-from dataset.table import Dataset, Image
-from geometry.errors import DatasetError
-from geometry.files import replace_file
+from hulldown.annotate.drawing import colour_of
+from hulldown.annotate.outlines import polygons
+from hulldown.dataset.charts import azimuths, histogram, place_map, places_in_pictures, shares
+from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
+from hulldown.dataset.page import GENERATOR, Chart, Charts, Facet, Gallery, Overlay, Section, Table, Tile, Words, page
+from hulldown.dataset.table import Dataset, Image
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import replace_file
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from dataset.clipping import refuse_all
-from dataset.picture_files import read_picture, size_problem
-from dataset.pictures import LinkError, link_or_copy, own_picture
-from dataset.seals import PICTURE_KEY, digest
-from dataset.split import SPLITS
-from geometry.errors import DatasetError
-from geometry.files import open_regular
+from hulldown.dataset.clipping import refuse_all
+from hulldown.dataset.picture_files import read_picture, size_problem
+from hulldown.dataset.pictures import LinkError, link_or_copy, own_picture
+from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.dataset.split import SPLITS
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
 
 DECODERS = 4
 

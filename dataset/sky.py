@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from camera import fog
-from camera.backdrop import HIGH, even_colour, fade
-from camera.response import displayed, white_balance
-from camera.weather_kinds import air_layers, airlight
+from hulldown.camera import fog
+from hulldown.camera.backdrop import HIGH, even_colour, fade
+from hulldown.camera.response import displayed, white_balance
+from hulldown.camera.weather_kinds import air_layers, airlight
 
 _ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
 _SMOOTHED = 5  # pixels: finer than that is the sky of a small map not known

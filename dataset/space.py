@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.portable import arctan2
-from geometry.small_matrices import product
-from planning.row import PlannedVehicle, Row
+from hulldown.geometry.portable import arctan2
+from hulldown.geometry.small_matrices import product
+from hulldown.planning.row import PlannedVehicle, Row
 
 DIGITS = 9  # a nanometre: what is the same on every processor
 TOLERANCE = 1e-6

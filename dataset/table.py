@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from PIL import Image as Pictures
 
-from annotate.drawing import draw
-from dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
-from dataset.picture_files import read_pixels
-from dataset.planned import image_record, label_records
-from dataset.records import by_image, read_usable
-from geometry.errors import DatasetError
-from planning.plan_file import Plan
+from hulldown.annotate.drawing import draw
+from hulldown.dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.dataset.planned import image_record, label_records
+from hulldown.dataset.records import by_image, read_usable
+from hulldown.geometry.errors import DatasetError
+from hulldown.planning.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
 
@@ -112,7 +112,7 @@ class Dataset:
         Examples
         --------
         >>> from tempfile import mkdtemp
-        >>> from dataset.coco import CocoDataset
+        >>> from hulldown.dataset.coco import CocoDataset
         >>> folder = mkdtemp()
         >>> label = {"category": "truck", "bbox": [1, 2, 3, 4]}
         >>> with CocoDataset.open(folder) as writer:

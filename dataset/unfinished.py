@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from geometry.errors import DatasetError
+from hulldown.geometry.errors import DatasetError
 
 UNFINISHED_NAME = ".unfinished"
 

@@ -17,13 +17,13 @@ from jaxtyping import Bool
 from numpy.typing import ArrayLike
 from pycocotools.coco import COCO
 
-from annotate.masks import decode, iou, mask_box
-from dataset.check_pictures import Look, check_pictures
-from dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
-from dataset.journal import is_cut_off
-from dataset.planned import check_planned
-from dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
-from geometry.arrays import checked
+from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.dataset.check_pictures import Look, check_pictures
+from hulldown.dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
+from hulldown.dataset.journal import is_cut_off
+from hulldown.dataset.planned import check_planned
+from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
+from hulldown.geometry.arrays import checked
 
 
 def verify(

@@ -1,4 +1,4 @@
-"""`python -m demo FOLDER [--seed N] [--only NAME ...]`: build demo assets in this process."""
+"""`python -m hulldown.demo FOLDER [--seed N] [--only NAME ...]`: build demo assets in this process."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from demo import hills, skies, steppe, vehicles
-from demo.build import BUILT
-from demo.catalogue import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
+from hulldown.demo import hills, skies, steppe, vehicles
+from hulldown.demo.build import BUILT
+from hulldown.demo.catalogue import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
 
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
@@ -33,7 +33,7 @@ def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
 
 def main() -> None:
     """Build what the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.demo", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(

@@ -8,10 +8,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from demo.catalogue import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
-from geometry.errors import AssetError
+from hulldown.demo.catalogue import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
+from hulldown.geometry.errors import AssetError
 
-ROOT = Path(__file__).resolve().parents[1]
 FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
 ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
 BUILT = "hulldown built "  # starts a line of the child process that names a file
@@ -61,12 +60,11 @@ def build_demo_assets(
 def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
     """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
     # -P: a folder `demo` where the user happens to be must not come first.
-    command = [sys.executable, "-P", "-m", "demo", str(folder), "--seed", str(seed), "--only"]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-P", "-m", "hulldown.demo", str(folder), "--seed", str(seed), "--only"]
     said: list[str] = []
     with subprocess.Popen(
         [*command, *(Path(file).stem for file in left)],
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -6,9 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from demo.chassis import Paints
-from demo.model import BlendModel
-from demo.shapes import Outline, Shape, block, box, joined, lathe, path_tube, prism, profile_tube, slab, stack, tube
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import (
+    Outline,
+    Shape,
+    block,
+    box,
+    joined,
+    lathe,
+    path_tube,
+    prism,
+    profile_tube,
+    slab,
+    stack,
+    tube,
+)
 
 
 def arched(

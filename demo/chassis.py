@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from demo.model import BlendModel
-from demo.shapes import Shape, block, box, joined, lathe, path_tube, profile_tube, track, tube
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, profile_tube, track, tube
 
 Circle = tuple[float, float, float]  # x, z, radius of a wheel
 

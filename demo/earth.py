@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from demo.materials import Colour, Graph, linear
+from hulldown.demo.materials import Colour, Graph, linear
 
 
 @dataclass(frozen=True)

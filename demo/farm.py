@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from demo import chassis
-from demo.chassis import Paints
-from demo.model import BlendModel
-from demo.shapes import Shape, block, box, joined, lathe, path_tube, prism, slab, stack, tube
+from hulldown.demo import chassis
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, prism, slab, stack, tube
 
 
 def bale(radius: float, length: float, *, rng: np.random.Generator) -> Shape:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from demo import earth, vegetation
-from demo.land import Land, highest, levelled, mound, patch
-from demo.planting import Planting
-from demo.relief import Course, Noise, sheet, smoothstep
+from hulldown.demo import earth, vegetation
+from hulldown.demo.land import Land, highest, levelled, mound, patch
+from hulldown.demo.planting import Planting
+from hulldown.demo.relief import Course, Noise, sheet, smoothstep
 
 SOIL = earth.Soil(
     cover=("#37471d", "#545f2b", "#857c4a"),

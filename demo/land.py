@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from demo.relief import Course, Height, quads, ribbon, sheet, smoothstep
+from hulldown.demo.relief import Course, Height, quads, ribbon, sheet, smoothstep
 
 FAR = 4500.0  # metres to where the surroundings end, below the horizon's haze
 HIDDEN_EDGE = 4.0  # metres by which surroundings reach below the ground, that no gap shows between them

@@ -7,11 +7,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from demo import chassis, materials
-from demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
-from demo.model import BlendModel
-from demo.shapes import Shape, block, box, joined, lathe, prism, profile_tube, slab, stack, tube
-from demo.truck_parts import cab_over
+from hulldown.demo import chassis, materials
+from hulldown.demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Shape, block, box, joined, lathe, prism, profile_tube, slab, stack, tube
+from hulldown.demo.truck_parts import cab_over
 
 
 def missile(length: float, radius: float) -> Shape:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from demo.chassis import Paints
-from demo.model import BlendModel
-from demo.shapes import Shape, block, box, joined, lathe, path_tube, prism, slab, stack, track, tube
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, prism, slab, stack, track, tube
 
 
 def corrugated(

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from PIL import Image
 
-from geometry.color import linear_color
+from hulldown.geometry.color import linear_color
 
 Colour = str  # "#rrggbb" as a colour picker shows it
 

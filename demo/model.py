@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from demo.shapes import Point, Shape, box
+from hulldown.demo.shapes import Point, Shape, box
 
 
 class BlendModel:

@@ -9,11 +9,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from demo import earth, scatter, vegetation
-from demo.land import Land
-from demo.materials import Colour
-from demo.relief import Height
-from demo.scatter import Share
+from hulldown.demo import earth, scatter, vegetation
+from hulldown.demo.land import Land
+from hulldown.demo.materials import Colour
+from hulldown.demo.relief import Height
+from hulldown.demo.scatter import Share
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Euler, Matrix, Vector
 
-from demo.relief import Height
+from hulldown.demo.relief import Height
 
 Share = Callable[[np.ndarray, np.ndarray], np.ndarray]  # how likely a plant stands at x, y: 0 to 1
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from geometry.transforms import rotation_about
+from hulldown.geometry.transforms import rotation_about
 
 Number = float | int
 Point = Sequence[Number]  # (x, y, z)

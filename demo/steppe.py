@@ -7,10 +7,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from demo import earth, vegetation
-from demo.land import Land, highest, levelled, mound, patch
-from demo.planting import Planting
-from demo.relief import Course, Height, Noise, sheet, smoothstep
+from hulldown.demo import earth, vegetation
+from hulldown.demo.land import Land, highest, levelled, mound, patch
+from hulldown.demo.planting import Planting
+from hulldown.demo.relief import Course, Height, Noise, sheet, smoothstep
 
 SOIL = earth.Soil(
     cover=("#836a45", "#b29a70", "#725c3d"),

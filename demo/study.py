@@ -1,4 +1,4 @@
-"""`python -m demo.study FOLDER`: what `make study` compares: rendered images, and stand-ins for photographs.
+"""`python -m hulldown.demo.study FOLDER`: what `make study` compares: rendered images, and stand-ins for photographs.
 
 The stand-ins are renders too, and no photographs: other vehicles, sceneries and skies than those of the synthetic
 images, seen from a standing eye's height, then exposed wrongly, blurred, made noisy and compressed. So there is a gap
@@ -21,18 +21,18 @@ import orjson
 from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
-from dataset.document import COCO_NAME, read_coco
-from dataset.export import export
-from dataset.seals import PICTURE_KEY, RECORD_KEY
-from dataset.split import SPLITS
-from demo.build import FILES, build_demo_assets
-from demo.catalogue import CATEGORY
-from geometry.files import replacing
-from planning.config import load_config
-from planning.loading import load_assets
-from planning.template import config_text
-from planning.write import write_plan
-from render.supervisor import Progress, render_plan
+from hulldown.dataset.document import COCO_NAME, read_coco
+from hulldown.dataset.export import export
+from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY
+from hulldown.dataset.split import SPLITS
+from hulldown.demo.build import FILES, build_demo_assets
+from hulldown.demo.catalogue import CATEGORY
+from hulldown.geometry.files import replacing
+from hulldown.planning.config import load_config
+from hulldown.planning.loading import load_assets
+from hulldown.planning.template import config_text
+from hulldown.planning.write import write_plan
+from hulldown.render.supervisor import Progress, render_plan
 
 SAMPLES = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
@@ -183,7 +183,7 @@ resolution = 160
 
 def main() -> None:
     """Make everything that the study needs; what is there already stays."""
-    parser = argparse.ArgumentParser(prog="python -m demo.study", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.demo.study", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     if not all((folder / file).exists() for file in FILES):

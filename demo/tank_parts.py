@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from demo.chassis import Paints
-from demo.model import BlendModel
-from demo.shapes import Outline, Shape, block, box, joined, path_tube, prism, profile_tube, tube
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Outline, Shape, block, box, joined, path_tube, prism, profile_tube, tube
 
 
 def mirrored(outline: Outline) -> Outline:

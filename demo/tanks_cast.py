@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from demo import chassis
-from demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
-from demo.model import BlendModel
-from demo.shapes import (
+from hulldown.demo import chassis
+from hulldown.demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import (
     Outline,
     block,
     box,
@@ -22,7 +22,7 @@ from demo.shapes import (
     stack,
     tube,
 )
-from demo.tank_parts import barrel, engine_deck, fittings, machine_gun, mirrored, skirts
+from hulldown.demo.tank_parts import barrel, engine_deck, fittings, machine_gun, mirrored, skirts
 
 
 def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:

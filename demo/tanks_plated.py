@@ -7,10 +7,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from demo import chassis, materials
-from demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
-from demo.model import BlendModel
-from demo.shapes import (
+from hulldown.demo import chassis, materials
+from hulldown.demo.chassis import Paints, Running, antenna, hatch, smoke_launchers
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import (
     Outline,
     block,
     box,
@@ -21,7 +21,7 @@ from demo.shapes import (
     stack,
     tube,
 )
-from demo.tank_parts import barrel, engine_deck, fittings, machine_gun, mirrored, skirts
+from hulldown.demo.tank_parts import barrel, engine_deck, fittings, machine_gun, mirrored, skirts
 
 
 def mbt_wedge(m: BlendModel, p: Paints, folder: Path) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from demo import chassis
-from demo.chassis import Paints
-from demo.model import BlendModel
-from demo.shapes import block, box, hoop, joined, path_tube, prism, shell, slab, tube
+from hulldown.demo import chassis
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import block, box, hoop, joined, path_tube, prism, shell, slab, tube
 
 
 def cab_over(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:

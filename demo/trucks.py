@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from demo import chassis
-from demo.chassis import Paints, antenna
-from demo.model import BlendModel
-from demo.shapes import Outline, block, box, joined, lathe, path_tube, prism, slab, tube
-from demo.truck_parts import cab_over, canopy, drop_side_bed, mirrors
+from hulldown.demo import chassis
+from hulldown.demo.chassis import Paints, antenna
+from hulldown.demo.model import BlendModel
+from hulldown.demo.shapes import Outline, block, box, joined, lathe, path_tube, prism, slab, tube
+from hulldown.demo.truck_parts import cab_over, canopy, drop_side_bed, mirrors
 
 
 def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:

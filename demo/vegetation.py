@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from demo.relief import Noise, quads, smoothstep
+from hulldown.demo.relief import Noise, quads, smoothstep
 
 Points = Float[np.ndarray, "n 3"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from demo import cars, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
-from demo.chassis import Paints
-from demo.model import BlendModel
+from hulldown.demo import cars, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
+from hulldown.demo.chassis import Paints
+from hulldown.demo.model import BlendModel
 
 OLIVE = ("#4d5237", "#3c402b")
 NATO = ("#4c5a3c", "#54412f", "#25272a")

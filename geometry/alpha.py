@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from geometry.color import linear_from_srgb
+from hulldown.geometry.color import linear_from_srgb
 
 HIDES = 0.5  # opacity from which on a point hides what is behind it, for masks and the nearest hit
 NEGLIGIBLE = 1e-3  # of a face as opaque or as clear as this nothing is looked up

@@ -11,7 +11,7 @@ from types import TracebackType
 
 import psutil
 
-from geometry.files import open_in_place
+from hulldown.geometry.files import open_in_place
 
 LISTENER_S = 2.0  # what its listener gets to end: processes that the child has started may hold the other end
 LONGEST = 1 << 20  # bytes of a line

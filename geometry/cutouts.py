@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
 
-from geometry.alpha import HIDES, Cut, Footprints
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster, RayHits, checked_rays
+from hulldown.geometry.alpha import HIDES, Cut, Footprints
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 
 BEYOND = 4  # units in the last place by which a ray goes on beyond a hit
 GRAZING = 1e-3  # cosine to a face's normal below which it goes on no farther

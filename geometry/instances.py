@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.boxtree import BoxTree
-from geometry.cutouts import CutoutCaster, caster_of
-from geometry.hulls import extreme_points
-from geometry.meshes import Mesh, unit_normals
-from geometry.rays import RayCaster, checked_rays
-from geometry.transforms import apply, invert_affine
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.boxtree import BoxTree
+from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.meshes import Mesh, unit_normals
+from hulldown.geometry.rays import RayCaster, checked_rays
+from hulldown.geometry.transforms import apply, invert_affine
 
 RAYS = 1 << 16  # rays whose crossings are held at a time
 # Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from geometry.alpha import Cutouts, merged_cutouts
-from geometry.arrays import checked
-from geometry.errors import AssetError
-from geometry.files import replacing
+from hulldown.geometry.alpha import Cutouts, merged_cutouts
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.files import replacing
 
 FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
 

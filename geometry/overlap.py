@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.boxtree import BoxTree
-from geometry.cutouts import Solidity
-from geometry.instances import InstancedScene
-from geometry.transforms import apply, compose, invert_rigid, rotate
+from hulldown.geometry.boxtree import BoxTree
+from hulldown.geometry.cutouts import Solidity
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
 ROOM = 100.0  # metres; what is farther away shuts nothing in, as a sky dome does not
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time

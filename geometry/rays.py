@@ -27,8 +27,8 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int, UInt16
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.meshes import Mesh
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.meshes import Mesh
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from geometry.portable import sin_cos
+from hulldown.geometry.portable import sin_cos
 
 
 def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.portable import sin_cos
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.portable import sin_cos
 
 _FEW = 1 << 12  # numbers below which NumPy's calls cost more than what they compute
 

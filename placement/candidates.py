@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.uniform import UniformNumbers
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.uniform import UniformNumbers
 
 
 def candidates(

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from geometry.instances import InstancedScene
-from geometry.overlap import ROOM, SceneTouch
-from geometry.portable import sin_cos
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.overlap import ROOM, SceneTouch
+from hulldown.geometry.portable import sin_cos
 
 
 def _skyward(n: int) -> Float[np.ndarray, "n 3"]:

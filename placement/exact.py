@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8, Shaped
 
-from geometry.meshes import first_alike
-from geometry.predicates import heights as exact_heights
-from geometry.predicates import normals as exact_normals
-from geometry.predicates import orient
-from placement.face_index import FaceIndex
-from placement.ground import Ground, upward
+from hulldown.geometry.meshes import first_alike
+from hulldown.geometry.predicates import heights as exact_heights
+from hulldown.geometry.predicates import normals as exact_normals
+from hulldown.geometry.predicates import orient
+from hulldown.placement.face_index import FaceIndex
+from hulldown.placement.ground import Ground, upward
 
 
 @dataclass(frozen=True, eq=False, slots=True)

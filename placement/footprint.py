@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.meshes import Mesh
-from geometry.portable import hypot
-from geometry.rays import RayCaster
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.portable import hypot
+from hulldown.geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
 LEAN = 0.05  # metres higher that a spot may be for each metre that it is nearer; measured in docs/settling.md

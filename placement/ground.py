@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from geometry.meshes import Mesh
-from geometry.predicates import EPS, ORIENT_BOUND, TINY, orient
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.predicates import EPS, ORIENT_BOUND, TINY, orient
 
 # Guaranteed on a well-conditioned face: heights within this many ulp of the largest |z| on the ground, ...
 HEIGHT_ULPS = 8

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from placement.footprint import Samples
-from placement.support import support_plane
+from hulldown.placement.footprint import Samples
+from hulldown.placement.support import support_plane
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -17,13 +17,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked, whole
-from geometry.portable import arctan2, hypot, sin_cos
-from geometry.transforms import facing, rigid
-from placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
-from placement.rejection import Rejection
-from placement.rest import Rest, averaged, least_squares, support
-from placement.terrain import Method, Terrain
+from hulldown.geometry.arrays import checked, whole
+from hulldown.geometry.portable import arctan2, hypot, sin_cos
+from hulldown.geometry.transforms import facing, rigid
+from hulldown.placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.rest import Rest, averaged, least_squares, support
+from hulldown.placement.terrain import Method, Terrain
 
 RULES = ("averaged", "least_squares", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
@@ -139,7 +139,7 @@ def settle(
     Examples
     --------
     >>> import numpy as np
-    >>> from geometry.meshes import Mesh
+    >>> from hulldown.geometry.meshes import Mesh
     >>> ramp = Mesh(np.array([[0.0, 0, 0], [40, 0, 8], [40, 40, 8], [0, 40, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
     >>> settled = settle(Terrain(ramp), [7.0, 3.5, 2.4], xy=[[20.0, 20.0], [-5.0, 20.0]], yaw=[0.0, 0.0])
     >>> settled.ok.tolist()  # the second stands beside the ground

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
-from geometry.meshes import first_alike
+from hulldown.geometry.meshes import first_alike
 
 EMPTY, SINGLE, UNKNOWN = 0, 1, 2
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.portable import hypot
-from placement.simplex import above_planes, highest_triangles, opposite, planes
+from hulldown.geometry.portable import hypot
+from hulldown.placement.simplex import above_planes, highest_triangles, opposite, planes
 
 # A centre exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
 # the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.

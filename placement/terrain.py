@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.meshes import Mesh
-from geometry.predicates import ORIENT_BOUND, TINY
-from geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
-from placement.exact import ExactGround
-from placement.ground import Ground, plane_heights, upward
-from placement.sheet_map import EMPTY, SINGLE, SheetMap
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.predicates import ORIENT_BOUND, TINY
+from hulldown.geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
+from hulldown.placement.exact import ExactGround
+from hulldown.placement.ground import Ground, plane_heights, upward
+from hulldown.placement.sheet_map import EMPTY, SINGLE, SheetMap
 
 Method = Literal["certified", "refined", "float32"]
 
@@ -58,7 +58,7 @@ class Terrain:
     Examples
     --------
     >>> import numpy as np
-    >>> from geometry.meshes import Mesh
+    >>> from hulldown.geometry.meshes import Mesh
     >>> slope = Mesh(np.array([[0.0, 0, 0], [10, 0, 5], [10, 10, 5], [0, 10, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
     >>> hits = Terrain(slope).top_hits([[4.0, 3.0], [20.0, 0.0]])
     >>> hits.z.tolist(), hits.face.tolist()

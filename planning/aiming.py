@@ -10,21 +10,21 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from annotate.boxes import Boxes
-from annotate.masks import show_pixels
-from camera.framing import frame_target
-from camera.intrinsics import Lenses
-from camera.shell import camera_pose, draw_azimuth, draw_elevation
-from camera.visibility import visibility_of
-from camera.weather import air_contrast
-from placement.rejection import Rejection
-from planning.columns import put
-from planning.draws import Draws, Purpose, RowStreams, between
-from planning.instances import Instances, hull_of
-from planning.row import rounded
-from planning.schema import CameraSection, Config, RenderSection
-from planning.sizing import fraction_of, sized_cameras
-from planning.stage import Site
+from hulldown.annotate.boxes import Boxes
+from hulldown.annotate.masks import show_pixels
+from hulldown.camera.framing import frame_target
+from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.visibility import visibility_of
+from hulldown.camera.weather import air_contrast
+from hulldown.placement.rejection import Rejection
+from hulldown.planning.columns import put
+from hulldown.planning.draws import Draws, Purpose, RowStreams, between
+from hulldown.planning.instances import Instances, hull_of
+from hulldown.planning.row import rounded
+from hulldown.planning.schema import CameraSection, Config, RenderSection
+from hulldown.planning.sizing import fraction_of, sized_cameras
+from hulldown.planning.stage import Site
 
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
 PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target

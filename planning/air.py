@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from camera.weather import rain_visibility_m, wetness
-from camera.weather_kinds import KINDS, Weather
-from geometry.portable import sin_cos
-from planning.draws import Draws, Purpose, between
-from planning.row import rounded
-from planning.weather_section import WeatherSection
+from hulldown.camera.weather import rain_visibility_m, wetness
+from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.geometry.portable import sin_cos
+from hulldown.planning.draws import Draws, Purpose, between
+from hulldown.planning.row import rounded
+from hulldown.planning.weather_section import WeatherSection
 
 NAMES = tuple(KINDS)
 CLEAR = len(NAMES)

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from assets.textures import TEXTURE_SIZE
-from planning.paint import Paint
-from planning.section import AtLeastZero, Pair, Patterns, Section, are_numbers
-from planning.section import ranged as _range
+from hulldown.assets.textures import TEXTURE_SIZE
+from hulldown.planning.paint import Paint
+from hulldown.planning.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.section import ranged as _range
 
 CACHE_NAME = ".hulldown-cache"
 

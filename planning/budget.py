@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Bool, Int
 from numpy.typing import ArrayLike
 
-from geometry.arrays import checked
-from geometry.errors import ConfigError
-from planning.schema import BudgetSection
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.schema import BudgetSection
 
 
 @dataclass(frozen=True, eq=False, slots=True)

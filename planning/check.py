@@ -10,12 +10,12 @@ from typing import Any
 import msgspec
 import orjson
 
-from assets.library import Assets
-from planning.config import parse_config
-from planning.plan_file import Plan
-from planning.planner import BLOCK, Planner
-from planning.relabel import relabeled
-from planning.row import PlannedVehicle, Row, encode, fields
+from hulldown.assets.library import Assets
+from hulldown.planning.config import parse_config
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.relabel import relabeled
+from hulldown.planning.row import PlannedVehicle, Row, encode, fields
 
 ROUNDING = 1e-6  # largest difference of a number from another processor's: meters, degrees, pixels, shares
 MOST = 1000  # findings that are listed

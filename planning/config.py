@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import ConfigError
-from geometry.toml_files import read_toml, validated
-from planning.schema import Config
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.toml_files import read_toml, validated
+from hulldown.planning.schema import Config
 
 HDRI_SUFFIXES = (".exr", ".hdr")
 

@@ -1,6 +1,6 @@
 """The keys of a config as people read them: defaults, allowed values, and meanings, from the schema alone.
 
-`python -m planning.config_keys` rewrites the tables of docs/config.md.
+`python -m hulldown.planning.config_keys` rewrites the tables of docs/config.md.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any, Literal, get_args, get_origin
 import tomlkit
 from pydantic.fields import FieldInfo
 
-from planning.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
-from planning.paint import PaintEntry
-from planning.schema import Config
-from planning.section import Section
+from hulldown.planning.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.paint import PaintEntry
+from hulldown.planning.schema import Config
+from hulldown.planning.section import Section
 
 PAGE = Path(__file__).parents[1] / "docs" / "config.md"
 ENTRIES: Mapping[str, type[Section]] = MappingProxyType(

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from assets.library import Assets
-from camera.response import ALBEDO, FARTHEST_EV, metered
-from planning.draws import Draws, Purpose, between
-from planning.row import Row, rounded
-from planning.schema import LightSection
+from hulldown.assets.library import Assets
+from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
+from hulldown.planning.draws import Draws, Purpose, between
+from hulldown.planning.row import Row, rounded
+from hulldown.planning.schema import LightSection
 
 
 def exposures(

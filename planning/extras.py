@@ -9,11 +9,11 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-from geometry.portable import sin_cos
-from planning.budget import Budget, Positions
-from planning.draws import Draws, Purpose, between, choose
-from planning.schema import Config
-from planning.stage import PlanStage
+from hulldown.geometry.portable import sin_cos
+from hulldown.planning.budget import Budget, Positions
+from hulldown.planning.draws import Draws, Purpose, between, choose
+from hulldown.planning.schema import Config
+from hulldown.planning.stage import PlanStage
 
 MOST = 64  # of one kind in an image; a guest's number and a try's are told apart by it
 _NUMBERS = 1 + MOST  # drawn for each guest: its model, its articulation

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
 
-from geometry.errors import AssetError
-from planning.config import HDRI_SUFFIXES
-from planning.template import config_text
-from reading.formats import SUFFIXES
-from reading.hdri import read_hdris
-from reading.inspect import inspect
-from reading.report import FileReport
-from reading.sky_report import REMEDY
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.geometry.errors import AssetError
+from hulldown.planning.config import HDRI_SUFFIXES
+from hulldown.planning.template import config_text
+from hulldown.reading.formats import SUFFIXES
+from hulldown.reading.hdri import read_hdris
+from hulldown.reading.inspect import inspect
+from hulldown.reading.report import FileReport
+from hulldown.reading.sky_report import REMEDY
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 # What the names of folders say of the files in them; the contents of the others decide.
 KINDS = {

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from camera.target import PosedVehicle
-from geometry.arrays import joined
-from geometry.transforms import apply, compose
-from planning.row import rounded
-from planning.stage import Fleet, Model
+from hulldown.camera.target import PosedVehicle
+from hulldown.geometry.arrays import joined
+from hulldown.geometry.transforms import apply, compose
+from hulldown.planning.row import rounded
+from hulldown.planning.stage import Fleet, Model
 
 
 @dataclass(frozen=True, eq=False, slots=True)

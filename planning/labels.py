@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool
 
-from planning.aiming import Views
-from planning.row import Label, rounded
-from planning.schema import Config
+from hulldown.planning.aiming import Views
+from hulldown.planning.row import Label, rounded
+from hulldown.planning.schema import Config
 
 LONGEST_CUT = 0.8  # of a label's box that the frame cuts off, unless targets may lose more
 

@@ -8,11 +8,11 @@ from fnmatch import fnmatchcase
 import numpy as np
 from jaxtyping import Float, Int
 
-from geometry.errors import ConfigError
-from planning.air import Air, draw_air
-from planning.draws import Draws, Purpose, between, choose
-from planning.schema import LightSection
-from planning.weather_section import WeatherSection
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.air import Air, draw_air
+from hulldown.planning.draws import Draws, Purpose, between, choose
+from hulldown.planning.schema import LightSection
+from hulldown.planning.weather_section import WeatherSection
 
 
 @dataclass(frozen=True, eq=False, slots=True)

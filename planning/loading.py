@@ -10,25 +10,25 @@ from pathlib import Path
 
 import numpy as np
 
-from assets.bundle import load_scenery, load_vehicle
-from assets.library import AssetFile, Assets
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError, ConfigError
-from planning.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from planning.config import Config, hdri_paths, parse_config
-from planning.paint import paint_doubts, paint_notes
-from planning.plan_file import Plan
-from planning.row import HdriSource, Source
-from reading.cache import cached
-from reading.export import Exported
-from reading.hdri import Hdri, read_hdris, refuse_no_hdri
-from reading.inspect import Inspected, draw
-from reading.options import Options
-from reading.part_names import GUN_PART, TURRET_PART
-from reading.report import FileReport, refuse_missing
-from reading.sky_report import REMEDY
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.planning.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config import Config, hdri_paths, parse_config
+from hulldown.planning.paint import paint_doubts, paint_notes
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import HdriSource, Source
+from hulldown.reading.cache import cached
+from hulldown.reading.export import Exported
+from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
+from hulldown.reading.inspect import Inspected, draw
+from hulldown.reading.options import Options
+from hulldown.reading.part_names import GUN_PART, TURRET_PART
+from hulldown.reading.report import FileReport, refuse_missing
+from hulldown.reading.sky_report import REMEDY
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 
 @dataclass(frozen=True, eq=False, slots=True)

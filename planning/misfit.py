@@ -7,7 +7,7 @@ import re
 import msgspec
 from msgspec import Struct
 
-from planning.row import PlannedVehicle, fields
+from hulldown.planning.row import PlannedVehicle, fields
 
 _PLACE = re.compile(
     r"`(?:key in )?\$\.?(?P<path>(?:(?P<list>companions|distractors)\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$"

@@ -17,10 +17,10 @@ from msgspec import Meta, Struct
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
-from geometry.color import linear_color
-from planning.draws import Draws, Purpose, between
-from planning.section import Section, ranged
-from reading.paintable import MaterialRow, matches, painted
+from hulldown.geometry.color import linear_color
+from hulldown.planning.draws import Draws, Purpose, between
+from hulldown.planning.section import Section, ranged
+from hulldown.reading.paintable import MaterialRow, matches, painted
 
 OWN = "own"
 COMPANIONS, DISTRACTORS = 1, 65  # places in a row from which on they are; the target's is 0

@@ -13,14 +13,14 @@ from fnmatch import fnmatchcase
 import numpy as np
 from jaxtyping import Float, Int
 
-from geometry.errors import ConfigError
-from planning.air import draw_air
-from planning.budget import Budget
-from planning.draws import Draws
-from planning.row import LeftOut
-from planning.schema import Config
-from planning.search import Block, HopelessPosition, plan_block
-from planning.stage import Fleet, Model, PlanStage, Site
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.air import draw_air
+from hulldown.planning.budget import Budget
+from hulldown.planning.draws import Draws
+from hulldown.planning.row import LeftOut
+from hulldown.planning.schema import Config
+from hulldown.planning.search import Block, HopelessPosition, plan_block
+from hulldown.planning.stage import Fleet, Model, PlanStage, Site
 
 # A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a
 # place, each one without costs all tries. Their numbers are beyond those of any plan.

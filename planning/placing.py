@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from geometry.overlap import boxes_touch
-from geometry.transforms import apply, compose, invert_rigid, rigid
-from placement.rejection import Rejection
-from placement.settle import Settled, SettleRules, depth_below, settle_each
-from planning.instances import Instances
-from planning.row import rounded
-from planning.schema import Config
-from planning.stage import Site
+from hulldown.geometry.overlap import boxes_touch
+from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import Settled, SettleRules, depth_below, settle_each
+from hulldown.planning.instances import Instances
+from hulldown.planning.row import rounded
+from hulldown.planning.schema import Config
+from hulldown.planning.stage import Site
 
 ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
 

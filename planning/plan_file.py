@@ -19,11 +19,11 @@ import msgspec
 import numpy as np
 from jaxtyping import Int
 
-from geometry.errors import ConfigError
-from geometry.files import open_in_place
-from planning.misfit import misfit
-from planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
-from planning.tally import BY_KEY
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.files import open_in_place
+from hulldown.planning.misfit import misfit
+from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
+from hulldown.planning.tally import BY_KEY
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'

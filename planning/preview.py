@@ -9,23 +9,23 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from annotate.drawing import contact_sheet, draw
-from annotate.sheets import save_sheet
-from assets.library import Assets
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from camera.response import ALBEDO
-from camera.target import PosedVehicle
-from camera.weather_kinds import Weather
-from geometry.color import LUMINANCE
-from geometry.errors import ConfigError
-from planning.config import parse_config
-from planning.exposure import card
-from planning.paint import previewed
-from planning.plan_file import Plan
-from planning.row import PlannedVehicle, Row
-from planning.shading import look, paint_of, sun_of
-from planning.stage import PlanStage, make_stage
+from hulldown.annotate.drawing import contact_sheet, draw
+from hulldown.annotate.sheets import save_sheet
+from hulldown.assets.library import Assets
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.response import ALBEDO
+from hulldown.camera.target import PosedVehicle
+from hulldown.camera.weather_kinds import Weather
+from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config import parse_config
+from hulldown.planning.exposure import card
+from hulldown.planning.paint import previewed
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import PlannedVehicle, Row
+from hulldown.planning.shading import look, paint_of, sun_of
+from hulldown.planning.stage import PlanStage, make_stage
 
 TILE_WIDTH = 480
 HIGHEST = 4  # times its width that a picture is high, at most

@@ -17,12 +17,12 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from camera.weather_kinds import Weather
-from geometry.files import PICTURE_NAME
-from planning.paint import Coat
-from planning.pose import decoded_pose
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.weather_kinds import Weather
+from hulldown.geometry.files import PICTURE_NAME
+from hulldown.planning.paint import Coat
+from hulldown.planning.pose import decoded_pose
 
 FORMAT = 2
 

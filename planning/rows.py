@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from assets.library import Assets
-from placement.rejection import Rejection
-from planning.aiming import Views
-from planning.draws import Draws
-from planning.exposure import exposures
-from planning.extras import Role
-from planning.instances import Instances
-from planning.labels import labels_of
-from planning.light import Lights
-from planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
-from planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
-from planning.schema import Config
-from planning.search import Block, Planned, Table
+from hulldown.assets.library import Assets
+from hulldown.placement.rejection import Rejection
+from hulldown.planning.aiming import Views
+from hulldown.planning.draws import Draws
+from hulldown.planning.exposure import exposures
+from hulldown.planning.extras import Role
+from hulldown.planning.instances import Instances
+from hulldown.planning.labels import labels_of
+from hulldown.planning.light import Lights
+from hulldown.planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
+from hulldown.planning.schema import Config
+from hulldown.planning.search import Block, Planned, Table
 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 

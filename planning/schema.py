@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
-from camera.response import COOLEST, FARTHEST_EV, WARMEST
-from planning.asset_sections import AssetsSection
-from planning.paint import PaintEntry
-from planning.section import AtLeastZero, Pair, Patterns, Section, are_numbers
-from planning.section import ranged as _range
-from planning.weather_section import WeatherSection
+from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
+from hulldown.planning.asset_sections import AssetsSection
+from hulldown.planning.paint import PaintEntry
+from hulldown.planning.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.section import ranged as _range
+from hulldown.planning.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
 

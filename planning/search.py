@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.arrays import joined
-from geometry.errors import ConfigError
-from placement.candidates import candidates
-from placement.rejection import Rejection
-from placement.settle import Settled
-from planning.aiming import Views, no_views, try_cameras, views_of_others
-from planning.columns import join, put, take
-from planning.draws import Draws, Purpose, RowStreams
-from planning.extras import MOST, Extras, Role, offsets
-from planning.instances import Instances, drawn_angles
-from planning.placing import clear_of_vehicles, settle_clear, unsettled
-from planning.schema import Config
-from planning.stage import Fleet, Site
-from planning.tally import AIMING, KINDS, PLACING, sentence, tally
+from hulldown.geometry.arrays import joined
+from hulldown.geometry.errors import ConfigError
+from hulldown.placement.candidates import candidates
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import Settled
+from hulldown.planning.aiming import Views, no_views, try_cameras, views_of_others
+from hulldown.planning.columns import join, put, take
+from hulldown.planning.draws import Draws, Purpose, RowStreams
+from hulldown.planning.extras import MOST, Extras, Role, offsets
+from hulldown.planning.instances import Instances, drawn_angles
+from hulldown.planning.placing import clear_of_vehicles, settle_clear, unsettled
+from hulldown.planning.schema import Config
+from hulldown.planning.stage import Fleet, Site
+from hulldown.planning.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from camera.weather import air_contrast
-from camera.weather_kinds import KINDS, Weather
-from camera.world import Kind, World
+from hulldown.camera.weather import air_contrast
+from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.camera.world import Kind, World
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from camera.framing import frame_target
-from camera.intrinsics import Lenses
-from camera.shell import camera_pose
-from camera.size import Measure, ProjectedSize, solve_distance
-from geometry.uniform import UniformNumbers
-from planning.instances import Instances
-from planning.schema import CameraSection, RenderSection
+from hulldown.camera.framing import frame_target
+from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.size import Measure, ProjectedSize, solve_distance
+from hulldown.geometry.uniform import UniformNumbers
+from hulldown.planning.instances import Instances
+from hulldown.planning.schema import CameraSection, RenderSection
 
 # Framing turns the camera, which changes the size a little; the distance that restores it changes the framing less.
 ROUNDS = 4

@@ -9,19 +9,19 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
-from annotate.boxes import VehicleBoxes
-from assets.library import Assets
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from camera.clearance import CameraRoom
-from camera.target import VehicleTarget
-from camera.world import Plane, World
-from geometry.rays import RayCaster
-from placement.clearance import Obstacles
-from placement.footprint import underside
-from placement.settle import Footing, stacked
-from placement.terrain import Terrain
-from planning.schema import Config
+from hulldown.annotate.boxes import VehicleBoxes
+from hulldown.assets.library import Assets
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.clearance import CameraRoom
+from hulldown.camera.target import VehicleTarget
+from hulldown.camera.world import Plane, World
+from hulldown.geometry.rays import RayCaster
+from hulldown.placement.clearance import Obstacles
+from hulldown.placement.footprint import underside
+from hulldown.placement.settle import Footing, stacked
+from hulldown.placement.terrain import Terrain
+from hulldown.planning.schema import Config
 
 CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at
 _BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles

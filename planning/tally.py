@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Int
 
-from placement.rejection import Rejection
+from hulldown.placement.rejection import Rejection
 
 _PLACING_TOO = (Rejection.WATER, Rejection.DARK)
 PLACING = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW or r in _PLACING_TOO)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from planning.config_keys import ENTRIES, Key, keys_of, sections, toml_value
-from planning.schema import PROFILES, Config
+from hulldown.planning.config_keys import ENTRIES, Key, keys_of, sections, toml_value
+from hulldown.planning.schema import PROFILES, Config
 
 _WIDTH = 120
 # One of two alternatives has to be given, so that the first has a value.

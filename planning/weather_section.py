@@ -7,9 +7,9 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from camera.weather import GHOST
-from camera.weather_kinds import KINDS
-from planning.section import Section, ranged
+from hulldown.camera.weather import GHOST
+from hulldown.camera.weather_kinds import KINDS
+from hulldown.planning.section import Section, ranged
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Covers = Annotated[tuple[float, float], ranged(0.0, 1.0)]

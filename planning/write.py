@@ -16,13 +16,13 @@ from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
 
-from assets.library import AssetFile, Assets
-from geometry.errors import ConfigError
-from planning.pairs import Pairs
-from planning.plan_file import Plan, PlanWriter, read_plan
-from planning.planner import BLOCK, Planner
-from planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
-from planning.schema import Config
+from hulldown.assets.library import AssetFile, Assets
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.pairs import Pairs
+from hulldown.planning.plan_file import Plan, PlanWriter, read_plan
+from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
+from hulldown.planning.schema import Config
 
 Progress = Callable[[int, int], None]
 _AHEAD = 3  # blocks a worker may be ahead of the file: bounds memory when one block is slow

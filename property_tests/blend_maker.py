@@ -15,7 +15,7 @@ from pathlib import Path
 
 import bpy
 
-from reading.blender import duplicates, reader
+from hulldown.reading.blender import duplicates, reader
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all there is; the limits of reading are tested elsewhere
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from geometry.errors import ConfigError
-from planning.config import load_config, parse_config
-from planning.schema import Config
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config import load_config, parse_config
+from hulldown.planning.schema import Config
 
 # 20,000 inputs in the thorough profile.
 MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))

@@ -17,12 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from dataset.coco import CocoDataset
-from dataset.export import export
-from dataset.join import join
-from dataset.seals import PICTURE_KEY, digest
-from dataset.verify import verify
-from geometry.errors import HulldownError
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.export import export
+from hulldown.dataset.join import join
+from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import HulldownError
 
 # 20,000 inputs in the thorough profile.
 MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))

@@ -16,22 +16,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dataset.runs import plan_key
-from geometry.errors import ConfigError, HulldownError
-from planning.check import check_rows
-from planning.config import parse_config
-from planning.loading import load_planned_assets, refuse_changed
-from planning.plan_file import Plan, read_plan
-from planning.planner import Planner
-from planning.preview import Artist
-from planning.row import Row
-from planning.schema import Config
-from planning.summary import summarise
-from planning.write import write_plan
-from render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
-from render.messages import Settings
-from render.remaining import Outline
-from tests.planning_assets import hills, small_assets, small_config
+from hulldown.dataset.runs import plan_key
+from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.planning.check import check_rows
+from hulldown.planning.config import parse_config
+from hulldown.planning.loading import load_planned_assets, refuse_changed
+from hulldown.planning.plan_file import Plan, read_plan
+from hulldown.planning.planner import Planner
+from hulldown.planning.preview import Artist
+from hulldown.planning.row import Row
+from hulldown.planning.schema import Config
+from hulldown.planning.summary import summarise
+from hulldown.planning.write import write_plan
+from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
+from hulldown.render.messages import Settings
+from hulldown.render.remaining import Outline
+from hulldown.tests.planning_assets import hills, small_assets, small_config
 
 # 20,000 inputs in the thorough profile.
 MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))

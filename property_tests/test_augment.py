@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from training.augment import TABLE, Augmenter, Sample, changed_table
-from training.data import at_work_size, example
+from hulldown.training.augment import TABLE, Augmenter, Sample, changed_table
+from hulldown.training.data import at_work_size, example
 
 WIDTH, HEIGHT = 96, 64
 FULL = Augmenter(TABLE, height=HEIGHT)

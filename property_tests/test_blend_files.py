@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, event, given, settings
 
-from assets.bundle import load_scenery, load_vehicle
-from property_tests.blend_cases import cases
-from reading.export import exported_by
-from reading.inspect import draw
-from reading.options import Options
+from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.property_tests.blend_cases import cases
+from hulldown.reading.export import exported_by
+from hulldown.reading.inspect import draw
+from hulldown.reading.options import Options
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKER = Path(__file__).with_name("blend_maker.py")

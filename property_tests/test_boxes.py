@@ -12,17 +12,17 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-import annotate.clusters
-from annotate.boxes import VehicleBoxes, surface_box
-from annotate.clipping import Frustum, extremes_of_clipped, extremes_of_mesh
-from annotate.masks import mask_box, vehicle_mask
-from annotate.posing import PosedParts, move
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
-from camera.projection import NEAR, Camera
-from camera.target import PosedVehicle, VehicleTarget
-from geometry.meshes import Mesh
-from geometry.transforms import apply, rigid, rotation_about
+import hulldown.annotate.clusters
+from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.clipping import Frustum, extremes_of_clipped, extremes_of_mesh
+from hulldown.annotate.masks import mask_box, vehicle_mask
+from hulldown.annotate.posing import PosedParts, move
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply, rigid, rotation_about
 
 PIXEL_ERROR = 1e-6  # what the boxes promise; relative for boxes larger than a pixel's worth of digits
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
@@ -194,7 +194,7 @@ def test_the_fast_answer_is_the_rule(seed: int, frame: bool) -> None:
 def test_branch_and_bound_is_the_rule(seed: int, leaf: int, group: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     shape, pose, camera, articulation = random_view(seed)
-    with mock.patch.multiple(annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
+    with mock.patch.multiple(hulldown.annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
         boxes = VehicleBoxes(shape)
         for _ in range(6):
             for frame in (True, False):

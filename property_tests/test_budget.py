@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.budget import make_budget
-from planning.schema import BudgetSection
+from hulldown.planning.budget import make_budget
+from hulldown.planning.schema import BudgetSection
 
 CLASSES = st.lists(st.integers(1, 5), min_size=1, max_size=5)
 

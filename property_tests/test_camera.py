@@ -6,12 +6,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camera.framing import frame_target, turned
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera, project
-from camera.shell import camera_pose
-from camera.size import solve_distance
-from tests.oracles.extent import extent
+from hulldown.camera.framing import frame_target, turned
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera, project
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.size import solve_distance
+from hulldown.tests.oracles.extent import extent
 
 widths = st.integers(1, 4096)
 lenses = st.builds(

@@ -16,13 +16,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import dataset.coco
-import dataset.document
-from dataset.coco import CocoDataset
-from dataset.document import read_coco, read_document
-from dataset.join import join
-from dataset.record_lines import OtherLayoutError, read_by_line
-from geometry.errors import DatasetError
+import hulldown.dataset.coco
+import hulldown.dataset.document
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco, read_document
+from hulldown.dataset.join import join
+from hulldown.dataset.record_lines import OtherLayoutError, read_by_line
+from hulldown.geometry.errors import DatasetError
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
 numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
@@ -198,7 +198,7 @@ def test_a_join_that_is_killed_loses_and_doubles_nothing() -> None:
             child = os.fork()
             if child == 0:
                 try:
-                    dataset.coco.MERGE_EVERY_S, dataset.coco.MERGE_SHARE = 0.0, 0.5
+                    hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
                     join(parts, folder / "joined", progress=lambda done, of, tell=tell: os.write(tell, b"x"))
                 finally:
                     os._exit(0)
@@ -253,7 +253,7 @@ def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[i
     if child == 0:
         try:
             # Merging all the time, so that kills fall into it too.
-            dataset.coco.MERGE_EVERY_S, dataset.coco.MERGE_SHARE = 0.0, 0.5
+            hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
             append_planned(folder, total, tell)
         finally:
             os._exit(0)
@@ -308,7 +308,7 @@ def test_by_line_reads_what_a_parser_of_the_whole_reads(batch: list, changes: li
                 head, images, boxed = read_by_line(file)
                 assert {**head, "images": list(images), "annotations": list(boxed)} == json.loads(content)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(dataset.document, "read_by_line", Mock(side_effect=OtherLayoutError))
+            patch.setattr(hulldown.dataset.document, "read_by_line", Mock(side_effect=OtherLayoutError))
             assert found == state(folder)
 
 

@@ -6,13 +6,13 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tests.detections import loaded, random_case
-from tests.test_matching import assert_official
-from training.average_precision import average_precision
-from training.bootstrap import share_interval
-from training.matching import match, overlapping
-from training.metrics import confusion, figures, outcomes, sums_by
-from training.tide import errors
+from hulldown.tests.detections import loaded, random_case
+from hulldown.tests.test_matching import assert_official
+from hulldown.training.average_precision import average_precision
+from hulldown.training.bootstrap import share_interval
+from hulldown.training.matching import match, overlapping
+from hulldown.training.metrics import confusion, figures, outcomes, sums_by
+from hulldown.training.tide import errors
 
 CASES = st.builds(
     random_case,

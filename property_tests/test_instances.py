@@ -4,12 +4,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.boxtree import BoxTree
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.overlap import triangles_touch_box
-from geometry.rays import RayCaster
-from geometry.transforms import apply
+from hulldown.geometry.boxtree import BoxTree
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.overlap import triangles_touch_box
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import apply
 
 # float32 about the centre of a scene some 20 m wide, seen at grazing angles.
 CLOSE = 2e-4

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from assets.skylight import level_irradiance, row_weights
-from camera.response import ALBEDO, CARD, displayed, metered
-from geometry.color import LUMINANCE
+from hulldown.assets.skylight import level_irradiance, row_weights
+from hulldown.camera.response import ALBEDO, CARD, displayed, metered
+from hulldown.geometry.color import LUMINANCE
 
 
 @st.composite

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as pycocotools_mask
 
-from annotate.masks import area, decode, encode, iou, mask_box
+from hulldown.annotate.masks import area, decode, encode, iou, mask_box
 
 sizes = st.tuples(st.integers(1, 24), st.integers(1, 24))
 noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))

@@ -8,19 +8,19 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from annotate.boxes import surface_box
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from camera.weather_kinds import KINDS
-from geometry.errors import ConfigError
-from geometry.rays import RayCaster
-from geometry.transforms import apply
-from placement.terrain import Terrain
-from planning.planner import Planner
-from planning.relabel import relabeled
-from planning.row import encode_rows
-from render.annotations import Segmenter
-from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
+from hulldown.annotate.boxes import surface_box
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.weather_kinds import KINDS
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import apply
+from hulldown.placement.terrain import Terrain
+from hulldown.planning.planner import Planner
+from hulldown.planning.relabel import relabeled
+from hulldown.planning.row import encode_rows
+from hulldown.render.annotations import Segmenter
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
 # What rows are rounded to: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -108,8 +108,8 @@ def planned(config):
 @pytest.fixture(scope="module", autouse=True)
 def give_up_soon():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planning.search.BLIND_PLACES", 4)
-        patch.setattr("planning.search.CROWDED_PLACES", 4)
+        patch.setattr("hulldown.planning.search.BLIND_PLACES", 4)
+        patch.setattr("hulldown.planning.search.CROWDED_PLACES", 4)
         yield
 
 
@@ -314,5 +314,5 @@ def test_whether_a_plan_succeeds_never_depends_on_how_the_work_is_cut(config, tr
     cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
     whole = outcome(config, [])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planning.search.CANDIDATES", candidates)
+        patch.setattr("hulldown.planning.search.CANDIDATES", candidates)
         assert outcome(config, cuts) == whole

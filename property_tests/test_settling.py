@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.meshes import Mesh
-from geometry.transforms import apply, facing, rigid, rotation_z
-from placement.candidates import candidates
-from placement.footprint import Underside, underside_samples
-from placement.rejection import Rejection
-from placement.settle import settle
-from placement.terrain import Terrain
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply, facing, rigid, rotation_z
+from hulldown.placement.candidates import candidates
+from hulldown.placement.footprint import Underside, underside_samples
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import settle
+from hulldown.placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.meshes import Mesh
-from placement.terrain import Terrain
-from tests.oracles.top_hits import angle, exact_tops
+from hulldown.geometry.meshes import Mesh
+from hulldown.placement.terrain import Terrain
+from hulldown.tests.oracles.top_hits import angle, exact_tops
 
 HEIGHT_ULPS = 8  # of the largest |z| of the ground: what top_hits promises
 NORMAL_ERROR = 1e-12  # radians: likewise

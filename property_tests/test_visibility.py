@@ -6,18 +6,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from assets.vehicle import VehicleShape
-from camera.beams import passed_in_beams
-from camera.intrinsics import Intrinsics
-from camera.pencils import Pencils
-from camera.shell import camera_pose
-from camera.target import VehicleTarget
-from camera.visibility import visible_fraction
-from camera.world import Plane, World
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster
-from geometry.transforms import rigid, rotation_about
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.beams import passed_in_beams
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.pencils import Pencils
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.target import VehicleTarget
+from hulldown.camera.visibility import visible_fraction
+from hulldown.camera.world import Plane, World
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import rigid, rotation_about
 
 CORNERS = np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
 FACES = np.array(

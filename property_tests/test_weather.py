@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camera.weather import air_contrast, rain_visibility_m, wetness
-from planning.air import NAMES, draw_air
-from planning.draws import Draws
-from planning.weather_section import WeatherSection
+from hulldown.camera.weather import air_contrast, rain_visibility_m, wetness
+from hulldown.planning.air import NAMES, draw_air
+from hulldown.planning.draws import Draws
+from hulldown.planning.weather_section import WeatherSection
 
 IMAGES = np.arange(2000)
 METRES = st.floats(1.0, 1e6)

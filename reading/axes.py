@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from reading.solids import Solids
+from hulldown.reading.solids import Solids
 
 UPS = ("z", "-z", "y", "-y", "x", "-x")
 PARALLEL = float(np.cos(np.radians(4.0)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from geometry.color import LUMINANCE
+from hulldown.geometry.color import LUMINANCE
 
 ROWS = 128  # of the map that is judged: 1.4 degrees each
 FEWEST = 32  # rows that tell anything

@@ -9,23 +9,23 @@ from difflib import get_close_matches
 import numpy as np
 from jaxtyping import Float
 
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError
-from geometry.meshes import Mesh, merge
-from geometry.transforms import apply
-from placement.footprint import contact_footprint
-from reading.evaluated import Evaluated
-from reading.nose import forward_said
-from reading.options import Options
-from reading.part_names import GUN_PART, TURRET_PART
-from reading.parts import Asked, Parts, find_parts
-from reading.report import PartRow
-from reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
-from reading.scenery_roles import removed_names, unmatched
-from reading.stance import Upright, heading, vehicle_from_upright
-from reading.strays import find_strays
-from reading.wet_faces import dry_part, is_partly_water, wet_part
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.transforms import apply
+from hulldown.placement.footprint import contact_footprint
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.nose import forward_said
+from hulldown.reading.options import Options
+from hulldown.reading.part_names import GUN_PART, TURRET_PART
+from hulldown.reading.parts import Asked, Parts, find_parts
+from hulldown.reading.report import PartRow
+from hulldown.reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
+from hulldown.reading.scenery_roles import removed_names, unmatched
+from hulldown.reading.stance import Upright, heading, vehicle_from_upright
+from hulldown.reading.strays import find_strays
+from hulldown.reading.wet_faces import dry_part, is_partly_water, wet_part
 
 KILOMETRE = 1000.0
 NAMES = (

@@ -21,15 +21,15 @@ from typing import Any
 
 from filelock import FileLock
 
-from assets.bundle import FORMAT
-from geometry.errors import AssetError
-from geometry.files import open_regular, replacing
-from reading.export import Exported, export
-from reading.formats import format_of
-from reading.landlock import asset_folders, is_inside, unconfined
-from reading.options import Options
-from reading.report import FileReport
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.assets.bundle import FORMAT
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.files import open_regular, replacing
+from hulldown.reading.export import Exported, export
+from hulldown.reading.formats import format_of
+from hulldown.reading.landlock import asset_folders, is_inside, unconfined
+from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 EXPORTER = 11
 CHUNK = 1 << 20

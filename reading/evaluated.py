@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool
 
-from geometry.meshes import Mesh
-from reading.roles import Link, Piece
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.roles import Link, Piece
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,15 +12,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import AssetError
-from reading.formats import format_of
-from reading.landlock import asset_folders, confined
-from reading.options import Options
-from reading.references import refuse_odd_references
-from reading.report import FileReport
-from reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.formats import format_of
+from hulldown.reading.landlock import asset_folders, confined
+from hulldown.reading.options import Options
+from hulldown.reading.references import refuse_odd_references
+from hulldown.reading.report import FileReport
+from hulldown.reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 
-ROOT = Path(__file__).resolve().parents[1]
 LAST_WORDS = 2000  # characters of what Blender said before it crashed
 DEFAULTS = Options()
 
@@ -143,14 +142,13 @@ def ask_reader(jobs: Sequence[Mapping[str, Any]], *, limits: ReadLimits = DEFAUL
         job_files.append(folder / f"job-{number}.json")
         job_files[-1].write_text(json.dumps(job), encoding="utf-8")
     temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=folder))
-    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     # -P: a folder `reading` where the user happens to be must not come first. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
-    command = [sys.executable, "-P", "-m", "reading.blender.reader", *map(str, job_files)]
+    command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
     try:
         ended = watched(
             confined(command, read=[f for job in jobs for f in asset_folders(Path(job["path"]))], write=[folder]),
-            env={**os.environ, "PYTHONPATH": python_path, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
             limits=limits,
         )
         return [_answer(job, ended) for job in jobs]

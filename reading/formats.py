@@ -6,7 +6,7 @@ import json
 import stat
 from pathlib import Path
 
-from geometry.errors import AssetError
+from hulldown.geometry.errors import AssetError
 
 MAGIC = {
     b"BLENDER": "blend",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from geometry.meshes import Mesh
+from hulldown.geometry.meshes import Mesh
 
 SIDES = 4
 TURN = 2 * np.pi * np.arange(SIDES) / SIDES

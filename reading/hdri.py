@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from assets.skylight import SkyLight
-from geometry.color import LUMINANCE
-from geometry.errors import AssetError
-from reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
-from reading.export import ask_reader
-from reading.formats import refuse_no_file
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.assets.skylight import SkyLight
+from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
+from hulldown.reading.export import ask_reader
+from hulldown.reading.formats import refuse_no_file
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"

@@ -11,17 +11,17 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from annotate.drawing import contact_sheet
-from annotate.sheets import save_sheet
-from assets.bundle import load_scenery, load_vehicle
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import Kind, World, WorldHits
-from geometry.errors import AssetError
-from reading.export import export
-from reading.report import FileReport, refuse_missing
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.annotate.drawing import contact_sheet
+from hulldown.annotate.sheets import save_sheet
+from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import Kind, World, WorldHits
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.export import export
+from hulldown.reading.report import FileReport, refuse_missing
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 # Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)

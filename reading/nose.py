@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from assets.naming import FRONT, REAR, says
-from reading.axes import PARALLEL, Wheels
-from reading.solids import Solids
+from hulldown.assets.naming import FRONT, REAR, says
+from hulldown.reading.axes import PARALLEL, Wheels
+from hulldown.reading.solids import Solids
 
 SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
 SLENDER = 7.0  # a gun's barrel is longer than this many times its width

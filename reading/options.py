@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from assets.textures import TEXTURE_SIZE
+from hulldown.assets.textures import TEXTURE_SIZE
 
 
 @dataclass(frozen=True, slots=True)

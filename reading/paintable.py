@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from assets.naming import NOT_PAINT, PAINT, says
+from hulldown.assets.naming import NOT_PAINT, PAINT, says
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from assets.naming import (
+from hulldown.assets.naming import (
     GUN,
     GUN_HINTS,
     LAUNCHER,
@@ -17,7 +17,7 @@ from assets.naming import (
     hints,
     says,
 )
-from reading.roles import Link
+from hulldown.reading.roles import Link
 
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 Key = tuple[str, bytes]

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import ARMED, BODY, FRONT, REAR, VEHICLE, says
-from reading.nose import gun_barrel, rising
-from reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
-from reading.pivots import RING
-from reading.roles import Link, Piece
-from reading.solids import Solids
+from hulldown.assets.naming import ARMED, BODY, FRONT, REAR, VEHICLE, says
+from hulldown.reading.nose import gun_barrel, rising
+from hulldown.reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.pivots import RING
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.solids import Solids
 
 STUBBY = 2.5  # times its width; what is shorter points nowhere
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun

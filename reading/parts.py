@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from geometry.transforms import apply
-from reading.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
-from reading.part_shapes import by_shape, riding, screened, unnamed
-from reading.pivots import PIVOT_KEYS, Pivot, cheeks, find_pivot, gun_guess, nodes_of, turret_guess
-from reading.roles import Link, Piece
-from reading.solids import Solids, no_solids
+from hulldown.geometry.transforms import apply
+from hulldown.reading.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.part_shapes import by_shape, riding, screened, unnamed
+from hulldown.reading.pivots import PIVOT_KEYS, Pivot, cheeks, find_pivot, gun_guess, nodes_of, turret_guess
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.solids import Solids, no_solids
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it

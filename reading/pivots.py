@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.distance import pdist
 
-from assets.naming import PIVOT, says, words
-from geometry.transforms import apply
-from reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
-from reading.roles import Link, Piece
-from reading.solids import Solids
+from hulldown.assets.naming import PIVOT, says, words
+from hulldown.geometry.transforms import apply
+from hulldown.reading.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.solids import Solids
 
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
 REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with

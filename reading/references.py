@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from geometry.errors import AssetError
-from reading.formats import kind_of_file, refuse_large_json
-from reading.landlock import asset_folders, is_inside
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.formats import kind_of_file, refuse_large_json
+from hulldown.reading.landlock import asset_folders, is_inside
 
 AGAIN = "export it again"
 GLB_JSON = b"JSON"

@@ -11,8 +11,8 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from geometry.errors import AssetError
-from reading.paintable import MaterialRow
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, says, words
+from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, says, words
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else

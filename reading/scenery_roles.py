@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
-from reading.options import Options
-from reading.roles import Piece, Role
-from reading.shape import ground_by_shape, is_wide_and_level, sheets_between
+from hulldown.assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
+from hulldown.reading.options import Options
+from hulldown.reading.roles import Piece, Role
+from hulldown.reading.shape import ground_by_shape, is_wide_and_level, sheets_between
 
 LEVELS = ("object", "mesh", "collection", "material")
 VOLUME = "has volume shaders only"

@@ -11,9 +11,9 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from camera.response import ALBEDO, metered
-from reading.hdri import Hdri, read_hdris
-from reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.camera.response import ALBEDO, metered
+from hulldown.reading.hdri import Hdri, read_hdris
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 REMEDY = '`light.backdrop = "sky"` hides it and keeps its light'
 

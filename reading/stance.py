@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
-from geometry.transforms import apply, rotation_z
-from reading.axes import Up, Wheels, find_up, find_wheels, up_matrix
-from reading.evaluated import Evaluated
-from reading.nose import Forward, find_forward
-from reading.roles import Piece
-from reading.solids import Solids, find_solids
+from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
+from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.reading.axes import Up, Wheels, find_up, find_wheels, up_matrix
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.nose import Forward, find_forward
+from hulldown.reading.roles import Piece
+from hulldown.reading.solids import Solids, find_solids
 
 NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from assets.naming import FIGURES, STAGES, says, words
-from geometry.meshes import Mesh
-from reading.axes import Wheels
-from reading.roles import MUCH_LARGER, UNDERSIDE, Piece
+from hulldown.assets.naming import FIGURES, STAGES, says, words
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.axes import Wheels
+from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 
 # What Blender calls a new mesh, and how many vertices it has, None for any.
 PRIMITIVES = {

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import psutil
 
-from geometry.child import Child
+from hulldown.geometry.child import Child
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30

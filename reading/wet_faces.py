@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from geometry.meshes import Mesh
-from geometry.transforms import apply
-from reading.evaluated import Evaluated
-from reading.roles import Piece
-from reading.scenery_roles import is_water_name
-from reading.shape import is_wide_and_level, level_share
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.roles import Piece
+from hulldown.reading.scenery_roles import is_water_name
+from hulldown.reading.shape import is_wide_and_level, level_share
 
 NARROWEST = 1.0  # metres, as of water that is an object of its own
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from annotate.masks import area, encode, vehicle_mask
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import World
-from dataset.planned import label_records
-from planning.row import PlannedVehicle, Row
+from hulldown.annotate.masks import area, encode, vehicle_mask
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import World
+from hulldown.dataset.planned import label_records
+from hulldown.planning.row import PlannedVehicle, Row
 
 
 def annotation_records(row: Row, segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

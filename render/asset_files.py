@@ -18,11 +18,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from geometry.errors import AssetError
-from reading.blender.blocks import PATH, blocks, named_files, unpacked
-from reading.cache import sha256
-from reading.landlock import is_inside
-from render.jobs import RenderAssets
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.blocks import PATH, blocks, named_files, unpacked
+from hulldown.reading.cache import sha256
+from hulldown.reading.landlock import is_inside
+from hulldown.render.jobs import RenderAssets
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
 TILES = ("<UDIM>", "<UVTILE>")  # stand for a number in the names of textures

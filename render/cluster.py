@@ -23,8 +23,8 @@ from distributed import Client, Future, Security, get_worker
 from distributed.comm import CommClosedError
 from distributed.worker import thread_state
 
-from geometry.errors import HulldownError
-from render.scheduler import Scheduler
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.scheduler import Scheduler
 
 GONE_S = 15.0  # how long a scheduler may be out of reach
 LOOK_S = 1.0  # how often the client asks which workers there are

@@ -13,15 +13,15 @@ from typing import Any
 
 from distributed import Future, KilledWorker
 
-from geometry.code import versions
-from geometry.errors import HulldownError
-from render.asset_files import AssetNote, ClientFiles
-from render.cluster import Cluster
-from render.jobs import RenderAssets
-from render.messages import RenderJob, from_json
-from render.node import Answer, Order, refusal, render_row
-from render.pool import Limits, Stopped
-from render.scheduler import Scheduler
+from hulldown.geometry.code import versions
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.asset_files import AssetNote, ClientFiles
+from hulldown.render.cluster import Cluster
+from hulldown.render.jobs import RenderAssets
+from hulldown.render.messages import RenderJob, from_json
+from hulldown.render.node import Answer, Order, refusal, render_row
+from hulldown.render.pool import Limits, Stopped
+from hulldown.render.scheduler import Scheduler
 
 RESOURCE = "render"  # what `dask worker --resources "render=1"` declares
 IN_FLIGHT = 2  # tasks per worker: the one that it renders, and the next

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from reading.landlock import confined
+from hulldown.reading.landlock import confined
 
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")

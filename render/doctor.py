@@ -11,14 +11,12 @@ import platform
 import subprocess
 import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
-from reading.landlock import NETWORK_ABI, abi, confinement, unconfined
+from hulldown.reading.landlock import NETWORK_ABI, abi, confinement, unconfined
 
-ROOT = Path(__file__).resolve().parents[1]
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
@@ -36,7 +34,7 @@ DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pyc
 # Runs in a child: bpy may crash while it loads, and belongs in the main thread of its own process.
 PROBE = """
 import json, bpy
-from render.blender.cycles import available_devices
+from hulldown.render.blender.cycles import available_devices
 print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available_devices()}))
 """
 
@@ -118,10 +116,9 @@ def _loads(library: str) -> bool:
 
 def _probe_blender() -> dict | str:
     """Blender's version and devices, or why it did not start."""
-    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     # -P: what the folder has in which the user happens to be must not be taken for ours.
     command = [sys.executable, "-P", "-c", PROBE]
-    environment = {**os.environ, "PYTHONPATH": python_path}
+    environment = {**os.environ}
     try:
         child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     except subprocess.TimeoutExpired:

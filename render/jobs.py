@@ -13,19 +13,19 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import structs
 
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from camera.projection import NEAR
-from geometry.color import LUMINANCE, linear_color
-from geometry.errors import ConfigError
-from planning.loading import Library, load_planned_library
-from planning.paint import Coat
-from planning.plan_file import Plan
-from planning.row import PlannedVehicle, Row
-from reading.landlock import asset_folders
-from reading.paintable import MaterialRow, painted
-from reading.watch import DEFAULT_LIMITS, ReadLimits
-from render.messages import (
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.projection import NEAR
+from hulldown.geometry.color import LUMINANCE, linear_color
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.loading import Library, load_planned_library
+from hulldown.planning.paint import Coat
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import PlannedVehicle, Row
+from hulldown.reading.landlock import asset_folders
+from hulldown.reading.paintable import MaterialRow, painted
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.render.messages import (
     CameraInput,
     LightInput,
     MaskJob,

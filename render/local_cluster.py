@@ -10,10 +10,10 @@ from contextlib import contextmanager
 import dask
 from distributed import LocalCluster
 
-from geometry.child import Child
-from geometry.errors import HulldownError
-from render.cluster_pool import RESOURCE
-from render.node import SHARE_VARIABLE
+from hulldown.geometry.child import Child
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.cluster_pool import RESOURCE
+from hulldown.render.node import SHARE_VARIABLE
 
 RESOURCES = f"{RESOURCE}=1,train=1"
 HOST = "127.0.0.1"  # whoever reaches the port of a scheduler can run programs here

@@ -13,25 +13,25 @@ from jaxtyping import Bool
 from rich.markup import escape
 from rich.table import Table
 
-from annotate.masks import mask_box
-from dataset.document import read_coco
-from dataset.entries import is_box
-from dataset.look import appearance
-from dataset.picture_files import read_pixels
-from dataset.planned import not_annotated
-from dataset.records import Finding
-from dataset.runs import find_run
-from dataset.verify import compare
-from geometry.errors import DatasetError, HulldownError
-from planning.plan_file import Plan, read_plan
-from planning.row import Row
-from reading.watch import DEFAULT_LIMITS, ReadLimits
-from render.annotations import Segmenter
-from render.confinement import Confinement
-from render.jobs import RenderAssets, mask_job, render_assets
-from render.messages import to_json
-from render.pool import Pool
-from render.remaining import Outline
+from hulldown.annotate.masks import mask_box
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.entries import is_box
+from hulldown.dataset.look import appearance
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.dataset.planned import not_annotated
+from hulldown.dataset.records import Finding
+from hulldown.dataset.runs import find_run
+from hulldown.dataset.verify import compare
+from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.planning.plan_file import Plan, read_plan
+from hulldown.planning.row import Row
+from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.render.annotations import Segmenter
+from hulldown.render.confinement import Confinement
+from hulldown.render.jobs import RenderAssets, mask_job, render_assets
+from hulldown.render.messages import to_json
+from hulldown.render.pool import Pool
+from hulldown.render.remaining import Outline
 
 ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
 SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from camera.weather_kinds import Weather
+from hulldown.camera.weather_kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
 

@@ -18,15 +18,15 @@ from typing import Any
 from distributed import Worker, get_worker
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from geometry.code import MISSING, difference, versions
-from geometry.errors import HulldownError
-from reading import landlock
-from render.asset_files import AssetCache, AssetNote, cache_folder
-from render.cluster import wanted
-from render.confinement import Confinement
-from render.messages import RenderJob, to_json
-from render.png import damage
-from render.pool import Limits, Pool, Stopped
+from hulldown.geometry.code import MISSING, difference, versions
+from hulldown.geometry.errors import HulldownError
+from hulldown.reading import landlock
+from hulldown.render.asset_files import AssetCache, AssetNote, cache_folder
+from hulldown.render.cluster import wanted
+from hulldown.render.confinement import Confinement
+from hulldown.render.messages import RenderJob, to_json
+from hulldown.render.png import damage
+from hulldown.render.pool import Limits, Pool, Stopped
 
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
 PLUGIN = "hulldown-blender"

@@ -17,11 +17,11 @@ from typing import Any
 
 import psutil
 
-from geometry.errors import HulldownError
-from reading import landlock
-from render.confinement import Confinement
-from render.messages import StartJob, to_json
-from render.process import WorkerProcess, worker_command
+from hulldown.geometry.errors import HulldownError
+from hulldown.reading import landlock
+from hulldown.render.confinement import Confinement
+from hulldown.render.messages import StartJob, to_json
+from hulldown.render.process import WorkerProcess, worker_command
 
 POLL_S = 0.2  # how often time and memory are looked at
 NEARLY = 0.8  # of the memory limit: a worker that has grown so far is replaced between two jobs

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry.child import Child
-from render.blender.worker import ANSWER
-from render.confinement import Confinement
+from hulldown.geometry.child import Child
+from hulldown.render.blender.worker import ANSWER
+from hulldown.render.confinement import Confinement
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # what a worker gets to end by itself

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from dataset.coco import CocoDataset
-from dataset.runs import Run, plan_key
-from planning.plan_file import Plan
-from planning.row import Row
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.runs import Run, plan_key
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import Row
 
 
 class Outline:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from geometry.errors import HulldownError
+from hulldown.geometry.errors import HulldownError
 
 
 @dataclass(frozen=True, slots=True)

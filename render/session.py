@@ -14,25 +14,25 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from dataset.coco import CocoDataset
-from dataset.failures import read_failures, write_failures
-from dataset.pictures import confined, publish, unwritten
-from dataset.planned import image_record
-from dataset.provenance import add_provenance, read_provenance
-from dataset.seals import PICTURE_KEY, digest
-from geometry.errors import ConfigError
-from planning.config import parse_config
-from planning.plan_file import Plan
-from planning.row import Row
-from render.annotations import Segmenter, annotation_records
-from render.jobs import RenderAssets, render_job
-from render.messages import Settings, to_json
-from render.png import damage, without_notes
-from render.pool import Pool
-from render.remaining import Remaining, stamp_of
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.failures import read_failures, write_failures
+from hulldown.dataset.pictures import confined, publish, unwritten
+from hulldown.dataset.planned import image_record
+from hulldown.dataset.provenance import add_provenance, read_provenance
+from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config import parse_config
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import Row
+from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.png import damage, without_notes
+from hulldown.render.pool import Pool
+from hulldown.render.remaining import Remaining, stamp_of
 
 if TYPE_CHECKING:
-    from render.cluster_pool import ClusterPool
+    from hulldown.render.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies

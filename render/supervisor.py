@@ -12,21 +12,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dataset.coco import CocoDataset
-from dataset.pictures import confined
-from geometry.errors import HulldownError
-from planning.plan_file import read_plan
-from reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
-from reading.watch import ReadLimits
-from render.confinement import Confinement
-from render.jobs import RenderAssets, render_assets
-from render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
-from render.remaining import Outline, Remaining
-from render.scheduler import Scheduler, needing_dask
-from render.session import LOGS_NAME, Progress, Session
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.pictures import confined
+from hulldown.geometry.errors import HulldownError
+from hulldown.planning.plan_file import read_plan
+from hulldown.reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
+from hulldown.reading.watch import ReadLimits
+from hulldown.render.confinement import Confinement
+from hulldown.render.jobs import RenderAssets, render_assets
+from hulldown.render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
+from hulldown.render.remaining import Outline, Remaining
+from hulldown.render.scheduler import Scheduler, needing_dask
+from hulldown.render.session import LOGS_NAME, Progress, Session
 
 if TYPE_CHECKING:
-    from render.cluster_pool import ClusterPool
+    from hulldown.render.cluster_pool import ClusterPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class Engine:
                 confinement=Confinement(session.unfinished, assets.readable, gpu=self.device != "cpu"),
             )
         with needing_dask():
-            from render.cluster_pool import ClusterPool
+            from hulldown.render.cluster_pool import ClusterPool
         return ClusterPool(
             self.scheduler,
             assets,

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from planning.config import load_config
-from planning.loading import load_assets
-from planning.write import write_plan
-from render.jobs import render_job
-from render.messages import Settings, to_json
-from render.pool import Limits, Pool
+from hulldown.planning.config import load_config
+from hulldown.planning.loading import load_assets
+from hulldown.planning.write import write_plan
+from hulldown.render.jobs import render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.pool import Limits, Pool
 
 IMAGES = 12
 CONFIG = """

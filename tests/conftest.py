@@ -15,7 +15,7 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
-    from tests.messy_export import Messy
+    from hulldown.tests.messy_export import Messy
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
@@ -38,7 +38,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 @pytest.fixture(scope="session")
 def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
     """The messy files, built and exported once for the whole run."""
-    from tests.messy_export import build, load  # lazily: they import most of the code
+    from hulldown.tests.messy_export import build, load  # lazily: they import most of the code
 
     return load(made_once(tmp_path_factory, "messy", build))
 
@@ -46,7 +46,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of render_worlds.py, with tank, field, and grey sky in the cache; copy them before you write."""
-    from tests.blender_plans import make_worlds, plan_in
+    from hulldown.tests.blender_plans import make_worlds, plan_in
 
     def make(folder: Path) -> None:
         make_worlds(folder)
@@ -67,7 +67,7 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
     """A browser without a window, started once for the whole run."""
-    from tests.browser import chromium
+    from hulldown.tests.browser import chromium
 
     with chromium(tmp_path_factory.mktemp("profile")) as driver:
         yield driver

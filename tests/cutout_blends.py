@@ -12,8 +12,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from render.blender import cycles
-from render.blender.object_index import ONE_RAY, PIXEL_CENTRE
+from hulldown.render.blender import cycles
+from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTRE
 
 TEXELS = 24
 STEP, PIXELS = 1.2, 50  # metres from card to card, pixels to a metre

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from training.labels import Labels, labels_of
-from training.predictions import Predictions, predictions_of
+from hulldown.training.labels import Labels, labels_of
+from hulldown.training.predictions import Predictions, predictions_of
 
 HERE = Path("dataset")
 

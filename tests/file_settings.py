@@ -12,10 +12,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from reading.blender.opening import open_blend
-from render.blender import cycles
-from render.blender.scene import Stage
-from render.messages import Settings
+from hulldown.reading.blender.opening import open_blend
+from hulldown.render.blender import cycles
+from hulldown.render.blender.scene import Stage
+from hulldown.render.messages import Settings
 
 # What a scene has besides the settings of its picture: how it is edited, shown in a viewport, or drawn by others than
 # Cycles; its own units and frame, which are part of what it shows; and what every datablock has.

@@ -16,13 +16,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import bpy
 import numpy as np
 
-from camera.response import ALBEDO
-from camera.weather_kinds import airlight
-from reading.blender.pictures import _write
-from render.blender import cycles
-from render.blender.air import Fog
-from render.blender.light import HdriWorld
-from render.messages import Settings
+from hulldown.camera.response import ALBEDO
+from hulldown.camera.weather_kinds import airlight
+from hulldown.reading.blender.pictures import _write
+from hulldown.render.blender import cycles
+from hulldown.render.blender.air import Fog
+from hulldown.render.blender.light import HdriWorld
+from hulldown.render.messages import Settings
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
 EYE = 0.15  # metres above the card: hardly any air between

@@ -1,4 +1,4 @@
-"""Plans made under other processors' arithmetic: `python -m tests.kernels --images 20000` says how many rows differ.
+"""Plans made under other processors' arithmetic: `python -m hulldown.tests.kernels --images 20000` counts differences.
 
 NumPy and its OpenBLAS choose their kernels when they are loaded, so each choice takes a process of its own.
 """
@@ -13,10 +13,10 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from assets.library import Assets
-from planning.planner import BLOCK, Planner
-from planning.schema import Config
-from tests.planning_assets import bare, hills, small_assets, small_config
+from hulldown.assets.library import Assets
+from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.schema import Config
+from hulldown.tests.planning_assets import bare, hills, small_assets, small_config
 
 ROOT = Path(__file__).parents[1]
 AVX512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"
@@ -66,14 +66,14 @@ def worlds(images: int) -> list[tuple[Config, Assets]]:
 def planned_under(environment: dict[str, str], made: Path) -> list[bytes]:
     """The rows of the pickled worlds, planned in a process with these variables."""
     clean = {name: value for name, value in os.environ.items() if name not in NO_FMA and name not in core("")}
-    command = [sys.executable, "-W", "ignore", "-m", "tests.kernels", "--child", str(made)]
+    command = [sys.executable, "-W", "ignore", "-m", "hulldown.tests.kernels", "--child", str(made)]
     done = subprocess.run(command, env=clean | environment, cwd=ROOT, capture_output=True, check=True)
     return done.stdout.splitlines()
 
 
 def main() -> int:
     """Compare the rows of all kernels with those of this process's own."""
-    parser = argparse.ArgumentParser(prog="python -m tests.kernels", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.tests.kernels", description=__doc__)
     parser.add_argument("--images", type=int, default=20_000, help="rows to plan under each (default: 20000)")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from render_worlds import box, field, fresh, grey, save
+
+from hulldown.render_worlds import box, field, fresh, grey, save
 
 FOLDER = Path(sys.argv[1])
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from assets.bundle import load_scenery, load_vehicle
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster
-from reading.export import Exported, exported_by, job_for
-from reading.options import Options
+from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster
+from hulldown.reading.export import Exported, exported_by, job_for
+from hulldown.reading.options import Options
 
 HERE = Path(__file__).resolve().parent
 SIZE, FOV = 160, math.radians(40)  # of messy_blends.py
@@ -92,7 +92,7 @@ def build(folder: Path) -> None:
         (folder / f"out_{name}").mkdir()
         (folder / f"{name}.job").write_text(json.dumps(job))
     # One process for all of them, which is not how it is done in earnest but starts Blender once.
-    _python("-m", "reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
+    _python("-m", "hulldown.reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
     made = load(folder)
     twins = {
         name: {

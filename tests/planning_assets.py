@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from assets.library import Assets
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.meshes import Mesh, merge
-from placement.terrain import Terrain
-from planning.config import parse_config
+from hulldown.assets.library import Assets
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.placement.terrain import Terrain
+from hulldown.planning.config import parse_config
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from dataset.document import read_coco
-from geometry.meshes import Mesh
-from render.jobs import RenderAssets, SceneryFile, VehicleFile
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.dataset.document import read_coco
+from hulldown.geometry.meshes import Mesh
+from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)])
 CUBE_FACES = np.array(

@@ -10,12 +10,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from camera.weather_kinds import Weather
-from reading.blender.tidy_properties import PART, REST
-from render.blender import cycles
-from render.blender.renderer import Renderer
-from render.blender.scene import Stage
-from render.messages import (
+from hulldown.camera.weather_kinds import Weather
+from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.render.blender import cycles
+from hulldown.render.blender.renderer import Renderer
+from hulldown.render.blender.scene import Stage
+from hulldown.render.messages import (
     CameraInput,
     LightInput,
     MaskJob,

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from camera.fog import DUST_ALBEDO, even_sky, extinction
-from camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
-from camera.weather_kinds import KINDS, Weather, air_layers, airlight
-from dataset.sky import displayed
-from render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
-from render.process import WorkerProcess, worker_command
+from hulldown.camera.fog import DUST_ALBEDO, even_sky, extinction
+from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
+from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
+from hulldown.dataset.sky import displayed
+from hulldown.render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
+from hulldown.render.process import WorkerProcess, worker_command
 
 pytestmark = pytest.mark.blender
 WORLDS = """
 import sys
 from pathlib import Path
 import numpy as np
-from tests.render_worlds import box, diffuse, fresh, glowing, grey, hdri, save, targets
+from hulldown.tests.render_worlds import box, diffuse, fresh, glowing, grey, hdri, save, targets
 folder = Path(sys.argv[1])
 targets(folder / "walls.blend")
 grey(folder / "grey.exr")

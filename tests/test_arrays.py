@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from geometry.arrays import checked, whole
+from hulldown.geometry.arrays import checked, whole
 
 
 def test_lists_become_contiguous_float64():

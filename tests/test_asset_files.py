@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from reading.cache import sha256
-from render.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
-from tests.render_plans import ASSETS
+from hulldown.reading.cache import sha256
+from hulldown.render.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
+from hulldown.tests.render_plans import ASSETS
 
 
 def note(path):

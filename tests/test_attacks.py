@@ -12,16 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from geometry.errors import AssetError
-from planning.config import parse_config
-from planning.loading import load_library
-from planning.plan_file import read_plan
-from planning.write import write_plan
-from reading.export import export
-from reading.landlock import abi
-from render.scheduler import Scheduler
-from render.supervisor import Engine, render_plan
-from tests.clusters import cluster
+from hulldown.geometry.errors import AssetError
+from hulldown.planning.config import parse_config
+from hulldown.planning.loading import load_library
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.write import write_plan
+from hulldown.reading.export import export
+from hulldown.reading.landlock import abi
+from hulldown.render.scheduler import Scheduler
+from hulldown.render.supervisor import Engine, render_plan
+from hulldown.tests.clusters import cluster
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILDER = Path(__file__).with_name("attack_files.py")

@@ -3,14 +3,14 @@ import json
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from tests.training_pictures import make_dataset
-from training import data
-from training.augment import NOTHING, TABLE, Augmenter, Change, OneOf, Sample, changed_table
-from training.data import Batches, DrawnExamples
-from training.draws import make_draws
-from training.sheet import augmentation_sheet
-from training.sources import read_sources
+from hulldown.geometry.errors import ConfigError
+from hulldown.tests.training_pictures import make_dataset
+from hulldown.training import data
+from hulldown.training.augment import NOTHING, TABLE, Augmenter, Change, OneOf, Sample, changed_table
+from hulldown.training.data import Batches, DrawnExamples
+from hulldown.training.draws import make_draws
+from hulldown.training.sheet import augmentation_sheet
+from hulldown.training.sources import read_sources
 
 OFF = {name: {"probability": 0.0} for name in TABLE}
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pycocotools.cocoeval import COCOeval
 
-from tests.detections import loaded, random_case
-from tests.test_matching import coco_of
-from training.average_precision import average_precision
+from hulldown.tests.detections import loaded, random_case
+from hulldown.tests.test_matching import coco_of
+from hulldown.training.average_precision import average_precision
 
 
 def case(seed):

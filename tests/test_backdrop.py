@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from reading.backdrop import backdrop, small_map
+from hulldown.reading.backdrop import backdrop, small_map
 
 
 def open_sky():

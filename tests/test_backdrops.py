@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery
-from reading.export import export
-from reading.options import Options
-from render.jobs import SceneryFile
+from hulldown.assets.bundle import load_scenery
+from hulldown.reading.export import export
+from hulldown.reading.options import Options
+from hulldown.render.jobs import SceneryFile
 
 MADE = """
 import bpy, sys
@@ -37,8 +37,8 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 SHOWN = """
 import json, sys
 import bpy, numpy as np
-from reading.blender.capture import visit_render
-from render.blender.scene import Stage
+from hulldown.reading.blender.capture import visit_render
+from hulldown.render.blender.scene import Stage
 stage = Stage(sys.argv[1], np.eye(4), json.loads(sys.argv[2]))
 shown = set()
 def look(depsgraph):

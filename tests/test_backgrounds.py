@@ -5,12 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.extras import Role, offsets
-from planning.planner import Planner
-from planning.row import encode_rows
-from planning.write import write_plan
-from tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.extras import Role, offsets
+from hulldown.planning.planner import Planner
+from hulldown.planning.row import encode_rows
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
 
 def config_of(**sections):
@@ -74,7 +74,7 @@ def test_distractors_are_labelled_only_if_they_have_a_class(rows):
 
 
 def test_the_bytes_do_not_depend_on_the_number_of_workers(made, assets, tmp_path, monkeypatch):
-    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
     config = config_of(placement={"vehicles_per_image": [1, 3]}, seed=5)
     again = write_plan(config, assets, tmp_path / "plan.jsonl", workers=3)
     assert again.path.read_bytes().split(b"\n", 1)[1] == made.path.read_bytes().split(b"\n", 1)[1]

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from dataset.known import seen_from
-from tests.detections import dataset, loaded, random_case, results
-from training.bins import fields, figures_of, worst
-from training.matching import match, overlapping
-from training.metrics import outcomes
+from hulldown.dataset.known import seen_from
+from hulldown.tests.detections import dataset, loaded, random_case, results
+from hulldown.training.bins import fields, figures_of, worst
+from hulldown.training.matching import match, overlapping
+from hulldown.training.metrics import outcomes
 
 
 def turned(yaw_deg, at=(0.0, 0.0, 0.0)):

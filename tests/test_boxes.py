@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
-from camera.projection import NEAR, Camera
-from geometry.meshes import Mesh
-from geometry.transforms import rigid
+from hulldown.annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import rigid
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.boxtree import BoxTree
+from hulldown.geometry.boxtree import BoxTree
 
 
 def _crossed(bounds: np.ndarray, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> set:

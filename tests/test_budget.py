@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.budget import make_budget
-from planning.schema import BudgetSection
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.budget import make_budget
+from hulldown.planning.schema import BudgetSection
 
 CATEGORIES = {"t72": "tank", "leo": "tank", "ural": "truck", "m1": "tank", "s300": "sam", "man": "truck"}
 

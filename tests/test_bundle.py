@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import FORMAT, load_scenery, load_vehicle, save_scenery, save_vehicle
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError
-from geometry.meshes import Mesh
+from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save_scenery, save_vehicle
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.meshes import Mesh
 
 TRIANGLES = Mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1 / 3, 1e-17, 5.4e6 + 1 / 7]]), np.array([[0, 1, 2], [1, 2, 3]])

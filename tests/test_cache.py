@@ -9,23 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import reading.cache
-import reading.hdri
-from assets.bundle import save_scenery, save_vehicle
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError, ConfigError
-from geometry.meshes import Mesh
-from planning.config import Config, parse_config
-from planning.loading import load_assets, load_planned_assets
-from planning.plan_file import Plan
-from planning.write import make_header
-from reading.cache import cached, sha256
-from reading.export import Exported
-from reading.landlock import abi
-from reading.options import Options
-from reading.report import FileReport, Missing
-from reading.watch import ReadLimits
+import hulldown.reading.cache
+import hulldown.reading.hdri
+from hulldown.assets.bundle import save_scenery, save_vehicle
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.geometry.meshes import Mesh
+from hulldown.planning.config import Config, parse_config
+from hulldown.planning.loading import load_assets, load_planned_assets
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.write import make_header
+from hulldown.reading.cache import cached, sha256
+from hulldown.reading.export import Exported
+from hulldown.reading.landlock import abi
+from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport, Missing
+from hulldown.reading.watch import ReadLimits
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -72,9 +72,9 @@ class Exporter:
 @pytest.fixture
 def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
-    monkeypatch.setattr(reading.cache, "export", stand_in)
+    monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
     sky = {"notes": [], "irradiance": [1.0, 1.0, 1.0], "horizon_deg": 0.0, "misfits": []}
-    monkeypatch.setattr(reading.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
+    monkeypatch.setattr(hulldown.reading.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 
@@ -245,11 +245,11 @@ def test_a_failed_export_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise AssetError("broken")
 
-    monkeypatch.setattr(reading.cache, "export", fail)
+    monkeypatch.setattr(hulldown.reading.cache, "export", fail)
     with pytest.raises(AssetError, match="broken"):
         read()
     assert [p.suffix for p in (tmp_path / "cache").iterdir()] == [".lock"]
-    monkeypatch.setattr(reading.cache, "export", exporter)
+    monkeypatch.setattr(hulldown.reading.cache, "export", exporter)
     assert read()
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement.candidates import candidates
+from hulldown.placement.candidates import candidates
 
 BOUNDS = np.array([[-10.0, 200.0, -3.0], [30.0, 210.0, 9.0]])
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from tests.training_pictures import make_dataset
-from training.augment import TABLE
-from training.centre_points import (
+from hulldown.tests.training_pictures import make_dataset
+from hulldown.training.augment import TABLE
+from hulldown.training.centre_points import (
     STRIDE,
     CentreMaps,
     CentreNetwork,
@@ -16,8 +16,8 @@ from training.centre_points import (
     peaks,
     truth_of,
 )
-from training.settings import load_settings
-from training.train import train
+from hulldown.training.settings import load_settings
+from hulldown.training.train import train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 HEIGHT, WIDTH = 12, 20  # cells

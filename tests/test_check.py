@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.check import check_plan, check_rows
-from planning.config import parse_config
-from planning.plan_file import read_plan
-from planning.planner import Planner
-from planning.preview import Artist
-from planning.relabel import relabeled
-from planning.row import PlannedVehicle, Row, encode, fields
-from planning.write import write_plan
-from tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.check import check_plan, check_rows
+from hulldown.planning.config import parse_config
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.planner import Planner
+from hulldown.planning.preview import Artist
+from hulldown.planning.relabel import relabeled
+from hulldown.planning.row import PlannedVehicle, Row, encode, fields
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
 ASSETS = small_assets(distractors=True)
 PAINT = [{"materials": ["*"], "hue_deg": [-9, 9]}]
@@ -150,7 +150,7 @@ def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
 
 
 def test_findings_are_listed_up_to_a_limit(made, planner, tmp_path, monkeypatch):
-    monkeypatch.setattr("planning.check.MOST", 3)
+    monkeypatch.setattr("hulldown.planning.check.MOST", 3)
     plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row.update(tries=99) for row in rows])
     findings = check_rows(plan, planner)
     assert len(findings) == 4

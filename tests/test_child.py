@@ -10,7 +10,7 @@ import time
 import psutil
 import pytest
 
-from geometry.child import Child
+from hulldown.geometry.child import Child
 
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip()[::-1], flush=True)"
 SLEEP = "import time; print('here', flush=True); time.sleep(600)"
@@ -63,7 +63,7 @@ def test_what_it_has_started_keeps_nobody_waiting(heard):
 
 def test_it_sees_its_parent_die():
     code = (
-        "import os, sys; from geometry.child import Child;"
+        "import os, sys; from hulldown.geometry.child import Child;"
         f"child = Child([sys.executable, '-I', '-c', {ECHO!r}], env=os.environ, hear=print);"
         "print(child.pid, flush=True); os.kill(os.getpid(), 9)"
     )

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from assets.vehicle import VehicleShape
-from camera.clearance import CameraRoom
-from camera.target import PosedVehicle, VehicleTarget
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh
-from geometry.transforms import rigid, rotation_z
-from placement.rejection import Rejection
-from placement.terrain import Terrain
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.clearance import CameraRoom
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.terrain import Terrain
 
 FACES = np.array(
     [

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh
-from geometry.overlap import boxes_touch
-from geometry.transforms import compose, invert_rigid, rigid, rotation_about, rotation_z
-from placement.clearance import Obstacles
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.overlap import boxes_touch
+from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_about, rotation_z
+from hulldown.placement.clearance import Obstacles
 
 SIZE = np.array([4.0, 2.0, 1.5])
 _UNIT = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])

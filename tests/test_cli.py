@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import pytest
 from rich.table import Table
 
-import cli
-import verbs.rendering
-from dataset.coco import CocoDataset
-from geometry.errors import HulldownError
+import hulldown.verbs.rendering
+from hulldown import cli
+from hulldown.dataset.coco import CocoDataset
+from hulldown.geometry.errors import HulldownError
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
@@ -22,7 +22,7 @@ VERBS += ["cluster", "subset", "augment", "train"]
 
 
 def command(*words):
-    return [sys.executable, "-P", "-m", "cli", *map(str, words)]
+    return [sys.executable, "-P", "-m", "hulldown.cli", *map(str, words)]
 
 
 def run_apart(*words, cwd):
@@ -118,7 +118,7 @@ def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verbs.rendering, f"_{words[0]}", stopped)
+    monkeypatch.setattr(hulldown.verbs.rendering, f"_{words[0]}", stopped)
     assert cli.main(words) == 130
     assert said in capsys.readouterr().err
 
@@ -131,7 +131,7 @@ def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
         given.update(options)
         raise HulldownError("far enough")
 
-    monkeypatch.setattr("render.supervisor.render_plan", rendered)
+    monkeypatch.setattr("hulldown.render.supervisor.render_plan", rendered)
     assert cli.main(["render", "plan.jsonl", "-o", "dataset", *flags]) == 2
     assert given["engine"].limits.job_s == seconds
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dataset.export import export
-from dataset.verify import verify
-from geometry.errors import DatasetError
-from training.labels import read_labels
-from training.sources import read_sources
+from hulldown.dataset.export import export
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.labels import read_labels
+from hulldown.training.sources import read_sources
 
 
 def dataset(folder, *boxes):

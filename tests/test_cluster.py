@@ -18,17 +18,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from geometry.code import versions
-from geometry.errors import HulldownError
-from reading.cache import sha256
-from reading.landlock import abi
-from render.cluster import Cluster
-from render.node import refusal
-from render.scheduler import Scheduler
-from render.supervisor import Engine, render_plan
-from tests.blender_plans import IMAGES, make_worlds, plan_in
-from tests.certificates import certificates, needs_openssl
-from tests.clusters import HIDDEN, ROOT, blenders, cluster
+from hulldown.geometry.code import versions
+from hulldown.geometry.errors import HulldownError
+from hulldown.reading.cache import sha256
+from hulldown.reading.landlock import abi
+from hulldown.render.cluster import Cluster
+from hulldown.render.node import refusal
+from hulldown.render.scheduler import Scheduler
+from hulldown.render.supervisor import Engine, render_plan
+from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
+from hulldown.tests.certificates import certificates, needs_openssl
+from hulldown.tests.clusters import HIDDEN, ROOT, blenders, cluster
 
 pytestmark = pytest.mark.blender
 
@@ -159,7 +159,16 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
 
 @pytest.mark.thorough
 def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
-    command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "hulldown.cli",
+        "render",
+        str(folder / "plan.jsonl"),
+        "-o",
+        str(tmp_path / "d"),
+    ]
     command += ["--device", "cpu", "--scheduler", str(nodes.file)]
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     images = tmp_path / "d" / "images"
@@ -279,7 +288,16 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
 
 @pytest.mark.thorough
 def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_path):
-    command = [sys.executable, "-P", "-m", "cli", "render", str(folder / "plan.jsonl"), "-o", str(tmp_path / "d")]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "hulldown.cli",
+        "render",
+        str(folder / "plan.jsonl"),
+        "-o",
+        str(tmp_path / "d"),
+    ]
     command += ["--device", "cpu", "--scheduler", nodes.address]
 
     def bound():

@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import pytest
 
-from geometry.errors import HulldownError
-from render.scheduler import Scheduler
-from tests.clusters import cluster
-from tests.test_study import SMALL, tree, written
-from tests.training_pictures import make_dataset
-from training.study import elsewhere
-from training.study.config import load_study
-from training.study.elsewhere import NANNYS, Order, run_here
-from training.study.manifest import settle, write_manifest
-from training.study.report import write_report
-from training.study.runs import Options, run_study
-from verbs.cluster import training_workers
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.scheduler import Scheduler
+from hulldown.tests.clusters import cluster
+from hulldown.tests.test_study import SMALL, tree, written
+from hulldown.tests.training_pictures import make_dataset
+from hulldown.training.study import elsewhere
+from hulldown.training.study.config import load_study
+from hulldown.training.study.elsewhere import NANNYS, Order, run_here
+from hulldown.training.study.manifest import settle, write_manifest
+from hulldown.training.study.report import write_report
+from hulldown.training.study.runs import Options, run_study
+from hulldown.verbs.cluster import training_workers
 
 OPTIONS = Options("cpu", 0)
 AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")

@@ -6,12 +6,12 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from geometry.errors import HulldownError
-from render.cluster import Cluster
-from render.scheduler import Scheduler
-from tests.certificates import certificates, needs_openssl
-from tests.cluster_tasks import no_refusal, until_unwanted
-from tests.clusters import cluster
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.cluster import Cluster
+from hulldown.render.scheduler import Scheduler
+from hulldown.tests.certificates import certificates, needs_openssl
+from hulldown.tests.cluster_tasks import no_refusal, until_unwanted
+from hulldown.tests.clusters import cluster
 
 pytestmark = pytest.mark.thorough
 

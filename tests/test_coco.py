@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-import dataset.document as documents
-from dataset.coco import CocoDataset
-from dataset.document import read_coco
-from dataset.failures import write_failures
-from dataset.provenance import GROWING, add_provenance
-from geometry.errors import DatasetError
+import hulldown.dataset.document as documents
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.failures import write_failures
+from hulldown.dataset.provenance import GROWING, add_provenance
+from hulldown.geometry.errors import DatasetError
 
 FOREIGN = {
     "info": {"description": "by hand", "year": 2024},
@@ -188,7 +188,7 @@ def test_abandoning_takes_nothing_from_the_process_that_comes_next(tmp_path, mon
 
 def test_a_second_process_is_refused(tmp_path):
     with CocoDataset.open(tmp_path):
-        code = f"from dataset.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
+        code = f"from hulldown.dataset.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
         other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "another process is writing to this dataset; wait until it has ended" in other.stderr
         with pytest.raises(DatasetError, match="another process is writing"):
@@ -298,8 +298,8 @@ def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, messa
 
 def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
     clock = [0.0]
-    monkeypatch.setattr("dataset.coco.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("dataset.journal.os.fsync", lambda descriptor: None)
+    monkeypatch.setattr("hulldown.dataset.coco.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("hulldown.dataset.journal.os.fsync", lambda descriptor: None)
     writes = []
 
     def ten_seconds(path: object) -> None:

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from geometry import code
+from hulldown.geometry import code
 
 
 @pytest.fixture

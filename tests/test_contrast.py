@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.detections import dataset
-from training.bins import fields
-from training.contrast import measured_contrast
-from training.labels import labels_of
-from training.predictions import predictions_of
+from hulldown.tests.detections import dataset
+from hulldown.training.bins import fields
+from hulldown.training.contrast import measured_contrast
+from hulldown.training.labels import labels_of
+from hulldown.training.predictions import predictions_of
 
 
 def rectangle(x, y, w, h):

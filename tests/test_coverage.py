@@ -1,11 +1,17 @@
-"""How often 95 % intervals hold the truth; `python -m tests.test_coverage` simulates the table of the docs."""
+"""How often 95 % intervals hold the truth; `python -m hulldown.tests.test_coverage` simulates the table of the docs."""
 
 import numpy as np
 import pytest
 
-from training.average_precision import weighted_averages
-from training.bootstrap import difference_interval, figure_intervals, resampled_sums, share_interval, standard_error
-from training.metrics import figures
+from hulldown.training.average_precision import weighted_averages
+from hulldown.training.bootstrap import (
+    difference_interval,
+    figure_intervals,
+    resampled_sums,
+    share_interval,
+    standard_error,
+)
+from hulldown.training.metrics import figures
 
 POSITIONS = (5, 10, 20, 60, 200)
 TIMES = 300  # resamples

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from assets.textures import packed, unpacked
-from assets.vehicle import VehicleShape
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import World
-from geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
-from geometry.cutouts import caster_of
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.overlap import SceneTouch
-from geometry.transforms import rigid, rotation_z
+from hulldown.assets.textures import packed, unpacked
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import World
+from hulldown.geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
+from hulldown.geometry.cutouts import caster_of
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.overlap import SceneTouch
+from hulldown.geometry.transforms import rigid, rotation_z
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])

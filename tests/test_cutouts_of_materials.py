@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery
-from geometry.instances import InstancedScene
-from reading.export import export
-from reading.report import FileReport
+from hulldown.assets.bundle import load_scenery
+from hulldown.geometry.instances import InstancedScene
+from hulldown.reading.export import export
+from hulldown.reading.report import FileReport
 
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # A lookup is exact; what is baked, and the luminance of colours between texels, is off by little.

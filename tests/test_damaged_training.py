@@ -8,18 +8,18 @@ import signal
 import pytest
 import torch
 
-from cli import main
-from geometry.errors import ConfigError, DatasetError, HulldownError
-from tests.test_train import in_child, nano, small, train_and_die
-from tests.training_pictures import edit, make_dataset
-from training.augment import NOTHING
-from training.centre_points import CentreNetwork
-from training.data import DrawnExamples
-from training.draws import make_draws
-from training.predict import load_detector
-from training.small import save_small
-from training.sources import follow_masks, read_sources
-from training.train import train
+from hulldown.cli import main
+from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.tests.test_train import in_child, nano, small, train_and_die
+from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.training.augment import NOTHING
+from hulldown.training.centre_points import CentreNetwork
+from hulldown.training.data import DrawnExamples
+from hulldown.training.draws import make_draws
+from hulldown.training.predict import load_detector
+from hulldown.training.small import save_small
+from hulldown.training.sources import follow_masks, read_sources
+from hulldown.training.train import train
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
 
 
 def test_every_arm_of_a_study_follows_the_rule_of_all(tmp_path):
-    from tests.test_study import settled
+    from hulldown.tests.test_study import settled
 
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")

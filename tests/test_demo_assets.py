@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from demo import build, project
-from demo.catalogue import (
+from hulldown.demo import build, project
+from hulldown.demo.catalogue import (
     CATEGORY,
     DISTRACTOR_FILES,
     DISTRACTORS,
@@ -21,11 +21,11 @@ from demo.catalogue import (
     TRUCK,
     VEHICLE_FILES,
 )
-from geometry.errors import AssetError, ConfigError
-from planning.budget import make_budget
-from planning.config import parse_config
-from reading.options import Options
-from tests.parameters import few
+from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.planning.budget import make_budget
+from hulldown.planning.config import parse_config
+from hulldown.reading.options import Options
+from hulldown.tests.parameters import few
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -61,7 +61,7 @@ def _child(*arguments: object) -> str:
 
 
 def _build(folder: Path, *names: str, seed: int = 0) -> Path:
-    _child("-m", "demo", folder, "--seed", seed, "--only", *names)
+    _child("-m", "hulldown.demo", folder, "--seed", seed, "--only", *names)
     return folder
 
 
@@ -86,9 +86,10 @@ def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
-    fake = tmp_path / "demo"
-    fake.mkdir()
-    (fake / "__init__.py").write_text("")
+    fake = tmp_path / "hulldown" / "demo"
+    fake.mkdir(parents=True)
+    for package in (fake.parent, fake):
+        (package / "__init__.py").write_text("")
     # Stands for Blender: "builds" nine files, then dies of a signal.
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
@@ -101,7 +102,7 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
         f"    print('{build.BUILT}' + str(folder / place / (name + suffix)), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    monkeypatch.setattr(build, "ROOT", tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     steps: list[tuple[int, int]] = []
     files = build.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
     assert files == tuple(tmp_path / "out" / file for file in build.FILES)
@@ -165,8 +166,8 @@ def test_sceneries_hold_copies_instances_and_the_litter_of_real_files(sceneries)
 @pytest.mark.blender
 @pytest.mark.parametrize("name", few(CATEGORY, "mbt_slab", "truck_canvas", "sam_rails"))
 def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
-    from assets.bundle import load_vehicle
-    from reading.export import export
+    from hulldown.assets.bundle import load_vehicle
+    from hulldown.reading.export import export
 
     exported = export(vehicles / "vehicles" / f"{name}.blend", tmp_path)
     shape = load_vehicle(exported.bundle)
@@ -193,8 +194,8 @@ def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
 @pytest.mark.blender
 @pytest.mark.parametrize("name", few(DISTRACTORS, "civilian_car", "bale_stack"))
 def test_distractors_are_read_as_meant(distractors, name, tmp_path):
-    from assets.bundle import load_vehicle
-    from reading.export import export
+    from hulldown.assets.bundle import load_vehicle
+    from hulldown.reading.export import export
 
     said = {key: value for key, value in DISTRACTORS[name].items() if key in ("forward", "turret", "gun")}
     exported = export(distractors / "distractors" / f"{name}.blend", tmp_path, options=Options(**said))
@@ -213,7 +214,7 @@ def test_computed_skies_are_as_bright_as_they_say(tmp_path):
 import sys, json
 import bpy, numpy as np
 from pathlib import Path
-from demo import skies
+from hulldown.demo import skies
 skies.WIDTH = 512
 for name in sys.argv[2:]:
     path = skies.write_sky(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file

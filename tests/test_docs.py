@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-import cli
-from planning.template import config_text
+from hulldown import cli
+from hulldown.planning.template import config_text
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -48,7 +48,7 @@ def python_code():
 def hulldown(words, folder):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, "-P", "-m", "cli", *words],
+        [sys.executable, "-P", "-m", "hulldown.cli", *words],
         cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
     )  # fmt: skip
 

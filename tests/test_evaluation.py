@@ -10,10 +10,10 @@ from PIL import Image
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from cli import main
-from geometry.errors import HulldownError
-from tests.detections import dataset, random_case, results
-from training.report import evaluate_files
+from hulldown.cli import main
+from hulldown.geometry.errors import HulldownError
+from hulldown.tests.detections import dataset, random_case, results
+from hulldown.training.report import evaluate_files
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
 

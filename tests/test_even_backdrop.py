@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from camera.backdrop import even_colour, fade
-from dataset.sky import radiance
+from hulldown.camera.backdrop import even_colour, fade
+from hulldown.dataset.sky import radiance
 
 
 def street():

@@ -7,30 +7,30 @@ from pathlib import Path
 
 import pytest
 
-from planning.write import write_plan
-from tests.planning_assets import small_assets, small_config
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import small_assets, small_config
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-*PACKAGES, _ = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
 IN_BLENDER = {"blender", "demo"}  # folders whose code runs inside Blender's process
 MODULES = [
-    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    ".".join(["hulldown", *path.relative_to(ROOT).with_suffix("").parts])
     for package in PACKAGES
     for path in sorted((ROOT / package).rglob("*.py"))
     if not IN_BLENDER & set(path.relative_to(ROOT).parts) and ">>>" in path.read_text(encoding="utf-8")
 ]
 # What DESIGN and docs/ name for import.
 PUBLIC = [
-    "geometry.meshes.Mesh",
-    "placement.terrain.Terrain",
-    "placement.settle.settle",
-    "camera.intrinsics.Intrinsics",
-    "camera.projection.Camera",
-    "annotate.boxes.surface_box",
-    "annotate.boxes.VehicleBoxes",
-    "planning.plan_file.read_plan",
-    "dataset.coco.CocoDataset",
+    "hulldown.geometry.meshes.Mesh",
+    "hulldown.placement.terrain.Terrain",
+    "hulldown.placement.settle.settle",
+    "hulldown.camera.intrinsics.Intrinsics",
+    "hulldown.camera.projection.Camera",
+    "hulldown.annotate.boxes.surface_box",
+    "hulldown.annotate.boxes.VehicleBoxes",
+    "hulldown.planning.plan_file.read_plan",
+    "hulldown.dataset.coco.CocoDataset",
 ]
 
 

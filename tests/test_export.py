@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_vehicle
-from geometry.errors import AssetError
-from geometry.transforms import apply
-from reading.export import export
-from reading.options import Options
-from tests.messy_export import SCENERIES, VEHICLES, Messy, alpha, into_asset, iou, silhouette
+from hulldown.assets.bundle import load_vehicle
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.transforms import apply
+from hulldown.reading.export import export
+from hulldown.reading.options import Options
+from hulldown.tests.messy_export import SCENERIES, VEHICLES, Messy, alpha, into_asset, iou, silhouette
 
 pytestmark = pytest.mark.blender
 

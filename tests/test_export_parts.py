@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.messy_export import Messy
+from hulldown.tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from geometry.errors import AssetError
-from reading.export import export
-from tests.messy_export import Messy
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.export import export
+from hulldown.tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender
 DAMAGED = {

@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from annotate.masks import decode, encode
-from annotate.outlines import polygons
-from dataset.export import LAYOUTS, WITH_POLYGONS, export
-from dataset.layouts import webdataset as shards
-from dataset.layouts.kitti import label_line
-from geometry.errors import DatasetError
+from hulldown.annotate.masks import decode, encode
+from hulldown.annotate.outlines import polygons
+from hulldown.dataset.export import LAYOUTS, WITH_POLYGONS, export
+from hulldown.dataset.layouts import webdataset as shards
+from hulldown.dataset.layouts.kitti import label_line
+from hulldown.geometry.errors import DatasetError
 
 WIDTH, HEIGHT = 64, 40
 NAMES = ["tank", 'truck "6x6"', "armoured car"]  # the last has no label

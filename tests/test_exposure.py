@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from assets.library import Assets
-from assets.skylight import SkyLight
-from camera.response import ALBEDO, CARD, displayed, white_balance
-from geometry.color import LUMINANCE
-from geometry.errors import ConfigError
-from planning.exposure import card
-from planning.planner import plan
-from tests.planning_assets import small_assets, small_config
+from hulldown.assets.library import Assets
+from hulldown.assets.skylight import SkyLight
+from hulldown.camera.response import ALBEDO, CARD, displayed, white_balance
+from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.exposure import card
+from hulldown.planning.planner import plan
+from hulldown.tests.planning_assets import small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)
 NOON = SkyLight((6.0, 6.2, 6.6), 1.0)

@@ -1,7 +1,7 @@
 import pytest
 
-from geometry.files import replacing, stays_inside
-from tests.oracles.synced import synced_bytes
+from hulldown.geometry.files import replacing, stays_inside
+from hulldown.tests.oracles.synced import synced_bytes
 
 
 def test_a_replaced_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):

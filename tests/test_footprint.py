@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh, merge
-from placement.footprint import LEAN, Underside, contact_footprint, plate_samples, underside, underside_samples
-from tests.planning_assets import box
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.placement.footprint import LEAN, Underside, contact_footprint, plate_samples, underside, underside_samples
+from hulldown.tests.planning_assets import box
 
 
 def box_points(low, high, n=5):

@@ -6,9 +6,9 @@ import os
 import pytest
 from PIL import Image
 
-from dataset.export import export
-from dataset.join import join
-from geometry.errors import DatasetError
+from hulldown.dataset.export import export
+from hulldown.dataset.join import join
+from hulldown.geometry.errors import DatasetError
 
 
 @pytest.fixture

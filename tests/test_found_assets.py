@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-import cli
-from geometry.errors import AssetError
-from planning.config import hdri_paths, load_config
-from planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
+from hulldown import cli
+from hulldown.geometry.errors import AssetError
+from hulldown.planning.config import hdri_paths, load_config
+from hulldown.planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 
 FILES = """
 import bpy, pathlib

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from camera.framing import frame_target, turned
-from camera.intrinsics import Intrinsics
-from camera.projection import project
-from camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.framing import frame_target, turned
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import project
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 
 HD = Intrinsics(1920, 1080, math.radians(50))
 CORNERS = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])

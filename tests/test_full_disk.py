@@ -4,8 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from planning.plan_file import PlanWriter
-from planning.row import Header
+from hulldown.planning.plan_file import PlanWriter
+from hulldown.planning.row import Header
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = Header(
@@ -15,7 +15,7 @@ HEADER = Header(
 FILL = """
 import resource, sys
 from pathlib import Path
-from geometry.files import replacing
+from hulldown.geometry.files import replacing
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:
     with replacing(Path(sys.argv[1])) as file:

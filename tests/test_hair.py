@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from reading import hair
-from reading.hair import BEND, hair_mesh
+from hulldown.reading import hair
+from hulldown.reading.hair import BEND, hair_mesh
 
 
 def strand(*points, radius=0.1, straight=True):

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import AssetError
-from reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -10,10 +10,10 @@ import sys
 import pytest
 from PIL import Image
 
-from dataset.export import LAYOUTS, export
-from dataset.records import listed
-from dataset.verify import verify
-from geometry.errors import DatasetError
+from hulldown.dataset.export import LAYOUTS, export
+from hulldown.dataset.records import listed
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import DatasetError
 
 
 @pytest.fixture

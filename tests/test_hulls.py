@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_points
 
 CUBE = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3), -1).reshape(-1, 3)
 

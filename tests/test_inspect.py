@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from geometry.errors import AssetError, HulldownError
-from geometry.meshes import Mesh
-from reading.doubts import scenery_doubts
-from reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
-from reading.options import Options
-from reading.report import FileReport, Missing, PartRow, Row
-from reading.roles import Link, Piece, Role
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.errors import AssetError, HulldownError
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.doubts import scenery_doubts
+from hulldown.reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
+from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport, Missing, PartRow, Row
+from hulldown.reading.roles import Link, Piece, Role
 
 FILE = """
 import bpy, sys

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-import cli
-from geometry.errors import ConfigError
-from planning.config import load_config
-from planning.loading import inspect_config
-from reading.inspect import inspect
+from hulldown import cli
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config import load_config
+from hulldown.planning.loading import inspect_config
+from hulldown.reading.inspect import inspect
 
 FILES = """
 import bpy

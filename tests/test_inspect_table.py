@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from cli import main
-from planning.config import load_config
-from reading.paintable import MaterialRow
-from reading.report import FileReport, Row
-from verbs import terminal
-from verbs.terminal import Terminal, show_table
+from hulldown.cli import main
+from hulldown.planning.config import load_config
+from hulldown.reading.paintable import MaterialRow
+from hulldown.reading.report import FileReport, Row
+from hulldown.verbs import terminal
+from hulldown.verbs.terminal import Terminal, show_table
 
 LONG = "Panzerkampfwagen_Geschuetzrohr_Muendungsbremse_links_oben_" * 3 + "1"
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.rays import RayCaster
-from geometry.transforms import apply
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import apply
 
 CUBE = Mesh(
     np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)]),

@@ -2,10 +2,10 @@
 
 import orjson
 
-from planning.row import decode_row
-from render.jobs import render_job
-from render.messages import Settings
-from tests.render_plans import ASSETS, make_row
+from hulldown.planning.row import decode_row
+from hulldown.render.jobs import render_job
+from hulldown.render.messages import Settings
+from hulldown.tests.render_plans import ASSETS, make_row
 
 
 def test_cycles_gets_a_seed_that_it_can_hold(tmp_path):

@@ -7,11 +7,11 @@ import warnings
 import pytest
 from PIL import Image
 
-from dataset.coco import CocoDataset
-from dataset.document import read_coco
-from dataset.join import join
-from dataset.verify import verify
-from geometry.errors import DatasetError
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.join import join
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import DatasetError
 
 PLAN = "a" * 64
 

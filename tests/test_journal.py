@@ -3,9 +3,9 @@ from contextlib import closing
 
 import pytest
 
-from dataset.journal import Journal, read_journal
-from geometry.errors import DatasetError
-from tests.oracles.synced import synced_bytes
+from hulldown.dataset.journal import Journal, read_journal
+from hulldown.geometry.errors import DatasetError
+from hulldown.tests.oracles.synced import synced_bytes
 
 
 def test_lines_come_back_in_order(tmp_path):

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.kernels import QUICK, planned_under, worlds
+from hulldown.tests.kernels import QUICK, planned_under, worlds
 
 pytestmark = pytest.mark.thorough
 IMAGES = 320

@@ -10,8 +10,8 @@ import numpy as np
 import psutil
 import pytest
 
-from planning.write import write_plan
-from tests.planning_assets import small_assets, small_config
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import small_assets, small_config
 
 FORK = multiprocessing.get_context("fork")  # what is imported and built is there at once
 CONFIG = small_config(budget={"images_per_class": 16, "images_per_position": 2})
@@ -35,7 +35,7 @@ def plan_alone(path: Path, workers: int) -> None:
 def small_blocks() -> Iterator[None]:
     """So that there is something to go on with after a kill."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planning.write._SMALLEST_BLOCK", 3)
+        patch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 3)
         yield
 
 

@@ -11,18 +11,18 @@ from pathlib import Path
 import orjson
 import pytest
 
-from cli import main
-from geometry.errors import AssetError
-from planning.row import decode_row
-from reading import landlock
-from reading.export import export
-from reading.landlock import abi, asset_folders, confined
-from render.confinement import Confinement
-from render.jobs import render_job
-from render.messages import Settings, to_json
-from render.pool import Pool
-from tests.parameters import few
-from tests.render_plans import ASSETS, make_row
+from hulldown.cli import main
+from hulldown.geometry.errors import AssetError
+from hulldown.planning.row import decode_row
+from hulldown.reading import landlock
+from hulldown.reading.export import export
+from hulldown.reading.landlock import abi, asset_folders, confined
+from hulldown.render.confinement import Confinement
+from hulldown.render.jobs import render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.pool import Pool
+from hulldown.tests.parameters import few
+from hulldown.tests.render_plans import ASSETS, make_row
 
 ROOT = Path(__file__).resolve().parents[1]
 BLENDS = Path(__file__).with_name("writing_blends.py")

@@ -2,10 +2,10 @@
 
 import pytest
 
-import dataset.document
-from dataset.document import read_document
-from dataset.record_lines import OtherLayoutError
-from geometry.errors import DatasetError
+import hulldown.dataset.document
+from hulldown.dataset.document import read_document
+from hulldown.dataset.record_lines import OtherLayoutError
+from hulldown.geometry.errors import DatasetError
 
 HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'
 IMAGES = b'"images":[\n{"id":1,"file_name":"a.png"},\n{"id":2,"file_name":"b.png"}],\n'
@@ -20,7 +20,7 @@ def whole(folder, monkeypatch):
         raise OtherLayoutError
 
     with monkeypatch.context() as patch:
-        patch.setattr(dataset.document, "read_by_line", never)
+        patch.setattr(hulldown.dataset.document, "read_by_line", never)
         return outcome(folder)
 
 

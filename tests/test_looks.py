@@ -5,11 +5,11 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from annotate.masks import area, encode, mask_box
-from dataset.coco import CocoDataset
-from dataset.look import appearance
-from dataset.seals import PICTURE_KEY, digest
-from dataset.verify import verify
+from hulldown.annotate.masks import area, encode, mask_box
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.look import appearance
+from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.dataset.verify import verify
 
 SIZE = (180, 320)
 NOBODY = np.zeros(SIZE, dtype=bool)

@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from annotate.boxes import VehicleBoxes
-from annotate.masks import area, decode, encode, extent, mask_box, vehicle_mask
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
-from camera.projection import NEAR, Camera
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import World
-from geometry.meshes import Mesh
-from geometry.rays import RayCaster
-from geometry.transforms import rigid
+from hulldown.annotate.boxes import VehicleBoxes
+from hulldown.annotate.masks import area, decode, encode, extent, mask_box, vehicle_mask
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import World
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import rigid
 
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 FACES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from geometry.errors import AssetError
-from geometry.meshes import FORMATS, Mesh
-from geometry.transforms import rigid, rotation_z
-from placement.terrain import Terrain
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.meshes import FORMATS, Mesh
+from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.placement.terrain import Terrain
 
 
 def hill() -> Mesh:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh, first_alike, merge
+from hulldown.geometry.meshes import Mesh, first_alike, merge
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

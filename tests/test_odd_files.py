@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from geometry.errors import AssetError
-from reading.export import export
-from reading.formats import format_of
-from reading.options import Options
-from reading.references import refuse_odd_references
-from reading.watch import ReadLimits
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.export import export
+from hulldown.reading.formats import format_of
+from hulldown.reading.options import Options
+from hulldown.reading.references import refuse_odd_references
+from hulldown.reading.watch import ReadLimits
 
 ODD = Path(__file__).with_name("odd_blends.py")
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)

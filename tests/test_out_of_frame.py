@@ -2,11 +2,11 @@
 
 import pytest
 
-from planning.preview import Artist
-from planning.summary import summarise
-from planning.write import write_plan
-from render.annotations import Segmenter, annotation_records
-from tests.planning_assets import small_assets, small_config
+from hulldown.planning.preview import Artist
+from hulldown.planning.summary import summarise
+from hulldown.planning.write import write_plan
+from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.tests.planning_assets import small_assets, small_config
 
 
 @pytest.fixture(scope="module")

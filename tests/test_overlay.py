@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.drawing import colour_of, contact_sheet, draw
-from annotate.masks import encode
-from dataset.coco import CocoDataset
-from dataset.overlay import dataset_sheet
-from geometry.errors import DatasetError
+from hulldown.annotate.drawing import colour_of, contact_sheet, draw
+from hulldown.annotate.masks import encode
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.overlay import dataset_sheet
+from hulldown.geometry.errors import DatasetError
 
 NAMES = {1: "tank", 2: "truck"}
 

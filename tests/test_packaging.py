@@ -1,6 +1,5 @@
-"""The flat packages must be ours: found in the checkout, shipped in the wheel, claimed by nobody else."""
+"""The package must be ours: found in the checkout, whole in the wheel, and nothing beside it."""
 
-import importlib.metadata
 import importlib.util
 import subprocess
 import sys
@@ -12,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-*PACKAGES, CLI = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+SHIPPED = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+PACKAGES = [name for name in SHIPPED if not name.endswith(".py")]
 
 
 @pytest.fixture(scope="module")
@@ -26,21 +26,20 @@ def wheel_names(tmp_path_factory):
     return zipfile.ZipFile(wheel).namelist()
 
 
-def test_the_names_are_those_of_the_checkout_and_of_no_other_distribution():
-    owners = importlib.metadata.packages_distributions()
-    for package in [*PACKAGES, "cli"]:
-        spec = importlib.util.find_spec(package)
-        assert spec is not None, package
-        assert Path(spec.origin).is_relative_to(ROOT)
-        assert set(owners.get(package, [])) <= {"hulldown"}
+def test_the_package_is_the_checkout_and_flat_names_are_no_modules():
+    spec = importlib.util.find_spec("hulldown")
+    assert spec is not None
+    assert Path(spec.origin).resolve() == ROOT / "__init__.py"
+    code = "import importlib.util, sys; sys.exit(any(map(importlib.util.find_spec, sys.argv[1:])))"
+    subprocess.run([sys.executable, "-P", "-c", code, *PACKAGES, "cli"], check=True)
 
 
 def test_the_wheel_holds_every_module_and_nothing_else(wheel_names):
-    modules = {str(p.relative_to(ROOT)) for package in PACKAGES for p in (ROOT / package).rglob("*.py")}
+    modules = {str("hulldown" / p.relative_to(ROOT)) for package in PACKAGES for p in (ROOT / package).rglob("*.py")}
     assert len(modules) > 100
-    assert modules <= set(wheel_names)
-    top = {name.split("/")[0] for name in wheel_names if ".dist-info/" not in name}
-    assert top == {*PACKAGES, "cli.py"}
+    assert modules | {"hulldown/__init__.py", "hulldown/cli.py"} <= set(wheel_names)
+    assert {name.split("/")[0] for name in wheel_names if ".dist-info/" not in name} == {"hulldown"}
+    assert {name.split("/")[1] for name in wheel_names if ".dist-info/" not in name} == set(SHIPPED)
 
 
 def test_dependencies_have_lower_and_upper_bounds():
@@ -56,8 +55,8 @@ def test_constraints_are_names_and_versions_only():
 
 def test_import_rules_cover_every_package_in_the_order_of_the_pipeline():
     rules = PYPROJECT["tool"]["importlinter"]
-    assert rules["root_packages"] == PACKAGES
-    assert rules["contracts"][0]["layers"] == PACKAGES[::-1]
+    assert rules["root_packages"] == ["hulldown"]
+    assert rules["contracts"][0]["layers"] == [f"hulldown.{package}" for package in PACKAGES[::-1]]
 
 
 def test_it_cannot_be_uploaded_by_accident():
@@ -65,6 +64,6 @@ def test_it_cannot_be_uploaded_by_accident():
 
 
 def test_the_core_does_not_import_blender():
-    core = "geometry.rays, placement.terrain, camera.projection, annotate.boxes, planning.planner"
-    code = f"import sys; import {core}; assert 'bpy' not in sys.modules"
+    core = ["geometry.rays", "placement.terrain", "camera.projection", "annotate.boxes", "planning.planner"]
+    code = f"import sys; import {', '.join(f'hulldown.{m}' for m in core)}; assert 'bpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)

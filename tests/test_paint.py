@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.paint import Coat, PaintEntry, paint_doubts, previewed
-from planning.preview import caption
-from planning.summary import summarise
-from planning.write import write_plan
-from reading.paintable import MaterialRow, left_alone_by_name, painted
-from tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.paint import Coat, PaintEntry, paint_doubts, previewed
+from hulldown.planning.preview import caption
+from hulldown.planning.summary import summarise
+from hulldown.planning.write import write_plan
+from hulldown.reading.paintable import MaterialRow, left_alone_by_name, painted
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
 GREEN, SAND = "#4b5320", "#94835e"
 GREY = (0.2, 0.2, 0.2)

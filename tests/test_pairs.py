@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.check import check_plan
-from planning.pairs import make_pairs
-from planning.plan_file import read_plan
-from planning.planner import Planner, plan
-from planning.row import encode_rows
-from planning.summary import summarise
-from planning.write import write_plan
-from tests.planning_assets import bare, hills, small_assets, small_config, vehicle
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.check import check_plan
+from hulldown.planning.pairs import make_pairs
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.planner import Planner, plan
+from hulldown.planning.row import encode_rows
+from hulldown.planning.summary import summarise
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import bare, hills, small_assets, small_config, vehicle
 
 BASE = small_assets()
 CLIFFS = hills("cliffs", height=400.0, trees=0)  # steeper than 30 degrees nearly everywhere
@@ -90,7 +90,7 @@ def narrow_config(assets, **sections):
 
 
 def test_a_position_without_a_place_takes_another_scenery_whoever_plans_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 5)
+    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 5)
     assets = world(hills("hills", cells=20, trees=3), bare("bare"))
     config = narrow_config(assets)
     made = [write_plan(config, assets, tmp_path / f"{n}.jsonl", workers=n).path.read_bytes() for n in (1, 3)]
@@ -143,7 +143,7 @@ def test_sceneries_of_a_vehicle_that_cannot_be_met(sceneries, weight, message):
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that gave the same error.
-    monkeypatch.setattr("planning.search.CROWDED_PLACES", 0)
+    monkeypatch.setattr("hulldown.planning.search.CROWDED_PLACES", 0)
     assets = world(BASE.sceneries["bare"])
     config = config_for(
         assets,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.drawing import draw
-from dataset.overlay import dataset_sheet
-from dataset.picture_files import read_picture, read_pixels, rgb
-from dataset.table import Dataset
-from dataset.verify import verify
-from geometry.errors import DatasetError
-from training.sources import read_sources
+from hulldown.annotate.drawing import draw
+from hulldown.dataset.overlay import dataset_sheet
+from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
+from hulldown.dataset.table import Dataset
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.sources import read_sources
 
 GRAY = np.array([[0, 51, 102], [153, 204, 255]], dtype=np.uint8)  # fifths of the range, in every bit depth
 COLOR = np.stack([GRAY, GRAY[::-1], np.full_like(GRAY, 128)], axis=2)

@@ -7,10 +7,10 @@ import re
 
 import pytest
 
-from geometry.errors import ConfigError
-from geometry.files import PICTURE_NAME, stays_inside
-from planning.plan_file import PlanWriter, read_plan
-from planning.row import PlannedVehicle, Row, decode_header, encode, fields
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.files import PICTURE_NAME, stays_inside
+from hulldown.planning.plan_file import PlanWriter, read_plan
+from hulldown.planning.row import PlannedVehicle, Row, decode_header, encode, fields
 
 HEADER = {
     "hulldown_plan": 2,

@@ -9,11 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from assets.library import Assets
-from camera.intrinsics import Intrinsics
-from geometry.transforms import apply
-from planning.planner import plan
-from tests.planning_assets import bare, small_config, vehicle
+from hulldown.assets.library import Assets
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.geometry.transforms import apply
+from hulldown.planning.planner import plan
+from hulldown.tests.planning_assets import bare, small_config, vehicle
 
 N = 600
 TANK = vehicle("t72")

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from assets.library import Assets
-from geometry.meshes import Mesh, merge
-from planning.stage import make_stage
-from planning.write import write_plan
-from tests.planning_assets import box, hills, small_assets, small_config, vehicle
+from hulldown.assets.library import Assets
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.planning.stage import make_stage
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import box, hills, small_assets, small_config, vehicle
 
 BELLY = 0.45
 UP = np.array([0.0, 0.0, BELLY])

@@ -5,10 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from assets.library import Assets
-from geometry.transforms import apply
-from planning.planner import plan
-from tests.planning_assets import hills, small_config, vehicle
+from hulldown.assets.library import Assets
+from hulldown.geometry.transforms import apply
+from hulldown.planning.planner import plan
+from hulldown.tests.planning_assets import hills, small_config, vehicle
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes; lower than the gun

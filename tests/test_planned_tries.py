@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError
-from planning.planner import Planner
-from planning.row import encode_rows
-from tests.planning_assets import hills, small_assets, small_config
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.planner import Planner
+from hulldown.planning.row import encode_rows
+from hulldown.tests.planning_assets import hills, small_assets, small_config
 
 POSITIONS = 16
 ASSETS = replace(small_assets(), sceneries={"hills": hills("hills", cells=20, trees=3)})
@@ -45,8 +45,8 @@ def test_the_world_needs_many_tries(rows):
 
 @pytest.mark.parametrize(("size", "candidates"), CUTS)
 def test_the_same_position_is_named_however_the_work_is_cut(rows, size, candidates, monkeypatch):
-    monkeypatch.setattr("planning.search.CANDIDATES", candidates)
-    monkeypatch.setattr("planning.search.SCOUTS", 2)
+    monkeypatch.setattr("hulldown.planning.search.CANDIDATES", candidates)
+    monkeypatch.setattr("hulldown.planning.search.SCOUTS", 2)
     limit = int(np.median([row.target.tries for row in rows]))
     first = next(row for row in rows if row.target.tries > limit)
     message = rf"^position {first.position}: vehicle '{first.target.vehicle}' .* of {limit} tries"

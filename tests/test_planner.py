@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from assets.library import AssetFile, Assets
-from geometry.errors import ConfigError
-from planning.check import check_plan
-from planning.plan_file import PlanWriter, read_plan
-from planning.planner import plan
-from planning.row import VehicleSource, decode_row, encode, encode_rows
-from planning.write import make_header, write_plan
-from tests.planning_assets import bare, small_assets, small_config
+from hulldown.assets.library import AssetFile, Assets
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.check import check_plan
+from hulldown.planning.plan_file import PlanWriter, read_plan
+from hulldown.planning.planner import plan
+from hulldown.planning.row import VehicleSource, decode_row, encode, encode_rows
+from hulldown.planning.write import make_header, write_plan
+from hulldown.tests.planning_assets import bare, small_assets, small_config
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_seeds_differ_and_0_is_one(rows, assets):
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows, workers, monkeypatch):
-    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
     seen = []
     made = write_plan(
         small_config(),
@@ -133,7 +133,7 @@ def test_without_ground_vehicles_stand_on_the_fallback_plane(assets):
     ],
 )
 def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
-    monkeypatch.setattr("planning.search.BLIND_PLACES", 2)
+    monkeypatch.setattr("hulldown.planning.search.BLIND_PLACES", 2)
     one = small_assets()
     one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
     with pytest.raises(ConfigError, match=message):
@@ -141,7 +141,7 @@ def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
 
 
 def test_a_failing_worker_is_heard(tmp_path, assets, monkeypatch):
-    monkeypatch.setattr("planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(
             small_config(

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from benchmarks.planning import config_hash
+from hulldown.benchmarks.planning import config_hash
 
 DOCS = Path(__file__).parents[1] / "docs"
 

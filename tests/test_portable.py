@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from geometry import portable
+from hulldown.geometry import portable
 
 N = 100_000
 RNG = np.random.default_rng(0)

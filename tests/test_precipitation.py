@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from camera.fog import extinction
-from camera.precipitation import (
+from hulldown.camera.fog import extinction
+from hulldown.camera.precipitation import (
     FARTHEST,
     MOST,
     NEAREST,

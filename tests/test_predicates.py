@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.predicates import heights, normals, orient
+from hulldown.geometry.predicates import heights, normals, orient
 
 
 def exact_sign(ax, ay, bx, by, px, py):

@@ -8,14 +8,14 @@ import pytest
 import torch
 from PIL import Image
 
-from cli import main
-from geometry.errors import DatasetError, HulldownError
-from tests.detections import dataset
-from training.centre_points import CentreNetwork
-from training.labels import read_labels
-from training.predict import UNFINISHED_SUFFIX, predict
-from training.predictions import read_predictions
-from training.small import save_small, small_size
+from hulldown.cli import main
+from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.tests.detections import dataset
+from hulldown.training.centre_points import CentreNetwork
+from hulldown.training.labels import read_labels
+from hulldown.training.predict import UNFINISHED_SUFFIX, predict
+from hulldown.training.predictions import read_predictions
+from hulldown.training.small import save_small, small_size
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ import pytest
 from msgspec.structs import replace as altered
 from PIL import Image
 
-from camera.weather_kinds import Weather
-from planning.plan_file import read_plan
-from planning.preview import Artist, caption, preview_sheet
-from planning.shading import paint_of, sun_of
-from planning.write import write_plan
-from tests.planning_assets import small_assets, small_config
+from hulldown.camera.weather_kinds import Weather
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.preview import Artist, caption, preview_sheet
+from hulldown.planning.shading import paint_of, sun_of
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import small_assets, small_config
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera, project
-from camera.shell import camera_pose
-from geometry.transforms import rigid, rotation_about
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera, project
+from hulldown.camera.shell import camera_pose
+from hulldown.geometry.transforms import rigid, rotation_about
 
 VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh
-from geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
 FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import reading.export
-from geometry.errors import AssetError
-from reading.export import export
+import hulldown.reading.export
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.export import export
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> No
     program = tmp_path / "python"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
-    monkeypatch.setattr(reading.export.sys, "executable", os.fspath(program))
+    monkeypatch.setattr(hulldown.reading.export.sys, "executable", os.fspath(program))
 
 
 def test_a_crash_of_blender_is_one_line(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-from placement.rejection import Rejection
+from hulldown.placement.rejection import Rejection
 
 
 def test_every_rejection_has_words_of_its_own():

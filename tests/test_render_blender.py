@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as altered
 
-from annotate.masks import iou, mask_box, vehicle_mask
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import World
-from geometry.errors import ConfigError
-from planning.plan_file import Plan
-from planning.row import Source
-from render.jobs import SceneryFile, mask_job, render_assets
-from render.masks import cycles_masks, verify_masks
-from render.messages import to_json
-from render.process import WORKER, WorkerProcess, worker_command
-from render.supervisor import render_plan
-from tests.blender_plans import copied, draw, job, make_plan, pixels
+from hulldown.annotate.masks import iou, mask_box, vehicle_mask
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import World
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.row import Source
+from hulldown.render.jobs import SceneryFile, mask_job, render_assets
+from hulldown.render.masks import cycles_masks, verify_masks
+from hulldown.render.messages import to_json
+from hulldown.render.process import WORKER, WorkerProcess, worker_command
+from hulldown.render.supervisor import render_plan
+from hulldown.tests.blender_plans import copied, draw, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.skylight import level_irradiance
-from camera.response import ALBEDO, CARD, displayed, metered, white_balance
-from geometry.color import LUMINANCE
+from hulldown.assets.skylight import level_irradiance
+from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
+from hulldown.geometry.color import LUMINANCE
 
 pytestmark = pytest.mark.blender
 HEIGHT = 512

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as altered
 
-from camera.weather_kinds import Weather
-from render.jobs import VehicleFile, render_assets
-from tests.blender_plans import copied, draw, job, make_plan, make_worlds
+from hulldown.camera.weather_kinds import Weather
+from hulldown.render.jobs import VehicleFile, render_assets
+from hulldown.tests.blender_plans import copied, draw, job, make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from annotate.masks import decode
-from dataset.verify import verify
-from planning.plan_file import read_plan
-from planning.row import PlannedVehicle
-from render.jobs import mask_job
-from render.masks import RowMasks, verify_masks
-from render.supervisor import Engine, render_plan
-from tests.render_plans import ASSETS, make_row, write_plan
+from hulldown.annotate.masks import decode
+from hulldown.dataset.verify import verify
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.row import PlannedVehicle
+from hulldown.render.jobs import mask_job
+from hulldown.render.masks import RowMasks, verify_masks
+from hulldown.render.supervisor import Engine, render_plan
+from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
 
 def as_annotated(coco, monkeypatch, labels=2):
@@ -23,7 +23,7 @@ def as_annotated(coco, monkeypatch, labels=2):
         mine = [masks[labels * i : labels * (i + 1)] for i in rows]
         return [RowMasks(i, alone=of_row, visible=of_row) for i, of_row in zip(rows, mine, strict=True)]
 
-    monkeypatch.setattr("render.masks.cycles_masks", shown)
+    monkeypatch.setattr("hulldown.render.masks.cycles_masks", shown)
 
 
 @pytest.mark.parametrize(

@@ -7,19 +7,19 @@ import pytest
 from msgspec.structs import replace as altered
 from PIL import Image
 
-from annotate.masks import vehicle_mask
-from camera.target import PosedVehicle, VehicleTarget
-from camera.weather_kinds import Weather
-from camera.world import World
-from planning.check import check_plan
-from planning.config import load_config
-from planning.loading import load_assets, load_library
-from planning.paint import Coat
-from planning.write import write_plan
-from render.jobs import render_assets, render_job
-from render.messages import Settings, to_json
-from render.pool import Pool
-from tests.blender_plans import copied, make_worlds
+from hulldown.annotate.masks import vehicle_mask
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.world import World
+from hulldown.planning.check import check_plan
+from hulldown.planning.config import load_config
+from hulldown.planning.loading import load_assets, load_library
+from hulldown.planning.paint import Coat
+from hulldown.planning.write import write_plan
+from hulldown.render.jobs import render_assets, render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.render.pool import Pool
+from hulldown.tests.blender_plans import copied, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)

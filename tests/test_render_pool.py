@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from geometry.errors import HulldownError
-from render import pool as pool_module
-from render.pool import FIRST_JOBS, Limits, Pool, Stopped
+from hulldown.geometry.errors import HulldownError
+from hulldown.render import pool as pool_module
+from hulldown.render.pool import FIRST_JOBS, Limits, Pool, Stopped
 
 
 class Work:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from dataset.coco import CocoDataset
-from dataset.document import read_coco
-from geometry.errors import ConfigError, DatasetError, HulldownError
-from render.pool import Limits
-from render.supervisor import Engine, Part, render_plan
-from tests.render_plans import ASSETS, make_row, write_plan
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco
+from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.render.pool import Limits
+from hulldown.render.supervisor import Engine, Part, render_plan
+from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
 NO_DENOISER = r"""
 printf '@hulldown {"ready": "5.0"}\n'; read line

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from tests.blender_plans import IMAGES, copied, plan_in
-from tests.oracles.resuming import Kill, differences, render
+from hulldown.tests.blender_plans import IMAGES, copied, plan_in
+from hulldown.tests.oracles.resuming import Kill, differences, render
 
 pytestmark = pytest.mark.blender
 

@@ -12,15 +12,15 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from dataset.coco import CocoDataset
-from dataset.document import read_coco
-from dataset.failures import read_failures
-from dataset.join import join
-from geometry.errors import DatasetError
-from reading.landlock import confinement
-from render.jobs import RenderAssets
-from render.supervisor import Engine, Part, render_plan
-from tests.render_plans import ASSETS, contents, make_row, write_plan
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.failures import read_failures
+from hulldown.dataset.join import join
+from hulldown.geometry.errors import DatasetError
+from hulldown.reading.landlock import confinement
+from hulldown.render.jobs import RenderAssets
+from hulldown.render.supervisor import Engine, Part, render_plan
+from hulldown.tests.render_plans import ASSETS, contents, make_row, write_plan
 
 
 @pytest.mark.parametrize("workers", [1, 2])

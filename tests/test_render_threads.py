@@ -5,11 +5,11 @@ import time
 import psutil
 import pytest
 
-from benchmarks.rendering import Talk
-from planning.plan_file import read_plan
-from render.jobs import render_assets, render_job
-from render.messages import Settings, to_json
-from tests.blender_plans import copied, plan_in
+from hulldown.benchmarks.rendering import Talk
+from hulldown.planning.plan_file import read_plan
+from hulldown.render.jobs import render_assets, render_job
+from hulldown.render.messages import Settings, to_json
+from hulldown.tests.blender_plans import copied, plan_in
 
 
 @pytest.mark.blender

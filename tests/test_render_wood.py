@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from render.jobs import render_assets
-from render.masks import cycles_masks, verify_masks
-from render.supervisor import render_plan
-from tests.blender_plans import copied, make_plan
+from hulldown.render.jobs import render_assets
+from hulldown.render.masks import cycles_masks, verify_masks
+from hulldown.render.supervisor import render_plan
+from hulldown.tests.blender_plans import copied, make_plan
 
 pytestmark = pytest.mark.blender
 CONFIG = """

@@ -11,10 +11,10 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 from selenium.webdriver.support.wait import WebDriverWait
 
-from annotate.masks import encode
-from dataset.report import write_report
-from dataset.table import Dataset
-from geometry.errors import DatasetError
+from hulldown.annotate.masks import encode
+from hulldown.dataset.report import write_report
+from hulldown.dataset.table import Dataset
+from hulldown.geometry.errors import DatasetError
 
 WIDTH, HEIGHT = 96, 54
 

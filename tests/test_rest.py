@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from placement.footprint import Samples
-from placement.rest import averaged, least_squares, support
+from hulldown.placement.footprint import Samples
+from hulldown.placement.rest import averaged, least_squares, support
 
 SAMPLES = np.stack(np.meshgrid(np.linspace(-3, 4, 5), np.linspace(-1.5, 2, 4), indexing="ij"), -1).reshape(-1, 2)
 

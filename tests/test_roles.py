@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says
-from geometry.errors import AssetError
-from reading.doubts import vehicle_doubts
-from reading.kinds import likely_kind, refuse_wrong_kind
-from reading.options import Options
-from reading.parts import Asked, find_parts
-from reading.roles import Link, Piece, vehicle_roles
-from reading.scenery_roles import scenery_roles
+from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.doubts import vehicle_doubts
+from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
+from hulldown.reading.options import Options
+from hulldown.reading.parts import Asked, find_parts
+from hulldown.reading.roles import Link, Piece, vehicle_roles
+from hulldown.reading.scenery_roles import scenery_roles
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from geometry.transforms import rigid, rotation_about
-from planning.row import Header, PlannedVehicle, Row, fields, rounded
+from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.planning.row import Header, PlannedVehicle, Row, fields, rounded
 
 PAGE = (Path(__file__).parents[1] / "docs" / "plan-file.md").read_text(encoding="utf-8")
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from geometry.errors import AssetError
-from reading.build import build_scenery
-from reading.doubts import scenery_doubts
-from reading.evaluated import Evaluated
-from reading.kinds import likely_kind, refuse_wrong_kind
-from reading.options import Options
-from reading.roles import Piece
-from reading.scenery_roles import VOLUME, matching, scenery_roles
-from tests.test_roles import link, piece
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.build import build_scenery
+from hulldown.reading.doubts import scenery_doubts
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
+from hulldown.reading.options import Options
+from hulldown.reading.roles import Piece
+from hulldown.reading.scenery_roles import VOLUME, matching, scenery_roles
+from hulldown.tests.test_roles import link, piece
 
 HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
 HOUSES = [piece(f"House.{i:03}", size=(9, 9, 6), at=(20 * i - 60, 30, 3), level=0.4) for i in range(7)]

@@ -8,13 +8,13 @@ import orjson
 import pytest
 from PIL import Image
 
-from dataset.coco import CocoDataset
-from dataset.document import read_coco
-from dataset.export import export
-from dataset.join import join
-from dataset.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
-from dataset.verify import verify
-from geometry.errors import DatasetError
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.export import export
+from hulldown.dataset.join import join
+from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
+from hulldown.dataset.verify import verify
+from hulldown.geometry.errors import DatasetError
 
 PLAN = "c" * 64
 

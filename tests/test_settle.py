@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh, merge
-from placement.footprint import underside
-from placement.rejection import Rejection
-from placement.settle import settle
-from placement.terrain import Terrain
-from tests.planning_assets import box
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.placement.footprint import underside
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import settle
+from hulldown.placement.terrain import Terrain
+from hulldown.tests.planning_assets import box
 
 TANK = np.array([7.0, 3.5, 2.5])
 RULES = ["averaged", "least_squares", "support"]

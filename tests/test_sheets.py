@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.sheets import refuse_foreign, save_sheet
-from geometry.errors import HulldownError
-from planning.summary import summarise
+from hulldown.annotate.sheets import refuse_foreign, save_sheet
+from hulldown.geometry.errors import HulldownError
+from hulldown.planning.summary import summarise
 
 SHEET = Image.fromarray(np.zeros((4, 6, 3), np.uint8))
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 
 
 def test_a_level_camera_to_the_east_looks_west_with_north_to_its_right() -> None:

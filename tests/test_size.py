@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from camera.framing import turned
-from camera.intrinsics import Intrinsics
-from camera.shell import camera_pose, draw_azimuth, draw_elevation
-from camera.size import solve_distance
-from tests.oracles.extent import extent
+from hulldown.camera.framing import turned
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.size import solve_distance
+from hulldown.tests.oracles.extent import extent
 
 HD = Intrinsics(1920, 1080, math.radians(50))
 POINTS = np.random.default_rng(0).uniform(-1, 1, (60, 3)) * [3.5, 1.7, 1.2]

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from annotate.boxes import surface_box
-from assets.library import Assets
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from geometry.transforms import apply
-from planning.planner import Planner, plan
-from planning.row import encode_rows
-from tests.planning_assets import small_assets, small_config
+from hulldown.annotate.boxes import surface_box
+from hulldown.assets.library import Assets
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.geometry.transforms import apply
+from hulldown.planning.planner import Planner, plan
+from hulldown.planning.row import encode_rows
+from hulldown.tests.planning_assets import small_assets, small_config
 
 # Of the wanted size: what the plan promises.
 RELATIVE = 1e-9

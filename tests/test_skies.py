@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from camera.intrinsics import Intrinsics
-from camera.projection import Camera
-from camera.response import displayed
-from camera.world import Plane, World
-from dataset.check_skies import SkyCheck
-from dataset.runs import Run
-from dataset.sky import deviation, inner, radiance
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.response import displayed
+from hulldown.camera.world import Plane, World
+from hulldown.dataset.check_skies import SkyCheck
+from hulldown.dataset.runs import Run
+from hulldown.dataset.sky import deviation, inner, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dataset.picture_files import read_pixels
-from geometry.errors import ConfigError, DatasetError, HulldownError
-from tests.training_pictures import edit, make_dataset
-from training.augment import TABLE, OneOf
-from training.settings import Settings, completed, load_settings, rate_factor
-from training.sources import check_pictures, read_sources
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.training.augment import TABLE, OneOf
+from hulldown.training.settings import Settings, completed, load_settings, rate_factor
+from hulldown.training.sources import check_pictures, read_sources
 
 ROOT = Path(__file__).parents[1]
 
 
 def train_with(data, out, changes):
-    from training.train import train
+    from hulldown.training.train import train
 
     return train(data, out, settings=load_settings(None, changes), device="cpu")
 
@@ -157,7 +157,7 @@ def of_another_size(path):
     ],
 )
 def test_a_picture_that_cannot_be_used_is_named_before_training(tmp_path, spoil, message):
-    from training.train import train
+    from hulldown.training.train import train
 
     dataset = make_dataset(tmp_path / "set", 4)
     spoil(dataset / "images/0002.png")
@@ -187,7 +187,7 @@ def test_a_wrong_setting_is_named_before_anything_is_written(tmp_path, changes, 
 
 
 def test_a_folder_that_holds_something_else_is_not_trained_in(tmp_path):
-    from training.train import train
+    from hulldown.training.train import train
 
     dataset = make_dataset(tmp_path / "set", 4)
     settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 4})
@@ -237,12 +237,12 @@ def test_the_learning_rate_follows_the_steps_of_the_budget():
 
 @pytest.mark.thorough
 def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_place(tmp_path):
-    from training.detr import starting_weights
+    from hulldown.training.detr import starting_weights
 
     # A proxy that refuses stands for a machine without a network.
     code = (
-        "from training.settings import load_settings\n"
-        "from training.detr import starting_weights\n"
+        "from hulldown.training.settings import load_settings\n"
+        "from hulldown.training.detr import starting_weights\n"
         "starting_weights(load_settings(None, {'model': 'medium'}))"
     )
     places = {"RF_HOME": str(tmp_path), "HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:9"}
@@ -285,7 +285,7 @@ def test_a_subset_needs_no_extra():
 
 
 def test_run_json_says_what_the_run_was(tmp_path):
-    from training.train import train
+    from hulldown.training.train import train
 
     dataset = make_dataset(tmp_path / "set", 8)
     settings = load_settings(None, {"model": "small", "resolution": 64, "budget": 9, "batch": 4})

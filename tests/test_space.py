@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from dataset.layouts.kitti import label_line
-from dataset.planned import label_records
-from dataset.space import check_space, space_of
-from geometry.transforms import apply
-from planning.planner import plan
-from tests.planning_assets import small_assets, small_config
+from hulldown.dataset.layouts.kitti import label_line
+from hulldown.dataset.planned import label_records
+from hulldown.dataset.space import check_space, space_of
+from hulldown.geometry.transforms import apply
+from hulldown.planning.planner import plan
+from hulldown.tests.planning_assets import small_assets, small_config
 
 
 @pytest.fixture(scope="module")

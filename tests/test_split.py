@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dataset.coco import CocoDataset
-from dataset.export import LAYOUTS, export
-from dataset.split import SPLITS, group_of, share_out
-from geometry.errors import DatasetError
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.export import LAYOUTS, export
+from hulldown.dataset.split import SPLITS, group_of, share_out
+from hulldown.geometry.errors import DatasetError
 
 
 def pose(x: float) -> list:

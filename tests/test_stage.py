@@ -1,7 +1,7 @@
 """What planning builds once."""
 
-from planning.stage import make_stage
-from tests.planning_assets import small_assets, small_config
+from hulldown.planning.stage import make_stage
+from hulldown.tests.planning_assets import small_assets, small_config
 
 
 def test_ordinary_assets_make_a_stage():

@@ -14,14 +14,14 @@ import pytest
 import torch
 from PIL import Image
 
-from cli import main
-from geometry.errors import HulldownError
-from tests.test_train import in_child
-from tests.training_pictures import edit, make_dataset
-from training.study.arms import StudyRun, arm_draws, budget_of, study_runs
-from training.study.config import load_study
-from training.study.manifest import read_manifest, settle, write_manifest
-from training.study.runs import Options, predictions_path, read_failures, run_one, run_study
+from hulldown.cli import main
+from hulldown.geometry.errors import HulldownError
+from hulldown.tests.test_train import in_child
+from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
+from hulldown.training.study.config import load_study
+from hulldown.training.study.manifest import read_manifest, settle, write_manifest
+from hulldown.training.study.runs import Options, predictions_path, read_failures, run_one, run_study
 
 ROOT = Path(__file__).parents[1]
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
@@ -197,7 +197,7 @@ def _pretend(out, name):
 
 
 def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
-    monkeypatch.setattr("training.study.runs.gpu_places", lambda options: [options, options])
+    monkeypatch.setattr("hulldown.training.study.runs.gpu_places", lambda options: [options, options])
     study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
 
     def launch(out, name, options, progress, stop):

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
 
-from cli import main
-from dataset.charts import svg
-from geometry.errors import HulldownError
-from tests.test_study import settled
-from tests.training_pictures import make_dataset
-from training.labels import read_labels
-from training.study.charts import Line, beside, over_photographs, png
-from training.study.manifest import write_manifest
-from training.study.page import markdown, sections
-from training.study.paper import LABELS, PAPER
-from training.study.report import compared_runs, write_report
-from training.study.results import Difference, needed
-from training.study.runs import JUDGED, predictions_path
+from hulldown.cli import main
+from hulldown.dataset.charts import svg
+from hulldown.geometry.errors import HulldownError
+from hulldown.tests.test_study import settled
+from hulldown.tests.training_pictures import make_dataset
+from hulldown.training.labels import read_labels
+from hulldown.training.study.charts import Line, beside, over_photographs, png
+from hulldown.training.study.manifest import write_manifest
+from hulldown.training.study.page import markdown, sections
+from hulldown.training.study.paper import LABELS, PAPER
+from hulldown.training.study.report import compared_runs, write_report
+from hulldown.training.study.results import Difference, needed
+from hulldown.training.study.runs import JUDGED, predictions_path
 
 ARMS = ("real", "mixed", "synthetic")
 # How many of a hundred labels the detectors of these tests find.

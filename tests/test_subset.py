@@ -3,9 +3,9 @@ import json
 import pytest
 from PIL import Image
 
-from dataset.records import read_usable
-from geometry.errors import DatasetError
-from training.subset import shuffled_images, write_subsets
+from hulldown.dataset.records import read_usable
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.subset import shuffled_images, write_subsets
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 

@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from placement.support import NUDGE, support_plane
+from hulldown.placement.support import NUDGE, support_plane
 
 GRID = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 5), indexing="ij"), -1).reshape(-1, 2)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
+from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
 
 pytestmark = pytest.mark.blender
 MAKER = Path(__file__).with_name("surface_pictures.py")

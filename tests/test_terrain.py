@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from geometry.meshes import Mesh, merge
-from placement.exact import ExactGround
-from placement.ground import Ground
-from placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap
-from placement.terrain import Terrain
-from tests.oracles.top_hits import exact_tops
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.placement.exact import ExactGround
+from hulldown.placement.ground import Ground
+from hulldown.placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap
+from hulldown.placement.terrain import Terrain
+from hulldown.tests.oracles.top_hits import exact_tops
 
 METHODS = ["certified", "refined", "float32"]
 

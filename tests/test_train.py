@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from geometry.errors import HulldownError
-from tests.training_pictures import make_dataset
-from training.predict import load_detector
-from training.settings import load_settings
-from training.train import train
+from hulldown.geometry.errors import HulldownError
+from hulldown.tests.training_pictures import make_dataset
+from hulldown.training.predict import load_detector
+from hulldown.training.settings import load_settings
+from hulldown.training.train import train
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from geometry.errors import ConfigError, DatasetError
-from training.draws import draws_text, make_draws, read_draws, source_shares
+from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.training.draws import draws_text, make_draws, read_draws, source_shares
 
 
 def test_a_row_is_a_function_of_seed_and_number_alone():

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from geometry.transforms import (
+from hulldown.geometry.transforms import (
     apply,
     compose,
     facing,

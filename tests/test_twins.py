@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery
+from hulldown.assets.bundle import load_scenery
 
 SCRIPT = Path(__file__).with_name("twin_blends.py")
 ALIKE = {

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from assets.vehicle import VehicleShape
-from geometry.meshes import Mesh
-from geometry.transforms import apply, rigid, rotation_about
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply, rigid, rotation_about
 
 RNG = np.random.default_rng(0)
 AXIS = np.array([[0.0, 0, 1], [0, 0, 1], [0.1, -1, 0.2], [1, 2, 3]])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from annotate.masks import encode
-from dataset import check_pictures
-from dataset.coco import CocoDataset
-from dataset.planned import image_record, label_records
-from dataset.verify import Finding, compare, verify
-from geometry.errors import ConfigError, DatasetError
-from planning.row import decode_row
+from hulldown.annotate.masks import encode
+from hulldown.dataset import check_pictures
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.planned import image_record, label_records
+from hulldown.dataset.verify import Finding, compare, verify
+from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.planning.row import decode_row
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True

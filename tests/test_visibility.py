@@ -3,18 +3,18 @@ import math
 import numpy as np
 import pytest
 
-from assets.vehicle import VehicleShape
-from camera.intrinsics import Intrinsics
-from camera.projection import NEAR, Camera
-from camera.shell import camera_pose
-from camera.target import PosedVehicle, VehicleTarget, points_around
-from camera.visibility import error_bound, visible_fraction
-from camera.world import Plane, World
-from geometry.hulls import extreme_points
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.rays import RayCaster
-from geometry.transforms import rigid, rotation_z
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.target import PosedVehicle, VehicleTarget, points_around
+from hulldown.camera.visibility import error_bound, visible_fraction
+from hulldown.camera.world import Plane, World
+from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import rigid, rotation_z
 
 VGA = Intrinsics(640, 480, math.radians(50))
 BOX_FACES = np.array(

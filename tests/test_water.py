@@ -6,20 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from assets.library import Assets
-from camera.clearance import CameraRoom
-from camera.intrinsics import Intrinsics
-from camera.visibility import visible_fraction
-from camera.world import World
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh
-from geometry.transforms import rigid, rotation_about, rotation_z
-from placement.clearance import Obstacles
-from placement.rejection import Rejection
-from placement.terrain import Terrain
-from planning.planner import plan
-from planning.stage import make_stage
-from tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
+from hulldown.assets.library import Assets
+from hulldown.camera.clearance import CameraRoom
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.visibility import visible_fraction
+from hulldown.camera.world import World
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.placement.clearance import Obstacles
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.terrain import Terrain
+from hulldown.planning.planner import plan
+from hulldown.planning.stage import make_stage
+from hulldown.tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
 
 TANK = vehicle("t72")
 NOTHING = InstancedScene([], [], [])

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.bundle import load_scenery
-from assets.scenery import Scenery
-from geometry.errors import AssetError
-from placement.terrain import Terrain
-from reading.export import Exported, export
-from reading.options import Options
-from tests.test_backdrops import SHOWN
+from hulldown.assets.bundle import load_scenery
+from hulldown.assets.scenery import Scenery
+from hulldown.geometry.errors import AssetError
+from hulldown.placement.terrain import Terrain
+from hulldown.reading.export import Exported, export
+from hulldown.reading.options import Options
+from hulldown.tests.test_backdrops import SHOWN
 
 MADE = """
 import bpy, sys, math

@@ -3,16 +3,16 @@
 import numpy as np
 import trimesh
 
-from assets.scenery import Scenery
-from assets.vehicle import VehicleShape
-from camera.pencils import Pencils
-from camera.shell import camera_pose
-from camera.target import PosedVehicle, VehicleTarget
-from camera.world import Kind, Plane, World
-from geometry.instances import InstancedScene
-from geometry.meshes import Mesh, merge
-from geometry.rays import RayCaster
-from geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.pencils import Pencils
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import Kind, Plane, World
+from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.rays import RayCaster
+from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 
 TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
 

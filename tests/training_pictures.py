@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from annotate.masks import encode
+from hulldown.annotate.masks import encode
 
 CLASSES = ("square", "disc")
 

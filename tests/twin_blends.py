@@ -11,9 +11,9 @@ from pathlib import Path
 
 import bpy
 
-from reading.blender import duplicates, reader
-from reading.blender.opening import open_blend
-from reading.export import job_for
+from hulldown.reading.blender import duplicates, reader
+from hulldown.reading.blender.opening import open_blend
+from hulldown.reading.export import job_for
 
 CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]

@@ -12,7 +12,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from reading.blender.tidy_properties import PART, REST
+from hulldown.reading.blender.tidy_properties import PART, REST
 
 
 def cube(name="Body"):

@@ -26,8 +26,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from annotate.masks import mask_box
-from geometry.errors import ConfigError
+from hulldown.annotate.masks import mask_box
+from hulldown.geometry.errors import ConfigError
 
 Number: TypeAlias = int | float
 Option: TypeAlias = Number | tuple[Number, Number]

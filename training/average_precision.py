@@ -19,9 +19,9 @@ import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
 from jaxtyping import Bool, Float, Int
 
-from training.labels import Labels
-from training.matching import Matching
-from training.predictions import Predictions
+from hulldown.training.labels import Labels
+from hulldown.training.matching import Matching
+from hulldown.training.predictions import Predictions
 
 RECALLS = np.linspace(0.0, 1.0, 101)
 IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # of AP, to the bit as COCO has them

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from dataset.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
-from training.bootstrap import ratio_error, share_interval
-from training.contrast import measured_contrast
-from training.labels import Labels
-from training.matching import Matching
-from training.metrics import Outcomes, ratio
-from training.predictions import Predictions
+from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.training.bootstrap import ratio_error, share_interval
+from hulldown.training.contrast import measured_contrast
+from hulldown.training.labels import Labels
+from hulldown.training.matching import Matching
+from hulldown.training.metrics import Outcomes, ratio
+from hulldown.training.predictions import Predictions
 
 MOST_NAMES = 30  # bins of a field of names, the most frequent; the others share one
 ENOUGH = 10  # labels in a bin before it is called one of the worst

@@ -25,7 +25,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from training.metrics import SHARES, denominators, figures, ratio
+from hulldown.training.metrics import SHARES, denominators, figures, ratio
 
 RESAMPLES = 2000
 LEVEL = 0.95

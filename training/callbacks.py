@@ -11,7 +11,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 
-from geometry.files import replacing
+from hulldown.geometry.files import replacing
 
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 
-from annotate.drawing import BACKGROUND, contact_sheet
-from dataset.page import Facet, Tile
-from dataset.picture_files import read_pixels
-from geometry.errors import DatasetError
-from training.evaluate import Evaluation
-from training.tide import CAUSES
+from hulldown.annotate.drawing import BACKGROUND, contact_sheet
+from hulldown.dataset.page import Facet, Tile
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.evaluate import Evaluation
+from hulldown.training.tide import CAUSES
 
 OUTCOMES = ("missed", "false alarm", "found")
 MOST = 60  # of each outcome

@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from annotate.masks import decode
-from dataset.look import appearance
-from dataset.picture_files import read_pixels
-from geometry.errors import DatasetError
-from training.labels import Labels
+from hulldown.annotate.masks import decode
+from hulldown.dataset.look import appearance
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.labels import Labels
 
 READERS = 4  # threads; decoding releases the interpreter lock
 

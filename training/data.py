@@ -12,9 +12,9 @@ import torch
 from jaxtyping import Float, Int, UInt8
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from training.augment import Augmenter, Sample, Table
-from training.draws import Draws
-from training.sources import Source
+from hulldown.training.augment import Augmenter, Sample, Table
+from hulldown.training.draws import Draws
+from hulldown.training.sources import Source
 
 KEPT_BYTES = 256 * 2**20  # of pictures that each worker keeps in memory
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from geometry.errors import HulldownError
+from hulldown.geometry.errors import HulldownError
 
 RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
 # What unpickling damaged bytes, or fitting them into a network, raises.

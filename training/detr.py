@@ -24,10 +24,10 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
 
-from training.data import Example, network_pictures
-from training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
-from training.extra import quiet
-from training.settings import Settings, rate_factor
+from hulldown.training.data import Example, network_pictures
+from hulldown.training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.extra import quiet
+from hulldown.training.settings import Settings, rate_factor
 
 with quiet():  # it warns of what its own dependencies will lose
     import rfdetr.config as rf_config

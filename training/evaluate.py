@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from training.average_precision import (
+from hulldown.training.average_precision import (
     AVERAGES,
     IOUS,
     AveragePrecision,
@@ -15,8 +15,8 @@ from training.average_precision import (
     class_mean,
     resampled_averages,
 )
-from training.bins import BinFigures, fields, figures_of
-from training.bootstrap import (
+from hulldown.training.bins import BinFigures, fields, figures_of
+from hulldown.training.bootstrap import (
     difference_interval,
     figure_intervals,
     resampled_sums,
@@ -24,11 +24,11 @@ from training.bootstrap import (
     share_interval,
     standard_error,
 )
-from training.labels import Labels
-from training.matching import Matching, Pairs, match, overlapping
-from training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_at_best, sums_by
-from training.predictions import Predictions
-from training.tide import BACKGROUND, Errors, errors
+from hulldown.training.labels import Labels
+from hulldown.training.matching import Matching, Pairs, match, overlapping
+from hulldown.training.metrics import Curves, Outcomes, confusion, curves, figures, outcomes, sums_at_best, sums_by
+from hulldown.training.predictions import Predictions
+from hulldown.training.tide import BACKGROUND, Errors, errors
 
 FOREGROUND = 0.5  # the IoU of AP50 and of the causes of errors, whatever that of the counts
 AP_RESAMPLES = 400  # a standard error needs no more, and each goes through all detections

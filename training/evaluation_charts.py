@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dataset.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
-from training.bins import BinFigures
-from training.evaluate import Evaluation
+from hulldown.dataset.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
+from hulldown.training.bins import BinFigures
+from hulldown.training.evaluate import Evaluation
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:

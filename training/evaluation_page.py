@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from dataset.charts import LONGEST, differences, svg
-from dataset.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
-from training.average_precision import AVERAGES
-from training.cases import MOST, Cases, facets
-from training.evaluate import Comparison, Evaluation
-from training.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
-from training.tide import CAUSES
+from hulldown.dataset.charts import LONGEST, differences, svg
+from hulldown.dataset.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
+from hulldown.training.average_precision import AVERAGES
+from hulldown.training.cases import MOST, Cases, facets
+from hulldown.training.evaluate import Comparison, Evaluation
+from hulldown.training.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
+from hulldown.training.tide import CAUSES
 
 FIGURES = {
     "tp": "true positives (TP)",

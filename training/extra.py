@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from geometry.errors import HulldownError
+from hulldown.geometry.errors import HulldownError
 
 PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentations", "cv2")
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dataset.records import read_usable
-from dataset.split import group_of
-from geometry.errors import DatasetError
+from hulldown.dataset.records import read_usable
+from hulldown.dataset.split import group_of
+from hulldown.geometry.errors import DatasetError
 
 
 @dataclass(frozen=True, eq=False, slots=True)

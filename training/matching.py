@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from training.labels import Labels
-from training.predictions import Predictions
+from hulldown.training.labels import Labels
+from hulldown.training.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image: COCO looks at no more
 PAIRS_AT_ONCE = 1 << 21

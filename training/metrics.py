@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from training.labels import Labels
-from training.matching import Matching, Pairs, greedy
-from training.predictions import Predictions
+from hulldown.training.labels import Labels
+from hulldown.training.matching import Matching, Pairs, greedy
+from hulldown.training.predictions import Predictions
 
 SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # what adds up over images
 FIGURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")

@@ -14,13 +14,13 @@ import numpy as np
 import orjson
 from jaxtyping import UInt8
 
-from dataset.picture_files import read_pixels
-from geometry.errors import HulldownError
-from geometry.files import open_in_place, replace_file, replacing
-from training.detector import WEIGHTS_NAME, Detections, Detector, DetectorError, chosen_device, read_run
-from training.extra import require_extra
-from training.labels import Labels, read_labels
-from training.predictions import INFO_SUFFIX
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import open_in_place, replace_file, replacing
+from hulldown.training.detector import WEIGHTS_NAME, Detections, Detector, DetectorError, chosen_device, read_run
+from hulldown.training.extra import require_extra
+from hulldown.training.labels import Labels, read_labels
+from hulldown.training.predictions import INFO_SUFFIX
 
 UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
 READERS = 2
@@ -67,7 +67,7 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
     require_extra()
     path = Path(path)
     if not path.is_dir():
-        from training.detr import load_checkpoint
+        from hulldown.training.detr import load_checkpoint
 
         return load_checkpoint(path, device=chosen_device(device))
     run = read_run(path)
@@ -77,10 +77,10 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
         )
     weights = path / WEIGHTS_NAME
     if run["model"] == "small":
-        from training.small import load_small
+        from hulldown.training.small import load_small
 
         return load_small(weights, device=chosen_device(device))
-    from training.detr import load_checkpoint
+    from hulldown.training.detr import load_checkpoint
 
     return load_checkpoint(weights, device=chosen_device(device))
 

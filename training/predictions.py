@@ -12,9 +12,9 @@ import numpy as np
 import orjson
 from jaxtyping import Float, Int
 
-from dataset.entries import is_box
-from geometry.errors import DatasetError
-from training.labels import Labels
+from hulldown.dataset.entries import is_box
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # beside a file of results: which images were looked at, and by what
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import orjson
 
-from geometry.errors import DatasetError, HulldownError
-from geometry.files import replace_file, replacing
-from training.cases import cases
-from training.evaluate import Evaluation, Threshold, best_threshold, compare, evaluate
-from training.evaluation_page import comparison_page, evaluation_page
-from training.labels import Labels, read_labels
-from training.predictions import Predictions, read_predictions
-from training.report_files import comparison_record, metrics_csv, report
+from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.geometry.files import replace_file, replacing
+from hulldown.training.cases import cases
+from hulldown.training.evaluate import Evaluation, Threshold, best_threshold, compare, evaluate
+from hulldown.training.evaluation_page import comparison_page, evaluation_page
+from hulldown.training.labels import Labels, read_labels
+from hulldown.training.predictions import Predictions, read_predictions
+from hulldown.training.report_files import comparison_record, metrics_csv, report
 
 SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from training.average_precision import AVERAGES
-from training.bins import BinFigures, worst
-from training.evaluate import Comparison, Evaluation
-from training.metrics import FIGURES, figures
-from training.tide import CAUSES
+from hulldown.training.average_precision import AVERAGES
+from hulldown.training.bins import BinFigures, worst
+from hulldown.training.evaluate import Comparison, Evaluation
+from hulldown.training.metrics import FIGURES, figures
+from hulldown.training.tide import CAUSES
 
 DIGITS = 6
 COUNTS = ("tp", "fp", "fn")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from geometry.toml_files import read_toml, validated
+from hulldown.geometry.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 FLAGS = ("model", "budget", "seed", "resolution", "weights")  # what the command line may say itself

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from annotate.drawing import contact_sheet, draw
-from training.augment import Augmenter, Sample, changed_table
-from training.data import at_work_size
-from training.settings import load_settings
-from training.sources import read_sources
+from hulldown.annotate.drawing import contact_sheet, draw
+from hulldown.training.augment import Augmenter, Sample, changed_table
+from hulldown.training.data import at_work_size
+from hulldown.training.settings import load_settings
+from hulldown.training.sources import read_sources
 
 TIMES = 8  # augmentations in a row
 WORK_SIZE = (512, 288)  # what the pictures are shrunk to, as for a network of that size

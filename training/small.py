@@ -16,10 +16,10 @@ from jaxtyping import UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 
-from training.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
-from training.data import Example, network_pictures
-from training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
-from training.settings import Settings, rate_factor
+from hulldown.training.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
+from hulldown.training.data import Example, network_pictures
+from hulldown.training.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.settings import Settings, rate_factor
 
 RESOLUTION = 256  # pixels of the longer side
 ASPECT = 9 / 16

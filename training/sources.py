@@ -13,13 +13,13 @@ import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int
 
-from annotate.masks import decode, run_lengths
-from dataset.clipping import clipped_boxes
-from dataset.near_duplicates import near_duplicates, picture_hash
-from dataset.picture_files import read_picture, read_pixels, size_problem
-from dataset.records import read_usable
-from geometry.errors import ConfigError, DatasetError
-from training.augment import Sample
+from hulldown.annotate.masks import decode, run_lengths
+from hulldown.dataset.clipping import clipped_boxes
+from hulldown.dataset.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.picture_files import read_picture, read_pixels, size_problem
+from hulldown.dataset.records import read_usable
+from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.training.augment import Sample
 
 READERS = 4  # threads that look at pictures before training
 

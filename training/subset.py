@@ -10,13 +10,13 @@ from typing import Any
 
 import orjson
 
-from dataset.document import ANNOTATIONS_NAME
-from dataset.pictures import link_or_copy
-from dataset.record_lines import write_coco
-from dataset.records import by_image, read_usable
-from dataset.split import group_of, positions, shuffled
-from dataset.unfinished import all_or_nothing
-from geometry.errors import DatasetError
+from hulldown.dataset.document import ANNOTATIONS_NAME
+from hulldown.dataset.pictures import link_or_copy
+from hulldown.dataset.record_lines import write_coco
+from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.split import group_of, positions, shuffled
+from hulldown.dataset.unfinished import all_or_nothing
+from hulldown.geometry.errors import DatasetError
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from training.average_precision import weighted_averages
-from training.labels import Labels
-from training.matching import Matching, Pairs
-from training.predictions import Predictions
+from hulldown.training.average_precision import weighted_averages
+from hulldown.training.labels import Labels
+from hulldown.training.matching import Matching, Pairs
+from hulldown.training.predictions import Predictions
 
 BACKGROUND = 0.1  # the overlap below which a detection has to do with nothing
 CAUSES = ("class", "localisation", "both", "duplicate", "background", "missed")

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dataset.picture_files import read_pixels
-from training.average_precision import AVERAGES, average_precision
-from training.detector import Detector
-from training.labels import Labels
-from training.predictions import Predictions
-from training.sources import Source
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.training.average_precision import AVERAGES, average_precision
+from hulldown.training.detector import Detector
+from hulldown.training.labels import Labels
+from hulldown.training.predictions import Predictions
+from hulldown.training.sources import Source
 
 BATCH = 8
 

@@ -9,10 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from geometry.errors import HulldownError
-from reading.landlock import OFF, unconfined
-from reading.watch import GIB, ReadLimits
-from verbs.terminal import reading_status, warn
+from hulldown.geometry.errors import HulldownError
+from hulldown.reading.landlock import OFF, unconfined
+from hulldown.reading.watch import GIB, ReadLimits
+from hulldown.verbs.terminal import reading_status, warn
 
 Value = TypeVar("Value")
 
@@ -134,7 +134,7 @@ def add_planned(sub: argparse.ArgumentParser) -> None:
 
 def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
     """The assets that a plan names, read by the arguments of `add_planned`."""
-    from planning.loading import load_planned_assets
+    from hulldown.planning.loading import load_planned_assets
 
     with reading_status() as progress:
         return load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from geometry.code import difference, versions
-from render.scheduler import Scheduler, needing_dask
-from verbs.arguments import AddVerb, at_least_one, port
-from verbs.terminal import DONE, print_json, say
+from hulldown.geometry.code import difference, versions
+from hulldown.render.scheduler import Scheduler, needing_dask
+from hulldown.verbs.arguments import AddVerb, at_least_one, port
+from hulldown.verbs.terminal import DONE, print_json, say
 
 
 def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
@@ -40,8 +40,8 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
     """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
     with needing_dask():
-        from render.cluster import Cluster
-    from training.study.elsewhere import PACKAGES, RESOURCE, launch_on
+        from hulldown.render.cluster import Cluster
+    from hulldown.training.study.elsewhere import PACKAGES, RESOURCE, launch_on
 
     with Cluster(scheduler, RESOURCE, difference, (versions(*PACKAGES),), say=say) as cluster:
         yield launch_on(cluster, _train_here)
@@ -49,8 +49,8 @@ def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Ite
 
 def _train_here(order: Any) -> Any:
     """What runs in a worker of the cluster."""
-    from render.cluster import own_address, wanted
-    from training.study.elsewhere import run_here
+    from hulldown.render.cluster import own_address, wanted
+    from hulldown.training.study.elsewhere import run_here
 
     return own_address(), run_here(order, wanted())
 
@@ -58,7 +58,7 @@ def _train_here(order: Any) -> Any:
 def _cluster(arguments: argparse.Namespace) -> int:
     """Runs until Ctrl-C or SIGTERM."""
     with needing_dask():
-        from render.local_cluster import local_cluster
+        from hulldown.render.local_cluster import local_cluster
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
     with local_cluster(arguments.workers, port=arguments.port) as address:

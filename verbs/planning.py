@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import HulldownError
-from verbs.arguments import (
+from hulldown.geometry.errors import HulldownError
+from hulldown.verbs.arguments import (
     AddVerb,
     add_cache,
     add_planned,
@@ -18,7 +18,7 @@ from verbs.arguments import (
     planned_assets,
     read_limits,
 )
-from verbs.terminal import (
+from hulldown.verbs.terminal import (
     DONE,
     FOUND,
     STDOUT,
@@ -35,7 +35,7 @@ from verbs.terminal import (
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from demo.project import create_bare_project, create_project
+    from hulldown.demo.project import create_bare_project, create_project
 
     if arguments.source:
         return _init_from(arguments)
@@ -50,8 +50,8 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _init_from(arguments: argparse.Namespace) -> int:
-    from demo.project import CONFIG, create_found_project, refuse_config
-    from planning.found_assets import asset_files, missing_kinds, read_found
+    from hulldown.demo.project import CONFIG, create_found_project, refuse_config
+    from hulldown.planning.found_assets import asset_files, missing_kinds, read_found
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
@@ -67,11 +67,11 @@ def _init_from(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from planning.config import HDRI_SUFFIXES, load_config
-    from planning.loading import inspect_config
-    from reading.inspect import Inspected, inspect, pages, write_pictures
-    from reading.report import FileReport
-    from reading.sky_report import SkyReport, inspect_sky
+    from hulldown.planning.config import HDRI_SUFFIXES, load_config
+    from hulldown.planning.loading import inspect_config
+    from hulldown.reading.inspect import Inspected, inspect, pages, write_pictures
+    from hulldown.reading.report import FileReport
+    from hulldown.reading.sky_report import SkyReport, inspect_sky
 
     configs = {path: load_config(path) for path in arguments.files if path.suffix.lower() == ".toml"}
     if arguments.output:
@@ -117,9 +117,9 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from planning.config import load_config
-    from planning.loading import load_assets
-    from planning.write import write_plan
+    from hulldown.planning.config import load_config
+    from hulldown.planning.loading import load_assets
+    from hulldown.planning.write import write_plan
 
     if arguments.check:
         arguments.plan = arguments.config
@@ -155,8 +155,8 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
-    from planning.config import parse_config
-    from planning.summary import summarise
+    from hulldown.planning.config import parse_config
+    from hulldown.planning.summary import summarise
 
     overcast = bool(parse_config(plan.header.config, path=plan.path).light.overcast)
     summary = summarise(plan, left_out=plan.header.left_out, overcast=overcast)
@@ -173,8 +173,8 @@ def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from planning.check import check_plan
-    from planning.plan_file import read_plan
+    from hulldown.planning.check import check_plan
+    from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
     assets = planned_assets(plan, arguments)
@@ -189,8 +189,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> int:
-    from planning.plan_file import read_plan
-    from planning.preview import preview_sheet
+    from hulldown.planning.plan_file import read_plan
+    from hulldown.planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")

@@ -7,8 +7,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import HulldownError
-from verbs.arguments import (
+from hulldown.geometry.errors import HulldownError
+from hulldown.verbs.arguments import (
     AddVerb,
     add_allow_links,
     add_planned,
@@ -22,8 +22,8 @@ from verbs.arguments import (
     read_limits,
     three_shares,
 )
-from verbs.cluster import add_scheduler, scheduler_of
-from verbs.terminal import (
+from hulldown.verbs.cluster import add_scheduler, scheduler_of
+from hulldown.verbs.terminal import (
     DONE,
     FOUND,
     STDOUT,
@@ -39,8 +39,8 @@ from verbs.terminal import (
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from render.pool import DEFAULT_LIMITS
-    from render.supervisor import Engine, Part, render_plan
+    from hulldown.render.pool import DEFAULT_LIMITS
+    from hulldown.render.supervisor import Engine, Part, render_plan
 
     with titled_bar(unit="images") as advance:
 
@@ -92,7 +92,7 @@ def _scheduler(arguments: argparse.Namespace) -> Any:
 
 
 def _join(arguments: argparse.Namespace) -> int:
-    from dataset.join import join
+    from hulldown.dataset.join import join
 
     with progress_bar("joining") as advance:
         joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links, progress=advance)
@@ -108,8 +108,8 @@ def _join(arguments: argparse.Namespace) -> int:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from dataset.records import listed
-    from dataset.verify import verify
+    from hulldown.dataset.records import listed
+    from hulldown.dataset.verify import verify
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
@@ -119,7 +119,7 @@ def _verify(arguments: argparse.Namespace) -> int:
         findings += verify(arguments.dataset, **options)
     checked = 0
     if arguments.masks:
-        from render.masks import verify_masks
+        from hulldown.render.masks import verify_masks
 
         with progress_bar("rendering masks") as advance:
             measured = verify_masks(
@@ -148,10 +148,10 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
     """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
     if arguments.plan is None or arguments.fast:
         return None, []
-    from dataset.check_skies import sky_check
-    from dataset.document import read_coco
-    from dataset.records import Finding
-    from planning.plan_file import read_plan
+    from hulldown.dataset.check_skies import sky_check
+    from hulldown.dataset.document import read_coco
+    from hulldown.dataset.records import Finding
+    from hulldown.planning.plan_file import read_plan
 
     coco = read_coco(arguments.dataset)
     try:
@@ -162,8 +162,8 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from dataset.export import export
-    from dataset.floors import LabelFloors
+    from hulldown.dataset.export import export
+    from hulldown.dataset.floors import LabelFloors
 
     floors = LabelFloors(
         min_box_px=arguments.min_box_px,
@@ -190,10 +190,10 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from dataset.report import THUMBNAIL_WIDTH, write_report
-    from dataset.table import Dataset
-    from planning.plan_file import read_plan
-    from planning.preview import Artist
+    from hulldown.dataset.report import THUMBNAIL_WIDTH, write_report
+    from hulldown.dataset.table import Dataset
+    from hulldown.planning.plan_file import read_plan
+    from hulldown.planning.preview import Artist
 
     source: Path = arguments.source
     if source.is_dir():

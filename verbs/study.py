@@ -9,17 +9,17 @@ import os
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import HulldownError
-from geometry.files import replacing
-from verbs.arguments import AddVerb
-from verbs.cluster import add_scheduler, scheduler_of, training_workers
-from verbs.terminal import DONE, FOUND, STDOUT, make_room, print_json, progress_bar, progress_bars, say, warn
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import replacing
+from hulldown.verbs.arguments import AddVerb
+from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
+from hulldown.verbs.terminal import DONE, FOUND, STDOUT, make_room, print_json, progress_bar, progress_bars, say, warn
 
 MOST_AT_ONCE = 256  # runs that a cluster is asked for
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from training.study.config import study_text
+    from hulldown.training.study.config import study_text
 
     output = arguments.output
     if output.exists():
@@ -44,15 +44,15 @@ def _seen_from(start: Path, folder: Path) -> str:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from training.extra import require_extra
-    from training.study.config import load_study
+    from hulldown.training.extra import require_extra
+    from hulldown.training.study.config import load_study
 
     config = load_study(arguments.config)
     require_extra()
-    from training.augment import changed_table
-    from training.study.manifest import settle
-    from training.study.runs import Options, run_study
-    from training.train import usable_weights
+    from hulldown.training.augment import changed_table
+    from hulldown.training.study.manifest import settle
+    from hulldown.training.study.runs import Options, run_study
+    from hulldown.training.train import usable_weights
 
     changed_table(config.train.augmentation)
     with progress_bar("checking pictures") as advance:
@@ -86,8 +86,8 @@ def _run(arguments: argparse.Namespace) -> int:
 def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
     from rich.table import Table
 
-    from training.study.estimate import hours, overview, seconds_per_step
-    from training.study.runs import gpu_places
+    from hulldown.training.study.estimate import hours, overview, seconds_per_step
+    from hulldown.training.study.runs import gpu_places
 
     rows = overview(arguments.output, settled.manifest)
     seconds = seconds_per_step(arguments.output, settled.manifest, options, say=say)
@@ -111,7 +111,7 @@ def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from training.study.report import write_report
+    from hulldown.training.study.report import write_report
 
     with progress_bar("evaluating") as advance:
         found = write_report(arguments.study, progress=advance)

@@ -28,7 +28,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from geometry.errors import HulldownError
+from hulldown.geometry.errors import HulldownError
 
 
 class Terminal(Console):
@@ -110,7 +110,7 @@ def make_room(path: Path) -> None:
 
 def make_room_for_picture(path: Path) -> None:
     """As `make_room`, and refuse to replace what is no picture of ours."""
-    from annotate.sheets import refuse_foreign
+    from hulldown.annotate.sheets import refuse_foreign
 
     make_room(path)
     refuse_foreign(path)

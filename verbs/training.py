@@ -6,12 +6,20 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from verbs.arguments import AddVerb, at_least_one, fractions, named_folder, overlap, picture_name, threshold_or_best
-from verbs.terminal import DONE, make_room, print_json, progress_bar, progress_bars, say, warn
+from hulldown.verbs.arguments import (
+    AddVerb,
+    at_least_one,
+    fractions,
+    named_folder,
+    overlap,
+    picture_name,
+    threshold_or_best,
+)
+from hulldown.verbs.terminal import DONE, make_room, print_json, progress_bar, progress_bars, say, warn
 
 
 def _subset(arguments: argparse.Namespace) -> int:
-    from training.subset import write_subsets
+    from hulldown.training.subset import write_subsets
 
     with progress_bar("linking images") as advance:
         counts = write_subsets(
@@ -25,10 +33,10 @@ def _subset(arguments: argparse.Namespace) -> int:
 
 
 def _augment(arguments: argparse.Namespace) -> int:
-    from training.extra import require_extra
+    from hulldown.training.extra import require_extra
 
     require_extra()
-    from training.sheet import augmentation_sheet
+    from hulldown.training.sheet import augmentation_sheet
 
     make_room(arguments.output)
     with progress_bar("augmenting") as advance:
@@ -41,12 +49,12 @@ def _augment(arguments: argparse.Namespace) -> int:
 
 
 def _train(arguments: argparse.Namespace) -> int:
-    from training.extra import require_extra
-    from training.settings import FLAGS, load_settings
+    from hulldown.training.extra import require_extra
+    from hulldown.training.settings import FLAGS, load_settings
 
     settings = load_settings(arguments.config, {name: getattr(arguments, name) for name in FLAGS})
     require_extra()
-    from training.train import train
+    from hulldown.training.train import train
 
     with progress_bars() as advance:
         run = train(
@@ -60,10 +68,10 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _predict(arguments: argparse.Namespace) -> int:
-    from training.extra import require_extra
+    from hulldown.training.extra import require_extra
 
     require_extra()
-    from training.predict import predict
+    from hulldown.training.predict import predict
 
     make_room(arguments.output)
     with progress_bar("predicting") as advance:
@@ -83,7 +91,7 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
-    from training.report import evaluate_files
+    from hulldown.training.report import evaluate_files
 
     with progress_bar("evaluating") as advance:
         found = evaluate_files(

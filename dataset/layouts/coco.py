@@ -8,9 +8,9 @@ from typing import Any
 
 import orjson
 
-from dataset.document import COCO_NAME
-from dataset.seals import changed
-from dataset.shares import Shares
+from hulldown.dataset.document import COCO_NAME
+from hulldown.dataset.seals import changed
+from hulldown.dataset.shares import Shares
 
 
 def write(shares: Shares, out: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import orjson
 
-from dataset.shares import Shares, rings_of
+from hulldown.dataset.shares import Shares, rings_of
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # names from which it knows the splits
 

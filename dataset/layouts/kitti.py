@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from dataset.known import number as number_of
-from dataset.shares import Shares
+from hulldown.dataset.known import number as number_of
+from hulldown.dataset.shares import Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own words for no box in space

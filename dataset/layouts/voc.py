@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from dataset.known import number
-from dataset.shares import Item, Shares
+from hulldown.dataset.known import number
+from hulldown.dataset.shares import Item, Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
 TRUNCATED, OCCLUDED = 0.0, 0.95  # cut off at all; less of it visible than this

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 import orjson
 
-from dataset.shares import Item, Shares
+from hulldown.dataset.shares import Item, Shares
 
 SHARD_BYTES = 512 * 2**20  # what object storage and readers like: far above a request's cost, far below a disk's size
 SHARD_IMAGES = 10_000

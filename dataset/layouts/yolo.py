@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from annotate.outlines import bridged
-from dataset.shares import Shares, rings_of
+from hulldown.annotate.outlines import bridged
+from hulldown.dataset.shares import Shares, rings_of
 
 
 def write(shares: Shares, out: Path) -> None:

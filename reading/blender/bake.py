@@ -10,11 +10,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from geometry.alpha import AlphaMap, Extension
-from reading.blender.coordinates import coordinates
-from reading.blender.nodes import material_output, upstream
-from reading.blender.opacity import NotUnderstoodError
-from reading.blender.opacity_nodes import show_opacity
+from hulldown.geometry.alpha import AlphaMap, Extension
+from hulldown.reading.blender.coordinates import coordinates
+from hulldown.reading.blender.nodes import material_output, upstream
+from hulldown.reading.blender.opacity import NotUnderstoodError
+from hulldown.reading.blender.opacity_nodes import show_opacity
 
 WIDEST = 16.0  # times that an image may repeat in what is baked
 PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from geometry.errors import AssetError
-from reading.formats import kind_of_file
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int
 
-from geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
-from reading.blender.bake import baked
-from reading.blender.coordinates import coordinates
-from reading.blender.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
-from reading.blender.texels import texels
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
+from hulldown.reading.blender.bake import baked
+from hulldown.reading.blender.coordinates import coordinates
+from hulldown.reading.blender.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
+from hulldown.reading.blender.texels import texels
 
 EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Extension.CLIP}
 

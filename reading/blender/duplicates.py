@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from reading.blender.mesh_content import content_of
-from reading.blender.poses import own_poses
-from reading.blender.tidy import VISIBILITY
+from hulldown.reading.blender.mesh_content import content_of
+from hulldown.reading.blender.poses import own_poses
+from hulldown.reading.blender.tidy import VISIBILITY
 
 FEWEST = 1000  # so that files of the usual size are read as they are
 LOOK = (*VISIBILITY, "is_holdout", "is_shadow_catcher", "pass_index")

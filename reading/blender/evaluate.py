@@ -13,21 +13,21 @@ import bpy
 import numpy as np
 from jaxtyping import Bool, Float
 
-from assets.textures import TEXTURE_SIZE
-from geometry.errors import AssetError
-from geometry.meshes import Mesh
-from geometry.transforms import apply
-from reading.blender.capture import OUR_CAMERA, visit_render
-from reading.blender.cutouts import CutoutReader
-from reading.blender.duplicates import Duplicate
-from reading.blender.poses import Poses
-from reading.blender.shaders import is_clear, is_displaced, is_volume
-from reading.blender.strands import curves_mesh, strand_curves, strand_systems
-from reading.evaluated import Evaluated, Left
-from reading.roles import Link, Piece
-from reading.scenery_roles import VOLUME
-from reading.shape import level_share
-from reading.wet_faces import wet_slots
+from hulldown.assets.textures import TEXTURE_SIZE
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply
+from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
+from hulldown.reading.blender.cutouts import CutoutReader
+from hulldown.reading.blender.duplicates import Duplicate
+from hulldown.reading.blender.poses import Poses
+from hulldown.reading.blender.shaders import is_clear, is_displaced, is_volume
+from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from hulldown.reading.evaluated import Evaluated, Left
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.scenery_roles import VOLUME
+from hulldown.reading.shape import level_share
+from hulldown.reading.wet_faces import wet_slots
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"

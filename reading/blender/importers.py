@@ -8,10 +8,10 @@ from pathlib import Path
 
 import bpy
 
-from geometry.errors import AssetError
-from reading.blender.blocks import refuse_odd_references
-from reading.blender.duplicates import Duplicate, take_duplicates
-from reading.blender.opening import open_blend
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.blocks import refuse_odd_references
+from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
+from hulldown.reading.blender.opening import open_blend
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
 AGAIN = "open it in Blender and save it again"

@@ -10,11 +10,11 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from geometry.color import linear_from_srgb
-from reading.blender.nodes import Stack, source
-from reading.blender.shaders import is_clear, surface_shaders
-from reading.paintable import MaterialRow, left_alone_by_name
-from reading.roles import Piece
+from hulldown.geometry.color import linear_from_srgb
+from hulldown.reading.blender.nodes import Stack, source
+from hulldown.reading.blender.shaders import is_clear, surface_shaders
+from hulldown.reading.paintable import MaterialRow, left_alone_by_name
+from hulldown.reading.roles import Piece
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 METAL = 0.5  # least metalness of what is not painted

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from mathutils import Euler, Matrix
 
-from geometry.alpha import Step, stepped
-from geometry.color import LUMINANCE
-from reading.blender.nodes import Stack, material_output, source
+from hulldown.geometry.alpha import Step, stepped
+from hulldown.geometry.color import LUMINANCE
+from hulldown.reading.blender.nodes import Stack, material_output, source
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from reading.blender.nodes import material_output
+from hulldown.reading.blender.nodes import material_output
 
 SOCKET = "hulldown opacity"
 

@@ -9,10 +9,10 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from assets.skylight import level_irradiance
-from geometry.errors import AssetError
-from reading.backdrop import backdrop, small_map
-from reading.hdri import MAP_ROWS, mend
+from hulldown.assets.skylight import level_irradiance
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.backdrop import backdrop, small_map
+from hulldown.reading.hdri import MAP_ROWS, mend
 
 
 def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:

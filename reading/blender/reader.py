@@ -1,7 +1,7 @@
 """The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
 
-Run as ``python -m reading.blender.reader JOB.json...``. Blender may crash on a damaged file, keeps what it once loaded,
-and talks on stdout; so every file gets a process of its own and answers come in files.
+Run as ``python -m hulldown.reading.blender.reader JOB.json...``. Blender may crash on a damaged file, keeps what it
+once loaded, and talks on stdout; so every file gets a process of its own and answers come in files.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from assets.bundle import save_scenery, save_vehicle
-from geometry.errors import AssetError, HulldownError
-from geometry.files import replacing
-from reading.blender.evaluate import HIDDEN, evaluate
-from reading.blender.importers import open_file
-from reading.blender.materials import material_rows
-from reading.blender.pictures import read_picture
-from reading.blender.textures import missing_files, used_files
-from reading.blender.tidy import Keeper, write_scenery, write_vehicle
-from reading.build import build_scenery, build_vehicle
-from reading.doubts import scenery_doubts, vehicle_doubts
-from reading.evaluated import Evaluated
-from reading.kinds import likely_kind, refuse_wrong_kind
-from reading.options import Options
-from reading.report import FileReport, Missing, Row, gathered
-from reading.roles import Piece
-from reading.scenery_roles import scenery_roles
-from reading.stance import metres_from_file, stand_upright
+from hulldown.assets.bundle import save_scenery, save_vehicle
+from hulldown.geometry.errors import AssetError, HulldownError
+from hulldown.geometry.files import replacing
+from hulldown.reading.blender.evaluate import HIDDEN, evaluate
+from hulldown.reading.blender.importers import open_file
+from hulldown.reading.blender.materials import material_rows
+from hulldown.reading.blender.pictures import read_picture
+from hulldown.reading.blender.textures import missing_files, used_files
+from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
+from hulldown.reading.build import build_scenery, build_vehicle
+from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
+from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport, Missing, Row, gathered
+from hulldown.reading.roles import Piece
+from hulldown.reading.scenery_roles import scenery_roles
+from hulldown.reading.stance import metres_from_file, stand_upright
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from reading.blender.nodes import material_output
+from hulldown.reading.blender.nodes import material_output
 
 SEEN_THROUGH = 0.5  # least transmission of a surface that one sees through
 TRANSPARENT = "BSDF_TRANSPARENT"

@@ -7,8 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from geometry.alpha import Step, Steps, stepped
-from geometry.color import LUMINANCE, srgb_from_linear
+from hulldown.geometry.alpha import Step, Steps, stepped
+from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from reading.report import Missing
+from hulldown.reading.report import Missing
 
 TILES = "<UDIM>"
 

@@ -18,9 +18,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from reading.blender.frames import pose as set_pose
-from reading.blender.tidy_properties import PART, REST, TIDY
-from reading.roles import Piece
+from hulldown.reading.blender.frames import pose as set_pose
+from hulldown.reading.blender.tidy_properties import PART, REST, TIDY
+from hulldown.reading.roles import Piece
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"

@@ -10,10 +10,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.weather_kinds import air_layers
-from reading.blender.frames import pose
-from render.blender.light import HdriWorld
-from render.blender.nodes import add_node
+from hulldown.camera.weather_kinds import air_layers
+from hulldown.reading.blender.frames import pose
+from hulldown.render.blender.light import HdriWorld
+from hulldown.render.blender.nodes import add_node
 
 
 class Fog:

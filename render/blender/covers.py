@@ -15,8 +15,8 @@ from typing import Any
 
 import bpy
 
-from render import surface_weather as weather
-from render.blender.nodes import add_node, feed, maths
+from hulldown.render import surface_weather as weather
+from hulldown.render.blender.nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside

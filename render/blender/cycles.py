@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from render.messages import Settings
+from hulldown.render.messages import Settings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"

@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.backdrop import HIGH, even_colour, fade
-from camera.fog import DUST_LAYERS, AirLayer, even_sky
-from render.blender.nodes import add_node, maths
+from hulldown.camera.backdrop import HIGH, even_colour, fade
+from hulldown.camera.fog import DUST_LAYERS, AirLayer, even_sky
+from hulldown.render.blender.nodes import add_node, maths
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees

@@ -14,11 +14,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from reading.blender.opacity_nodes import show_opacity
-from reading.blender.shaders import is_volume
-from render.blender import cycles
-from render.blender.scene import Stage
-from render.messages import Settings
+from hulldown.reading.blender.opacity_nodes import show_opacity
+from hulldown.reading.blender.shaders import is_volume
+from hulldown.render.blender import cycles
+from hulldown.render.blender.scene import Stage
+from hulldown.render.messages import Settings
 
 FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
 PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from render.blender.nodes import add_node, maths
-from render.messages import PaintInput
+from hulldown.render.blender.nodes import add_node, maths
+from hulldown.render.messages import PaintInput
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 BRIGHTEST = 4.0  # times the mean that painted texture is bright, at most

@@ -11,11 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
-from camera.weather_kinds import KINDS, Weather
-from reading.blender.frames import pose
-from render.blender.nodes import add_node, maths
-from render.messages import CameraInput
+from hulldown.camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
+from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.reading.blender.frames import pose
+from hulldown.render.blender.nodes import add_node, maths
+from hulldown.render.messages import CameraInput
 
 NAME = "hulldown precipitation"
 

@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from render.blender import cycles
-from render.blender.object_index import IndexPictures
-from render.blender.scene import Stage
-from render.messages import MaskJob, RenderJob, StartJob, from_json
+from hulldown.render.blender import cycles
+from hulldown.render.blender.object_index import IndexPictures
+from hulldown.render.blender.scene import Stage
+from hulldown.render.messages import MaskJob, RenderJob, StartJob, from_json
 
 
 class Renderer:

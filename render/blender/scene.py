@@ -17,18 +17,18 @@ from typing import Any
 import bpy
 import numpy as np
 
-from assets.naming import BACKDROPS, says
-from camera.weather_kinds import KINDS, Weather, airlight
-from reading.blender.frames import pose, world_from_blender_camera
-from reading.blender.opening import disarm, open_blend
-from reading.blender.tidy_properties import PART, REST, TIDY
-from render.blender.air import Fog
-from render.blender.covers import PLANE
-from render.blender.light import HdriWorld
-from render.blender.paint import Paintable
-from render.blender.precipitation import Precipitation, falling
-from render.blender.surfaces import Surfaces
-from render.messages import CameraInput, LightInput, VehicleInput
+from hulldown.assets.naming import BACKDROPS, says
+from hulldown.camera.weather_kinds import KINDS, Weather, airlight
+from hulldown.reading.blender.frames import pose, world_from_blender_camera
+from hulldown.reading.blender.opening import disarm, open_blend
+from hulldown.reading.blender.tidy_properties import PART, REST, TIDY
+from hulldown.render.blender.air import Fog
+from hulldown.render.blender.covers import PLANE
+from hulldown.render.blender.light import HdriWorld
+from hulldown.render.blender.paint import Paintable
+from hulldown.render.blender.precipitation import Precipitation, falling
+from hulldown.render.blender.surfaces import Surfaces
+from hulldown.render.messages import CameraInput, LightInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything

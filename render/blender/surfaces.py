@@ -13,11 +13,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from assets.naming import NOT_WATER, WATER, WATERS, says
-from reading.blender.nodes import material_output
-from reading.blender.opacity_nodes import SOCKET, opacity_socket
-from reading.blender.shaders import is_clear
-from render.blender import covers
+from hulldown.assets.naming import NOT_WATER, WATER, WATERS, says
+from hulldown.reading.blender.nodes import material_output
+from hulldown.reading.blender.opacity_nodes import SOCKET, opacity_socket
+from hulldown.reading.blender.shaders import is_clear
+from hulldown.render.blender import covers
 
 MARK = "hulldown weather"  # label of the nodes that are put in
 OURS = "hulldown"  # begins the names of the stage's own materials

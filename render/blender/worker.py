@@ -7,6 +7,7 @@ included, goes to stderr, which the supervisor keeps as a log.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import platform
@@ -42,8 +43,8 @@ def main() -> int:
         answer(_unusable(f"it is Blender {bpy.app.version_string}", f"use version {wanted} or later"))
         return 1
     try:
-        from render.blender.cycles import Unusable
-        from render.blender.renderer import Renderer
+        from hulldown.render.blender.cycles import Unusable
+        from hulldown.render.blender.renderer import Renderer
     except ModuleNotFoundError as error:
         python = f"the Python {platform.python_version()} of Blender {bpy.app.version_string}"
         answer(_unusable(f"{python} has no {error.name}", f"install {error.name} for that Python"))
@@ -64,12 +65,20 @@ def main() -> int:
 
 
 def _find_hulldown() -> None:
-    """Put hulldown's folder on the path, and take this script's own off it: its cycles.py would hide Blender's.
+    """Make this checkout or installation the package `hulldown`, whichever Python this is.
 
-    It comes last: where hulldown is installed, it is a folder full of other packages, and Blender shall keep its numpy.
+    The folder of this script leaves the path: its cycles.py would hide Blender's own.
     """
     here = Path(__file__).resolve().parent
-    sys.path[:] = [*(entry for entry in sys.path if Path(entry or ".").resolve() != here), str(here.parents[1])]
+    sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
+    root = here.parents[1]
+    spec = importlib.util.spec_from_file_location(
+        "hulldown", root / "__init__.py", submodule_search_locations=[str(root)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules["hulldown"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["hulldown"])
 
 
 def _unusable(problem: str, remedy: str) -> dict[str, str]:

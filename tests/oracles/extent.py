@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from camera.projection import project
+from hulldown.camera.projection import project
 
 
 def extent(intrinsics, world_from_camera, points_world, measure="height"):

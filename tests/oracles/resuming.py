@@ -18,10 +18,10 @@ from pathlib import Path
 
 import psutil
 
-from dataset.coco import LOCK_NAME
-from dataset.document import JOURNAL_NAME
-from dataset.journal import MERGED
-from render.session import LOGS_NAME
+from hulldown.dataset.coco import LOCK_NAME
+from hulldown.dataset.document import JOURNAL_NAME
+from hulldown.dataset.journal import MERGED
+from hulldown.render.session import LOGS_NAME
 
 ROOT = Path(__file__).parents[2]
 POLL_S = 0.01
@@ -53,7 +53,18 @@ def render(plan: Path, dataset: Path, kills: Sequence[Kill] = ()) -> Course:
     with (dataset.parent / f"{dataset.name}.log").open("ab") as log:
         while course.started <= len(kills) + SPARE_RUNS:
             course.started += 1
-            command = [sys.executable, "-P", "-m", "cli", "render", str(plan), "-o", str(dataset), "--device", "cpu"]
+            command = [
+                sys.executable,
+                "-P",
+                "-m",
+                "hulldown.cli",
+                "render",
+                str(plan),
+                "-o",
+                str(dataset),
+                "--device",
+                "cpu",
+            ]
             environment = {**os.environ, "PYTHONPATH": str(ROOT)}
             run = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
             try:

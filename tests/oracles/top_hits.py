@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from geometry.meshes import Mesh
+from hulldown.geometry.meshes import Mesh
 
 
 @dataclass(frozen=True)

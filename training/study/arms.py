@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from training.draws import Draws, make_draws
-from training.study.config import Arm, StudyConfig
-from training.subset import subset_name
+from hulldown.training.draws import Draws, make_draws
+from hulldown.training.study.config import Arm, StudyConfig
+from hulldown.training.subset import subset_name
 
 SOURCES: dict[Arm, tuple[str, ...]] = {
     "real": ("real",),

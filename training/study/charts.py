@@ -11,8 +11,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dataset.charts import BLUE, GREEN, INK, RED, SOFT, tidy
-from training.study.words import TITLES
+from hulldown.dataset.charts import BLUE, GREEN, INK, RED, SOFT, tidy
+from hulldown.training.study.words import TITLES
 
 COLOURS = {
     "real": BLUE,

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from geometry.errors import ConfigError
-from geometry.toml_files import read_toml, validated
-from training.settings import Settings, completed
-from training.subset import FRACTIONS
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.toml_files import read_toml, validated
+from hulldown.training.settings import Settings, completed
+from hulldown.training.subset import FRACTIONS
 
 Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
 ARMS: tuple[Arm, ...] = ("real", "mixed", "synthetic")  # the paper's

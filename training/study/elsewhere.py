@@ -17,9 +17,9 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from training.run_folder import LOCK_NAME
-from training.study.manifest import MANIFEST_NAME, RUNS_NAME, read_manifest
-from training.study.runs import Launch, Options, Progress, in_a_process
+from hulldown.training.run_folder import LOCK_NAME
+from hulldown.training.study.manifest import MANIFEST_NAME, RUNS_NAME, read_manifest
+from hulldown.training.study.runs import Launch, Options, Progress, in_a_process
 
 RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
 POLL_S = 0.2

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from training.data import Batches
-from training.detector import RUN_NAME
-from training.study.manifest import RUNS_NAME, Manifest, PlannedRun
-from training.study.runs import Options, is_finished
+from hulldown.training.data import Batches
+from hulldown.training.detector import RUN_NAME
+from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun
+from hulldown.training.study.runs import Options, is_finished
 
 TRIED_STEPS = 3
 
@@ -55,7 +55,7 @@ def seconds_per_step(
             found += [figures["seconds_per_step"]] if "seconds_per_step" in figures else []
     if found:
         return float(np.median(found))
-    from training.train import train
+    from hulldown.training.train import train
 
     say(f"taking {TRIED_STEPS} steps to see how long one takes")
     settings = manifest.runs[0].settings

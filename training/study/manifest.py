@@ -13,16 +13,23 @@ import orjson
 from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict
 
-from dataset.document import read_coco
-from dataset.records import by_image
-from geometry.errors import ConfigError, DatasetError
-from geometry.files import replace_file
-from training.draws import Draws, draws_text
-from training.settings import Settings
-from training.sources import CheckedPictures, Source, check_pictures, follow_masks, read_sources, shared_pictures
-from training.study.arms import StudyRun, arm_draws, budget_of, study_runs
-from training.study.config import Arm, StudyConfig
-from training.subset import nested_subsets
+from hulldown.dataset.document import read_coco
+from hulldown.dataset.records import by_image
+from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.geometry.files import replace_file
+from hulldown.training.draws import Draws, draws_text
+from hulldown.training.settings import Settings
+from hulldown.training.sources import (
+    CheckedPictures,
+    Source,
+    check_pictures,
+    follow_masks,
+    read_sources,
+    shared_pictures,
+)
+from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
+from hulldown.training.study.config import Arm, StudyConfig
+from hulldown.training.subset import nested_subsets
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
 KEY_DIGITS = 10

@@ -9,14 +9,14 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from dataset.charts import differences, svg
-from dataset.page import Block, Chart, Items, Section, Table, Words, page
-from training.evaluation_page import number, ranged
-from training.study.charts import COLOURS, Line, beside, over_photographs, png
-from training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
-from training.study.results import COUNTS, MEASURES
-from training.study.words import TITLES
-from training.subset import subset_name
+from hulldown.dataset.charts import differences, svg
+from hulldown.dataset.page import Block, Chart, Items, Section, Table, Words, page
+from hulldown.training.evaluation_page import number, ranged
+from hulldown.training.study.charts import COLOURS, Line, beside, over_photographs, png
+from hulldown.training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
+from hulldown.training.study.results import COUNTS, MEASURES
+from hulldown.training.study.words import TITLES
+from hulldown.training.subset import subset_name
 
 OVER = ("f1", "recall", "precision", "ap50")
 OVER_NAME = "over_photographs"

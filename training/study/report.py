@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from geometry.errors import HulldownError
-from geometry.files import replace_file
-from training.detector import RUN_NAME
-from training.evaluate import Threshold, best_threshold, evaluate
-from training.labels import Labels, read_labels
-from training.predictions import read_predictions
-from training.report_files import plain
-from training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from training.study.page import charts_of, html, markdown, sections
-from training.study.results import (
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import replace_file
+from hulldown.training.detector import RUN_NAME
+from hulldown.training.evaluate import Threshold, best_threshold, evaluate
+from hulldown.training.labels import Labels, read_labels
+from hulldown.training.predictions import read_predictions
+from hulldown.training.report_files import plain
+from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
+from hulldown.training.study.page import charts_of, html, markdown, sections
+from hulldown.training.study.results import (
     COMPARED,
     COUNTS,
     MEASURES,
@@ -36,8 +36,8 @@ from training.study.results import (
     mean,
     pairs,
 )
-from training.study.runs import is_finished, predictions_path, read_failures
-from training.study.words import bin_words, difference_words, summary, sureness, worth_words
+from hulldown.training.study.runs import is_finished, predictions_path, read_failures
+from hulldown.training.study.words import bin_words, difference_words, summary, sureness, worth_words
 
 WORTH_BY = ("f1", "recall", "ap50")
 

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from training.average_precision import AVERAGES, class_mean
-from training.bootstrap import combined_error, difference_interval, ratio_error, share_interval, standard_error
-from training.evaluate import Evaluation
-from training.metrics import SHARES, SUMS, figures, ratio
-from training.study.config import Arm
-from training.study.manifest import PlannedRun
+from hulldown.training.average_precision import AVERAGES, class_mean
+from hulldown.training.bootstrap import combined_error, difference_interval, ratio_error, share_interval, standard_error
+from hulldown.training.evaluate import Evaluation
+from hulldown.training.metrics import SHARES, SUMS, figures, ratio
+from hulldown.training.study.config import Arm
+from hulldown.training.study.manifest import PlannedRun
 
 COUNTS = ("tp", "fp", "fn")
 MEASURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import orjson
 
-from geometry.child import Child
-from geometry.files import replace_file
-from training.run_folder import RunFolder, alone_in
-from training.study.manifest import (
+from hulldown.geometry.child import Child
+from hulldown.geometry.files import replace_file
+from hulldown.training.run_folder import RunFolder, alone_in
+from hulldown.training.study.manifest import (
     LOGS_NAME,
     MANIFEST_NAME,
     RUNS_NAME,
@@ -33,7 +33,6 @@ from training.study.manifest import (
     write_manifest,
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 FAILURES_NAME = "failures.json"
 POLL_S = 0.2
 JUDGED = ("test", "valid")
@@ -103,8 +102,8 @@ def run_one(
     HulldownError
         If something cannot be used.
     """
-    from training.predict import predict
-    from training.train import train
+    from hulldown.training.predict import predict
+    from hulldown.training.train import train
 
     study = Path(study)
     manifest = read_manifest(study)
@@ -260,10 +259,18 @@ def in_a_process(
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """`run_one` in a process of its own, which ends when this one does, however it ends."""
-    command = [sys.executable, "-P", "-m", "training.study.worker", str(study), name, "--device", options.device]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "hulldown.training.study.worker",
+        str(study),
+        name,
+        "--device",
+        options.device,
+    ]
     if options.workers is not None:
         command += ["--workers", str(options.workers)]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     log = study / LOGS_NAME / f"{name}.txt"
     log.parent.mkdir(exist_ok=True)
     log.unlink(missing_ok=True)
@@ -279,7 +286,7 @@ def in_a_process(
         else:
             progress(told["what"], told["done"], told["total"])
 
-    env = {**environment, **options.environment, "PYTHONPATH": path}
+    env = {**environment, **options.environment}
     with Child(command, env=env, hear=hear, log=log) as child:
         while child.wait(POLL_S) is None:
             if stop.is_set():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from training.study.results import ENOUGH, BinDifference, Cell, Difference, Equivalent, mean
+from hulldown.training.study.results import ENOUGH, BinDifference, Cell, Difference, Equivalent, mean
 
 TITLES = {
     "tp": "TP",

@@ -1,4 +1,4 @@
-"""`python -m training.study.worker STUDY NAME`: one run of a study; a line of JSON on stdout for what is done."""
+"""`python -m hulldown.training.study.worker STUDY NAME`: one run of a study; JSON lines on stdout for what is done."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import sys
 import threading
 from pathlib import Path
 
-from geometry.errors import HulldownError
-from training.study.runs import Options, run_one
+from hulldown.geometry.errors import HulldownError
+from hulldown.training.study.runs import Options, run_one
 
 
 def main() -> int:
     """Run what the command line asks for; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m training.study.worker", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.training.study.worker", description=__doc__)
     parser.add_argument("study", type=Path)
     parser.add_argument("name")
     parser.add_argument("--device", default="auto")
     parser.add_argument("--workers", type=int)
     arguments = parser.parse_args()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    from training.extra import require_extra
+    from hulldown.training.extra import require_extra
 
     try:
         require_extra()

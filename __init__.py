@@ -1,0 +1,1 @@
+"""Plan, render, and annotate synthetic detection datasets of vehicles on terrain."""
