@@ -15,13 +15,12 @@ from jaxtyping import Bool, UInt8
 from hulldown.dataset.check_looks import check_looks, is_rendered
 from hulldown.dataset.names import place_of
 from hulldown.dataset.near_duplicates import near_duplicates, picture_hash
-from hulldown.dataset.picture_files import UPRIGHT, read_picture, size_problem
+from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
 from hulldown.dataset.records import Finding
 from hulldown.dataset.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import stays_inside
 
-DECODERS = 4
 LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
 Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 

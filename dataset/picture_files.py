@@ -14,6 +14,7 @@ from PIL.ExifTags import Base
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
+DECODERS = 4  # threads that decode pictures
 UPRIGHT = 1  # the EXIF orientation of a picture that is stored as it is displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 

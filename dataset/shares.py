@@ -9,14 +9,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from hulldown.dataset.clipping import refuse_all
-from hulldown.dataset.picture_files import read_picture, size_problem
+from hulldown.dataset.picture_files import DECODERS, read_picture, size_problem
 from hulldown.dataset.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.seals import PICTURE_KEY, digest
 from hulldown.dataset.split import SPLITS
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
-
-DECODERS = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)

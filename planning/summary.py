@@ -234,7 +234,7 @@ class Summary:
 
 
 def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
-    """Count over all rows of a plan, holding one of them at a time.
+    """Count over all rows of a plan, keeping about 64 bytes of each.
 
     Parameters
     ----------
