@@ -109,7 +109,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         if code := main(words):
             return code
     from hulldown.annotate.sheets import save_sheet
-    from hulldown.dataset.overlay import dataset_sheet
+    from hulldown.dataset.reports.overlay import dataset_sheet
 
     save_sheet(dataset_sheet(dataset, count=12, columns=3, masks=False), folder / "contact_sheet.png")
     say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")

@@ -15,16 +15,16 @@ from hulldown.benchmarks.rendering import planned
 from hulldown.benchmarks.rendering_error import FAST
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
-from hulldown.render.cluster_pool import ClusterPool
+from hulldown.render.cluster.cluster_pool import ClusterPool
+from hulldown.render.cluster.node import SHARE_VARIABLE
+from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.node import SHARE_VARIABLE
 from hulldown.render.pool import DEFAULT_LIMITS, Pool
 from hulldown.render.remaining import sort_key
-from hulldown.render.scheduler import Scheduler
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster
 from hulldown.tests.oracles.resuming import differences

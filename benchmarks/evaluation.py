@@ -16,13 +16,13 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.benchmarks.tables import table
-from hulldown.training.average_precision import average_precision
-from hulldown.training.bootstrap import RESAMPLES, figure_intervals, resampled_sums
-from hulldown.training.labels import Labels
-from hulldown.training.matching import match, overlapping
-from hulldown.training.metrics import confusion, curves, outcomes, sums_by
-from hulldown.training.predictions import Predictions
-from hulldown.training.tide import errors
+from hulldown.training.evaluation.average_precision import average_precision
+from hulldown.training.evaluation.bootstrap import RESAMPLES, figure_intervals, resampled_sums
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.metrics import confusion, curves, outcomes, sums_by
+from hulldown.training.evaluation.predictions import Predictions
+from hulldown.training.evaluation.tide import errors
 
 CLASSES, LABELS, DETECTIONS = 3, 3, 10  # of each image the last two
 OURS = "everything but AP (hulldown)"

@@ -22,7 +22,7 @@ from hulldown.benchmarks.scenes import vehicles
 from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.planning.config import load_config, parse_config
+from hulldown.planning.config.config_file import load_config, parse_config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.planning_assets import hills

@@ -26,7 +26,7 @@ from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.report import Row
-from hulldown.reading.stance import stand_upright
+from hulldown.reading.vehicle.stance import stand_upright
 
 ROOT = Path(__file__).parents[1]
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group

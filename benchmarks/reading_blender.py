@@ -22,7 +22,7 @@ from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.options import Options
-from hulldown.reading.stance import metres_from_file, stand_upright
+from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from hulldown.benchmarks import rendering_error
 from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
-from hulldown.planning.config import load_config, parse_config
+from hulldown.planning.config.config_file import load_config, parse_config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row

@@ -19,12 +19,12 @@ import numpy as np
 import orjson
 from filelock import FileLock, Timeout
 
-from hulldown.dataset.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from hulldown.dataset.entries import check_annotation, check_image, free_id, new_category, plain_json
-from hulldown.dataset.journal import MERGED, Journal
-from hulldown.dataset.names import place_of
-from hulldown.dataset.runs import Run
-from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, sealed
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
+from hulldown.dataset.store.entries import check_annotation, check_image, free_id, new_category, plain_json
+from hulldown.dataset.store.journal import MERGED, Journal
+from hulldown.dataset.store.names import place_of
+from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
 from hulldown.geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
@@ -202,8 +202,8 @@ class CocoDataset:
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height`` and whatever else it
             shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next. With
-            ``picture_sha256``, the hash of its file, it and its annotations are sealed: `dataset.verify` finds what
-            is changed later.
+            ``picture_sha256``, the hash of its file, it and its annotations are sealed:
+            `dataset.verification.verify` finds what is changed later.
         annotations
             Each with ``category`` (a name) and ``bbox`` (xywh pixels) and whatever else it shall carry. ``id`` as
             for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.

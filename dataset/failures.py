@@ -8,7 +8,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.journal import read_journal, replaced
+from hulldown.dataset.store.journal import read_journal, replaced
 
 FAILURES_NAME = "failures.jsonl"
 

@@ -17,9 +17,9 @@ import orjson
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.failures import read_failures, write_failures
 from hulldown.dataset.part import Part, loaded, read_part
-from hulldown.dataset.pictures import confined, own_picture, place
 from hulldown.dataset.provenance import add_provenance, read_provenance
-from hulldown.dataset.runs import Run
+from hulldown.dataset.store.pictures import confined, own_picture, place
+from hulldown.dataset.store.runs import Run
 from hulldown.geometry.errors import DatasetError
 
 

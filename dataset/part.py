@@ -9,12 +9,12 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.document import Document, check_is_dataset, read_document
 from hulldown.dataset.failures import read_failures
-from hulldown.dataset.pictures import own_picture
 from hulldown.dataset.provenance import read_provenance
 from hulldown.dataset.records import check_usable
-from hulldown.dataset.seals import broken
+from hulldown.dataset.store.document import Document, check_is_dataset, read_document
+from hulldown.dataset.store.pictures import own_picture
+from hulldown.dataset.store.seals import broken
 from hulldown.geometry.errors import DatasetError
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.journal import replaced
+from hulldown.dataset.store.journal import replaced
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 

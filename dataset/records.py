@@ -12,13 +12,13 @@ from typing import Any, Literal
 
 from hulldown.annotate.masks import extent
 from hulldown.camera.weather import GHOST
-from hulldown.dataset.clipping import ROUNDED, SLIGHT, beyond
-from hulldown.dataset.document import read_coco
-from hulldown.dataset.entries import is_box
-from hulldown.dataset.names import place_of
-from hulldown.dataset.runs import runs_of
-from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, broken
+from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.space import check_space
+from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.names import place_of
+from hulldown.dataset.store.runs import runs_of
+from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened
 from hulldown.geometry.files import stays_inside
 

@@ -16,8 +16,8 @@ from PIL import Image as Pictures
 from hulldown.annotate.drawing import draw
 from hulldown.dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
 from hulldown.dataset.picture_files import read_pixels
-from hulldown.dataset.planned import image_record, label_records
 from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.geometry.errors import DatasetError
 from hulldown.planning.plan_file import Plan
 

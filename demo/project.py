@@ -9,8 +9,8 @@ from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalogue import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
+from hulldown.planning.config.template import CONFIG_TEMPLATE, config_text
 from hulldown.planning.found_assets import FoundFile, found_config
-from hulldown.planning.template import CONFIG_TEMPLATE, config_text
 
 CONFIG = "hulldown.toml"
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a

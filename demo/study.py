@@ -21,16 +21,16 @@ import orjson
 from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
-from hulldown.dataset.document import COCO_NAME, read_coco
-from hulldown.dataset.export import export
-from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY
-from hulldown.dataset.split import SPLITS
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.split import SPLITS
+from hulldown.dataset.store.document import COCO_NAME, read_coco
+from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY
 from hulldown.demo.build import FILES, build_demo_assets
 from hulldown.demo.catalogue import CATEGORY
 from hulldown.geometry.files import replacing
-from hulldown.planning.config import load_config
+from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.template import config_text
 from hulldown.planning.loading import load_assets
-from hulldown.planning.template import config_text
 from hulldown.planning.write import write_plan
 from hulldown.render.supervisor import Progress, render_plan
 

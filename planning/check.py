@@ -11,7 +11,7 @@ import msgspec
 import orjson
 
 from hulldown.assets.library import Assets
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.relabel import relabeled

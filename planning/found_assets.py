@@ -12,14 +12,14 @@ from glob import escape
 from pathlib import Path
 
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config import HDRI_SUFFIXES
-from hulldown.planning.template import config_text
+from hulldown.planning.config.config_file import HDRI_SUFFIXES
+from hulldown.planning.config.template import config_text
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.formats import SUFFIXES
-from hulldown.reading.hdri import read_hdris
 from hulldown.reading.inspect import inspect
 from hulldown.reading.report import FileReport
-from hulldown.reading.sky_report import REMEDY
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.skies.hdri import read_hdris
+from hulldown.reading.skies.sky_report import REMEDY
 
 # What the names of folders say of the files in them; the contents of the others decide.
 KINDS = {

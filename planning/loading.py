@@ -15,20 +15,20 @@ from hulldown.assets.library import AssetFile, Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
-from hulldown.planning.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config import Config, hdri_paths, parse_config
-from hulldown.planning.paint import paint_doubts, paint_notes
+from hulldown.planning.appearance.paint import paint_doubts, paint_notes
+from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config.config_file import Config, hdri_paths, parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Exported
-from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.inspect import Inspected, draw
 from hulldown.reading.options import Options
-from hulldown.reading.part_names import GUN_PART, TURRET_PART
 from hulldown.reading.report import FileReport, refuse_missing
-from hulldown.reading.sky_report import REMEDY
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
+from hulldown.reading.skies.sky_report import REMEDY
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -23,7 +23,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import open_in_place
 from hulldown.planning.misfit import misfit
 from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
-from hulldown.planning.tally import BY_KEY
+from hulldown.planning.search.tally import BY_KEY
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'

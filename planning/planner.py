@@ -13,16 +13,16 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.budget import Positions, make_budget
-from hulldown.planning.draws import Draws, Purpose, choose
-from hulldown.planning.extras import Extras, extras_at, framed_on
-from hulldown.planning.light import draw_lights, hdri_weights
-from hulldown.planning.pairs import Pairs, make_pairs
+from hulldown.planning.appearance.light import draw_lights, hdri_weights
+from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Row, encode_rows
 from hulldown.planning.rows import rows_of
-from hulldown.planning.schema import Config
-from hulldown.planning.search import Block, HopelessPosition, before, plan_block
-from hulldown.planning.stage import make_stage
+from hulldown.planning.search.budget import Positions, make_budget
+from hulldown.planning.search.draws import Draws, Purpose, choose
+from hulldown.planning.search.extras import Extras, extras_at, framed_on
+from hulldown.planning.search.pairs import Pairs, make_pairs
+from hulldown.planning.search.positions import Block, HopelessPosition, before, plan_block
+from hulldown.planning.search.stage import make_stage
 
 BLOCK = 2048  # positions planned together: enough of each vehicle and site that batches are worth their overhead
 

@@ -19,13 +19,13 @@ from hulldown.camera.target import PosedVehicle
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config import parse_config
-from hulldown.planning.exposure import card
-from hulldown.planning.paint import previewed
+from hulldown.planning.appearance.exposure import card
+from hulldown.planning.appearance.paint import previewed
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
+from hulldown.planning.search.stage import PlanStage, make_stage
 from hulldown.planning.shading import look, paint_of, sun_of
-from hulldown.planning.stage import PlanStage, make_stage
 
 TILE_WIDTH = 480
 HIGHEST = 4  # times its width that a picture is high, at most

@@ -8,13 +8,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from hulldown.placement.settle import gap_and_penetration
-from hulldown.planning.aiming import no_views, views_of_others
-from hulldown.planning.instances import Instances
-from hulldown.planning.labels import labels_of
+from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, Row, rounded
 from hulldown.planning.rows import bounds_in_rows, records, seen_in_rows
-from hulldown.planning.schema import Config
-from hulldown.planning.stage import Fleet, PlanStage, Site
+from hulldown.planning.search.aiming import no_views, views_of_others
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.labels import labels_of
+from hulldown.planning.search.stage import Fleet, PlanStage, Site
 
 
 def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:

@@ -21,7 +21,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
-from hulldown.planning.paint import Coat
+from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.pose import decoded_pose
 
 FORMAT = 2
@@ -262,7 +262,7 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 
 
 class Header(Struct, frozen=True, kw_only=True):
-    """The first line of a plan; `config` is for `planning.config.parse_config` to understand."""
+    """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
     hulldown_plan: Annotated[int, _is("2"), _means("format version, 2")]
     images: Annotated[Count, _means("how many lines follow")]

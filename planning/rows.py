@@ -11,17 +11,17 @@ from jaxtyping import Float
 
 from hulldown.assets.library import Assets
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.aiming import Views
-from hulldown.planning.draws import Draws
-from hulldown.planning.exposure import exposures
-from hulldown.planning.extras import Role
-from hulldown.planning.instances import Instances
-from hulldown.planning.labels import labels_of
-from hulldown.planning.light import Lights
-from hulldown.planning.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.appearance.exposure import exposures
+from hulldown.planning.appearance.light import Lights
+from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
-from hulldown.planning.schema import Config
-from hulldown.planning.search import Block, Planned, Table
+from hulldown.planning.search.aiming import Views
+from hulldown.planning.search.draws import Draws
+from hulldown.planning.search.extras import Role
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.labels import labels_of
+from hulldown.planning.search.positions import Block, Planned, Table
 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 

@@ -19,9 +19,9 @@ from rich.table import Table
 from hulldown.annotate.sheets import SOFTWARE, refuse_foreign
 from hulldown.camera.weather_kinds import KINDS
 from hulldown.geometry.files import replacing
-from hulldown.planning.paint import OWN
+from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import LeftOut, Row
-from hulldown.planning.tally import AIMING, BY_KEY, PLACING
+from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}

@@ -18,11 +18,11 @@ from pathlib import Path
 
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.pairs import Pairs
+from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan, PlanWriter, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
-from hulldown.planning.schema import Config
+from hulldown.planning.search.pairs import Pairs
 
 Progress = Callable[[int, int], None]
 _AHEAD = 3  # blocks a worker may be ahead of the file: bounds memory when one block is slow

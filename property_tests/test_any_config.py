@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config import load_config, parse_config
-from hulldown.planning.schema import Config
+from hulldown.planning.config.config_file import load_config, parse_config
+from hulldown.planning.config.schema import Config
 
 # 20,000 inputs in the thorough profile.
 MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.export import export
+from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
-from hulldown.dataset.seals import PICTURE_KEY, digest
-from hulldown.dataset.verify import verify
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import HulldownError
 
 # 20,000 inputs in the thorough profile.

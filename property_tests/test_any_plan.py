@@ -16,16 +16,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hulldown.dataset.runs import plan_key
+from hulldown.dataset.store.runs import plan_key
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.check import check_rows
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_planned_assets, refuse_changed
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row
-from hulldown.planning.schema import Config
 from hulldown.planning.summary import summarise
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job

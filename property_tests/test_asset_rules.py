@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from hulldown.assets.naming import GROUND, GUN, HELPERS, TURRET, says, words
 from hulldown.geometry.transforms import apply, rigid, rotation_z
-from hulldown.reading.parts import find_parts
 from hulldown.reading.roles import Link, Piece, vehicle_roles
+from hulldown.reading.vehicle.parts import find_parts
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
 coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.planning.budget import make_budget
-from hulldown.planning.schema import BudgetSection
+from hulldown.planning.config.schema import BudgetSection
+from hulldown.planning.search.budget import make_budget
 
 CLASSES = st.lists(st.integers(1, 5), min_size=1, max_size=5)
 

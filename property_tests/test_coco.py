@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hulldown.dataset.coco
-import hulldown.dataset.document
+import hulldown.dataset.store.document
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco, read_document
 from hulldown.dataset.join import join
-from hulldown.dataset.record_lines import OtherLayoutError, read_by_line
+from hulldown.dataset.store.document import read_coco, read_document
+from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line
 from hulldown.geometry.errors import DatasetError
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
@@ -308,7 +308,7 @@ def test_by_line_reads_what_a_parser_of_the_whole_reads(batch: list, changes: li
                 head, images, boxed = read_by_line(file)
                 assert {**head, "images": list(images), "annotations": list(boxed)} == json.loads(content)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(hulldown.dataset.document, "read_by_line", Mock(side_effect=OtherLayoutError))
+            patch.setattr(hulldown.dataset.store.document, "read_by_line", Mock(side_effect=OtherLayoutError))
             assert found == state(folder)
 
 

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from hulldown.tests.detections import loaded, random_case
 from hulldown.tests.test_matching import assert_official
-from hulldown.training.average_precision import average_precision
-from hulldown.training.bootstrap import share_interval
-from hulldown.training.matching import match, overlapping
-from hulldown.training.metrics import confusion, figures, outcomes, sums_by
-from hulldown.training.tide import errors
+from hulldown.training.evaluation.average_precision import average_precision
+from hulldown.training.evaluation.bootstrap import share_interval
+from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.metrics import confusion, figures, outcomes, sums_by
+from hulldown.training.evaluation.tide import errors
 
 CASES = st.builds(
     random_case,

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.planning.draws import Draws
-from hulldown.planning.paint import OWN, PaintEntry, draw_coats
+from hulldown.planning.appearance.paint import OWN, PaintEntry, draw_coats
+from hulldown.planning.search.draws import Draws
 
 COLOURS = st.lists(st.one_of(st.just(OWN), st.integers(0, 0xFFFFFF).map(lambda n: f"#{n:06x}")), min_size=1, max_size=5)
 

@@ -108,8 +108,8 @@ def planned(config):
 @pytest.fixture(scope="module", autouse=True)
 def give_up_soon():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hulldown.planning.search.BLIND_PLACES", 4)
-        patch.setattr("hulldown.planning.search.CROWDED_PLACES", 4)
+        patch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 4)
+        patch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 4)
         yield
 
 
@@ -314,5 +314,5 @@ def test_whether_a_plan_succeeds_never_depends_on_how_the_work_is_cut(config, tr
     cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
     whole = outcome(config, [])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hulldown.planning.search.CANDIDATES", candidates)
+        patch.setattr("hulldown.planning.search.positions.CANDIDATES", candidates)
         assert outcome(config, cuts) == whole

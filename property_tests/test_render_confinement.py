@@ -8,7 +8,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.dataset.pictures import confined, place, publish
+from hulldown.dataset.store.pictures import confined, place, publish
 from hulldown.geometry.errors import DatasetError
 
 PARTS = st.sampled_from(["..", ".", "", "a", "link", "deep", "a b", "~", "C:", "\\", "..\\", "x.png", " ", "ü"])

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.camera.weather import air_contrast, rain_visibility_m, wetness
-from hulldown.planning.air import NAMES, draw_air
-from hulldown.planning.draws import Draws
-from hulldown.planning.weather_section import WeatherSection
+from hulldown.planning.appearance.air import NAMES, draw_air
+from hulldown.planning.config.weather_section import WeatherSection
+from hulldown.planning.search.draws import Draws
 
 IMAGES = np.arange(2000)
 METRES = st.floats(1.0, 1e6)

@@ -16,16 +16,16 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint
 from hulldown.reading.evaluated import Evaluated
-from hulldown.reading.nose import forward_said
 from hulldown.reading.options import Options
-from hulldown.reading.part_names import GUN_PART, TURRET_PART
-from hulldown.reading.parts import Asked, Parts, find_parts
 from hulldown.reading.report import PartRow
 from hulldown.reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
-from hulldown.reading.scenery_roles import removed_names, unmatched
-from hulldown.reading.stance import Upright, heading, vehicle_from_upright
-from hulldown.reading.strays import find_strays
-from hulldown.reading.wet_faces import dry_part, is_partly_water, wet_part
+from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
+from hulldown.reading.scenery.wet_faces import dry_part, is_partly_water, wet_part
+from hulldown.reading.vehicle.nose import forward_said
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
+from hulldown.reading.vehicle.parts import Asked, Parts, find_parts
+from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright
+from hulldown.reading.vehicle.strays import find_strays
 
 KILOMETRE = 1000.0
 NAMES = (

@@ -24,12 +24,12 @@ from filelock import FileLock
 from hulldown.assets.bundle import FORMAT
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
+from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Exported, export
 from hulldown.reading.formats import format_of
-from hulldown.reading.landlock import asset_folders, is_inside, unconfined
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 EXPORTER = 11
 CHUNK = 1 << 20

@@ -11,8 +11,8 @@ import numpy as np
 from hulldown.reading.options import Options
 from hulldown.reading.report import Missing, Row
 from hulldown.reading.roles import Piece, Role
-from hulldown.reading.scenery_roles import is_water_name
-from hulldown.reading.shape import LEVEL, PUDDLE, enclosing, sheets_between
+from hulldown.reading.scenery.scenery_roles import is_water_name
+from hulldown.reading.scenery.shape import LEVEL, PUDDLE, enclosing, sheets_between
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8

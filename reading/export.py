@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.confinement.landlock import asset_folders, confined
+from hulldown.reading.confinement.references import refuse_odd_references
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 from hulldown.reading.formats import format_of
-from hulldown.reading.landlock import asset_folders, confined
 from hulldown.reading.options import Options
-from hulldown.reading.references import refuse_odd_references
 from hulldown.reading.report import FileReport
-from hulldown.reading.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 
 LAST_WORDS = 2000  # characters of what Blender said before it crashed
 DEFAULTS = Options()

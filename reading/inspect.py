@@ -19,9 +19,9 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.report import FileReport, refuse_missing
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
 
 # Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)

@@ -10,7 +10,7 @@ from hulldown.assets.naming import VEHICLE, says
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, Role, vehicle_roles
-from hulldown.reading.scenery_roles import scenery_roles
+from hulldown.reading.scenery.scenery_roles import scenery_roles
 
 BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
 

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.paintable import MaterialRow
+from hulldown.reading.vehicle.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first

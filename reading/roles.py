@@ -1,6 +1,6 @@
 """What a file draws, piece by piece, and what of a vehicle's file is the vehicle. Knows names, bounds and counts.
 
-What a scenery's pieces are is in `reading.scenery_roles`.
+What a scenery's pieces are is in `reading.scenery.scenery_roles`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
-from hulldown.dataset.planned import label_records
+from hulldown.dataset.verification.planned import label_records
 from hulldown.planning.row import PlannedVehicle, Row
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hulldown.reading.landlock import confined
+from hulldown.reading.confinement.landlock import confined
 
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
@@ -15,7 +15,7 @@ DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_c
 
 @dataclass(frozen=True, slots=True)
 class Confinement:
-    """What a worker may reach, where the kernel has Landlock; see `reading.landlock`.
+    """What a worker may reach, where the kernel has Landlock; see `reading.confinement.landlock`.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.reading.landlock import NETWORK_ABI, abi, confinement, unconfined
+from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
 
 # What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {

@@ -18,13 +18,13 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import ConfigError
+from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.loading import Library, load_planned_library
-from hulldown.planning.paint import Coat
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
-from hulldown.reading.landlock import asset_folders
-from hulldown.reading.paintable import MaterialRow, painted
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.confinement.landlock import asset_folders
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.vehicle.paintable import MaterialRow, painted
 from hulldown.render.messages import (
     CameraInput,
     LightInput,

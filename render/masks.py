@@ -14,18 +14,18 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import mask_box
-from hulldown.dataset.document import read_coco
-from hulldown.dataset.entries import is_box
-from hulldown.dataset.look import appearance
 from hulldown.dataset.picture_files import read_pixels
-from hulldown.dataset.planned import not_annotated
 from hulldown.dataset.records import Finding
-from hulldown.dataset.runs import find_run
-from hulldown.dataset.verify import compare
+from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.runs import find_run
+from hulldown.dataset.verification.look import appearance
+from hulldown.dataset.verification.planned import not_annotated
+from hulldown.dataset.verification.verify import compare
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
-from hulldown.reading.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.annotations import Segmenter
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, mask_job, render_assets

@@ -18,7 +18,7 @@ from typing import Any
 import psutil
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.reading import landlock
+from hulldown.reading.confinement import landlock
 from hulldown.render.confinement import Confinement
 from hulldown.render.messages import StartJob, to_json
 from hulldown.render.process import WorkerProcess, worker_command

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.runs import Run, plan_key
+from hulldown.dataset.store.runs import Run, plan_key
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 

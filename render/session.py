@@ -16,12 +16,12 @@ import msgspec
 
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.failures import read_failures, write_failures
-from hulldown.dataset.pictures import confined, publish, unwritten
-from hulldown.dataset.planned import image_record
 from hulldown.dataset.provenance import add_provenance, read_provenance
-from hulldown.dataset.seals import PICTURE_KEY, digest
+from hulldown.dataset.store.pictures import confined, publish, unwritten
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records
@@ -32,7 +32,7 @@ from hulldown.render.pool import Pool
 from hulldown.render.remaining import Remaining, stamp_of
 
 if TYPE_CHECKING:
-    from hulldown.render.cluster_pool import ClusterPool
+    from hulldown.render.cluster.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
 UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies

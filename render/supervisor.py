@@ -13,20 +13,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.pictures import confined
+from hulldown.dataset.store.pictures import confined
 from hulldown.geometry.errors import HulldownError
 from hulldown.planning.plan_file import read_plan
-from hulldown.reading.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
-from hulldown.reading.watch import ReadLimits
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
+from hulldown.reading.confinement.watch import ReadLimits
+from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_assets
 from hulldown.render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
 from hulldown.render.remaining import Outline, Remaining
-from hulldown.render.scheduler import Scheduler, needing_dask
 from hulldown.render.session import LOGS_NAME, Progress, Session
 
 if TYPE_CHECKING:
-    from hulldown.render.cluster_pool import ClusterPool
+    from hulldown.render.cluster.cluster_pool import ClusterPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class Engine:
                 confinement=Confinement(session.unfinished, assets.readable, gpu=self.device != "cpu"),
             )
         with needing_dask():
-            from hulldown.render.cluster_pool import ClusterPool
+            from hulldown.render.cluster.cluster_pool import ClusterPool
         return ClusterPool(
             self.scheduler,
             assets,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.planning.config import load_config
+from hulldown.planning.config.config_file import load_config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job

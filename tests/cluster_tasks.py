@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from hulldown.render.cluster import wanted
+from hulldown.render.cluster.workers import wanted
 
 
 def until_unwanted(folder):

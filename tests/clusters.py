@@ -19,7 +19,7 @@ LOST_S = "600s"  # without a sign of life, until a worker counts as lost: on a b
 HIDDEN = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
-from hulldown.reading import landlock
+from hulldown.reading.confinement import landlock
 landlock.NETWORK_ABI = landlock.SCOPE_ABI = 10**6
 hidden, *command = sys.argv[2:]
 around = [os.path.join("/", name) for name in os.listdir("/")]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hulldown.training.labels import Labels, labels_of
-from hulldown.training.predictions import Predictions, predictions_of
+from hulldown.training.evaluation.labels import Labels, labels_of
+from hulldown.training.evaluation.predictions import Predictions, predictions_of
 
 HERE = Path("dataset")
 

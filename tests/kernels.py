@@ -14,8 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hulldown.assets.library import Assets
+from hulldown.planning.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.schema import Config
 from hulldown.tests.planning_assets import bare, hills, small_assets, small_config
 
 ROOT = Path(__file__).parents[1]

@@ -7,7 +7,7 @@ import orjson
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.dataset.document import read_coco
+from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.meshes import Mesh
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile
 

@@ -13,7 +13,7 @@ from PIL import Image
 from hulldown.camera.fog import DUST_ALBEDO, even_sky, extinction
 from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
 from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
-from hulldown.dataset.sky import displayed
+from hulldown.dataset.verification.sky import displayed
 from hulldown.render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
 from hulldown.render.process import WorkerProcess, worker_command
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.reading.cache import sha256
-from hulldown.render.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
+from hulldown.render.cluster.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
 from hulldown.tests.render_plans import ASSETS
 
 

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.loading import load_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.write import write_plan
+from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import export
-from hulldown.reading.landlock import abi
-from hulldown.render.scheduler import Scheduler
+from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.clusters import cluster
 

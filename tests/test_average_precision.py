@@ -9,7 +9,7 @@ from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import loaded, random_case
 from hulldown.tests.test_matching import coco_of
-from hulldown.training.average_precision import average_precision
+from hulldown.training.evaluation.average_precision import average_precision
 
 
 def case(seed):

@@ -9,12 +9,12 @@ import pytest
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
-from hulldown.reading.axes import UPS, up_matrix
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece
-from hulldown.reading.stance import metres_from_file, stand_upright
+from hulldown.reading.vehicle.axes import UPS, up_matrix
+from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
 
 BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BOX_FACES = np.array(

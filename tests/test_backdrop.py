@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.reading.backdrop import backdrop, small_map
+from hulldown.reading.skies.backdrop import backdrop, small_map
 
 
 def open_sky():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.extras import Role, offsets
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
+from hulldown.planning.search.extras import Role, offsets
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 

@@ -7,9 +7,9 @@ import pytest
 
 from hulldown.dataset.known import seen_from
 from hulldown.tests.detections import dataset, loaded, random_case, results
-from hulldown.training.bins import fields, figures_of, worst
-from hulldown.training.matching import match, overlapping
-from hulldown.training.metrics import outcomes
+from hulldown.training.evaluation.bins import fields, figures_of, worst
+from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.metrics import outcomes
 
 
 def turned(yaw_deg, at=(0.0, 0.0, 0.0)):

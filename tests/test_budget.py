@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.budget import make_budget
-from hulldown.planning.schema import BudgetSection
+from hulldown.planning.config.schema import BudgetSection
+from hulldown.planning.search.budget import make_budget
 
 CATEGORIES = {"t72": "tank", "leo": "tank", "ural": "truck", "m1": "tank", "s300": "sam", "man": "truck"}
 

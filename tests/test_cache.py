@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 import hulldown.reading.cache
-import hulldown.reading.hdri
+import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
-from hulldown.planning.config import Config, parse_config
+from hulldown.planning.config.config_file import Config, parse_config
 from hulldown.planning.loading import load_assets, load_planned_assets
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256
+from hulldown.reading.confinement.landlock import abi
+from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import Exported
-from hulldown.reading.landlock import abi
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing
-from hulldown.reading.watch import ReadLimits
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -74,7 +74,7 @@ def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
     sky = {"notes": [], "irradiance": [1.0, 1.0, 1.0], "horizon_deg": 0.0, "misfits": []}
-    monkeypatch.setattr(hulldown.reading.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
+    monkeypatch.setattr(hulldown.reading.skies.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 

@@ -4,7 +4,7 @@ import torch
 
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.augment import TABLE
-from hulldown.training.centre_points import (
+from hulldown.training.detectors.centre_points import (
     STRIDE,
     CentreMaps,
     CentreNetwork,

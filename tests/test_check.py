@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan, check_rows
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.preview import Artist

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.dataset.export import export
-from hulldown.dataset.verify import verify
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.training.labels import read_labels
+from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.sources import read_sources
 
 

@@ -21,10 +21,10 @@ import pytest
 from hulldown.geometry.code import versions
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
-from hulldown.reading.landlock import abi
-from hulldown.render.cluster import Cluster
-from hulldown.render.node import refusal
-from hulldown.render.scheduler import Scheduler
+from hulldown.reading.confinement.landlock import abi
+from hulldown.render.cluster.node import refusal
+from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.cluster.workers import Cluster
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
 from hulldown.tests.certificates import certificates, needs_openssl

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.render.scheduler import Scheduler
+from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, tree, written
 from hulldown.tests.training_pictures import make_dataset

@@ -7,8 +7,8 @@ from concurrent.futures import CancelledError
 import pytest
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.render.cluster import Cluster
-from hulldown.render.scheduler import Scheduler
+from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.cluster.workers import Cluster
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.cluster_tasks import no_refusal, until_unwanted
 from hulldown.tests.clusters import cluster

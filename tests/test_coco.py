@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-import hulldown.dataset.document as documents
+import hulldown.dataset.store.document as documents
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco
 from hulldown.dataset.failures import write_failures
 from hulldown.dataset.provenance import GROWING, add_provenance
+from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 
 FOREIGN = {
@@ -299,7 +299,7 @@ def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, messa
 def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("hulldown.dataset.coco.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("hulldown.dataset.journal.os.fsync", lambda descriptor: None)
+    monkeypatch.setattr("hulldown.dataset.store.journal.os.fsync", lambda descriptor: None)
     writes = []
 
     def ten_seconds(path: object) -> None:

@@ -8,10 +8,10 @@ import pytest
 
 from hulldown.camera.weather_kinds import KINDS
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config import hdri_paths, load_config, parse_config
-from hulldown.planning.config_keys import ENTRIES, PAGE, keys_of, page, sections
-from hulldown.planning.schema import Config, Section
-from hulldown.planning.template import CONFIG_TEMPLATE, config_text
+from hulldown.planning.config.config_file import hdri_paths, load_config, parse_config
+from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
+from hulldown.planning.config.schema import Config, Section
+from hulldown.planning.config.template import CONFIG_TEMPLATE, config_text
 
 MINIMAL = """
 [[assets.vehicles]]
@@ -72,7 +72,7 @@ def test_every_key_has_a_meaning_and_the_docs_have_it():
         assert all(key.default or key.example or key.required or key.name == "name" for key in keys_of(kind)), kind
     text = PAGE.read_text(encoding="utf-8")
     assert text.count("<!-- keys of ") == len(sections()) + len(ENTRIES) + 1
-    assert page(text) == text, "run python -m hulldown.planning.config_keys"
+    assert page(text) == text, "run python -m hulldown.planning.config.config_keys"
 
 
 def test_examples_of_keys_without_a_default_are_allowed(read):

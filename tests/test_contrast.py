@@ -5,10 +5,10 @@ import pytest
 from PIL import Image
 
 from hulldown.tests.detections import dataset
-from hulldown.training.bins import fields
-from hulldown.training.contrast import measured_contrast
-from hulldown.training.labels import labels_of
-from hulldown.training.predictions import predictions_of
+from hulldown.training.evaluation.bins import fields
+from hulldown.training.evaluation.contrast import measured_contrast
+from hulldown.training.evaluation.labels import labels_of
+from hulldown.training.evaluation.predictions import predictions_of
 
 
 def rectangle(x, y, w, h):

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from hulldown.training.average_precision import weighted_averages
-from hulldown.training.bootstrap import (
+from hulldown.training.evaluation.average_precision import weighted_averages
+from hulldown.training.evaluation.bootstrap import (
     difference_interval,
     figure_intervals,
     resampled_sums,
     share_interval,
     standard_error,
 )
-from hulldown.training.metrics import figures
+from hulldown.training.evaluation.metrics import figures
 
 POSITIONS = (5, 10, 20, 60, 200)
 TIMES = 300  # resamples

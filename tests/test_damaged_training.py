@@ -13,11 +13,11 @@ from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import edit, make_dataset
 from hulldown.training.augment import NOTHING
-from hulldown.training.centre_points import CentreNetwork
 from hulldown.training.data import DrawnExamples
+from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.small import save_small
 from hulldown.training.draws import make_draws
 from hulldown.training.predict import load_detector
-from hulldown.training.small import save_small
 from hulldown.training.sources import follow_masks, read_sources
 from hulldown.training.train import train
 

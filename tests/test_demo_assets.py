@@ -22,8 +22,8 @@ from hulldown.demo.catalogue import (
     VEHICLE_FILES,
 )
 from hulldown.geometry.errors import AssetError, ConfigError
-from hulldown.planning.budget import make_budget
-from hulldown.planning.config import parse_config
+from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.search.budget import make_budget
 from hulldown.reading.options import Options
 from hulldown.tests.parameters import few
 

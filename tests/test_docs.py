@@ -16,7 +16,7 @@ from PIL import Image
 from pycocotools.coco import COCO
 
 from hulldown import cli
-from hulldown.planning.template import config_text
+from hulldown.planning.config.template import config_text
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hulldown.planning.draws import Draws, Purpose, RowStreams, between, choose
+from hulldown.planning.search.draws import Draws, Purpose, RowStreams, between, choose
 
 
 def test_a_row_does_not_depend_on_the_rows_beside_it():

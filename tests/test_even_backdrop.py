@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.backdrop import even_colour, fade
-from hulldown.dataset.sky import radiance
+from hulldown.dataset.verification.sky import radiance
 
 
 def street():

@@ -14,9 +14,9 @@ from pycocotools.coco import COCO
 
 from hulldown.annotate.masks import decode, encode
 from hulldown.annotate.outlines import polygons
-from hulldown.dataset.export import LAYOUTS, WITH_POLYGONS, export
-from hulldown.dataset.layouts import webdataset as shards
-from hulldown.dataset.layouts.kitti import label_line
+from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
+from hulldown.dataset.exports.layouts import webdataset as shards
+from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.geometry.errors import DatasetError
 
 WIDTH, HEIGHT = 64, 40

@@ -8,7 +8,7 @@ from hulldown.assets.skylight import SkyLight
 from hulldown.camera.response import ALBEDO, CARD, displayed, white_balance
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.exposure import card
+from hulldown.planning.appearance.exposure import card
 from hulldown.planning.planner import plan
 from hulldown.tests.planning_assets import small_assets, small_config
 

@@ -6,7 +6,7 @@ import os
 import pytest
 from PIL import Image
 
-from hulldown.dataset.export import export
+from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.geometry.errors import DatasetError
 

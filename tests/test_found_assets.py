@@ -8,7 +8,7 @@ import pytest
 
 from hulldown import cli
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config import hdri_paths, load_config
+from hulldown.planning.config.config_file import hdri_paths, load_config
 from hulldown.planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 
 FILES = """

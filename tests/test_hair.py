@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hulldown.reading import hair
-from hulldown.reading.hair import BEND, hair_mesh
+from hulldown.reading.scenery import hair
+from hulldown.reading.scenery.hair import BEND, hair_mesh
 
 
 def strand(*points, radius=0.1, straight=True):

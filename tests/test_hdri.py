@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+from hulldown.reading.skies.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -10,9 +10,9 @@ import sys
 import pytest
 from PIL import Image
 
-from hulldown.dataset.export import LAYOUTS, export
+from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
-from hulldown.dataset.verify import verify
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 from hulldown import cli
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config import load_config
+from hulldown.planning.config.config_file import load_config
 from hulldown.planning.loading import inspect_config
 from hulldown.reading.inspect import inspect
 

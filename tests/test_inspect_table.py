@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from hulldown.cli import main
-from hulldown.planning.config import load_config
-from hulldown.reading.paintable import MaterialRow
+from hulldown.planning.config.config_file import load_config
 from hulldown.reading.report import FileReport, Row
+from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.verbs import terminal
 from hulldown.verbs.terminal import Terminal, show_table
 

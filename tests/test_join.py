@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco
 from hulldown.dataset.join import join
-from hulldown.dataset.verify import verify
+from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 
 PLAN = "a" * 64

@@ -3,7 +3,7 @@ from contextlib import closing
 
 import pytest
 
-from hulldown.dataset.journal import Journal, read_journal
+from hulldown.dataset.store.journal import Journal, read_journal
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.oracles.synced import synced_bytes
 

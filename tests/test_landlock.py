@@ -14,9 +14,9 @@ import pytest
 from hulldown.cli import main
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.row import decode_row
-from hulldown.reading import landlock
+from hulldown.reading.confinement import landlock
+from hulldown.reading.confinement.landlock import abi, asset_folders, confined
 from hulldown.reading.export import export
-from hulldown.reading.landlock import abi, asset_folders, confined
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import Settings, to_json
@@ -135,7 +135,7 @@ def test_a_kernel_of_any_version_is_asked_for_what_it_knows(
     """An older version's rights are a part of this kernel's; a newer one's that it lacks it would refuse."""
     asked = min(version, abi())
     code = (
-        f"from reading import landlock; landlock.abi = lambda: {asked};"
+        f"from hulldown.reading.confinement import landlock; landlock.abi = lambda: {asked};"
         f"landlock.restrict({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
         f"open({names['OUT'] + '/new'!r}, 'w')"
     )

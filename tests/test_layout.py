@@ -2,9 +2,9 @@
 
 import pytest
 
-import hulldown.dataset.document
-from hulldown.dataset.document import read_document
-from hulldown.dataset.record_lines import OtherLayoutError
+import hulldown.dataset.store.document
+from hulldown.dataset.store.document import read_document
+from hulldown.dataset.store.record_lines import OtherLayoutError
 from hulldown.geometry.errors import DatasetError
 
 HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'
@@ -20,7 +20,7 @@ def whole(folder, monkeypatch):
         raise OtherLayoutError
 
     with monkeypatch.context() as patch:
-        patch.setattr(hulldown.dataset.document, "read_by_line", never)
+        patch.setattr(hulldown.dataset.store.document, "read_by_line", never)
         return outcome(folder)
 
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.schema import Config
+from hulldown.planning.config.schema import Config
 
 ROWS = re.findall(
     r"^\| `(\w+)` \|(.*)\|.*\|$", (Path(__file__).parents[1] / "docs" / "limits.md").read_text(encoding="utf-8"), re.M

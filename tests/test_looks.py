@@ -7,9 +7,9 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import area, encode, mask_box
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.look import appearance
-from hulldown.dataset.seals import PICTURE_KEY, digest
-from hulldown.dataset.verify import verify
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.verification.look import appearance
+from hulldown.dataset.verification.verify import verify
 
 SIZE = (180, 320)
 NOBODY = np.zeros(SIZE, dtype=bool)

@@ -9,7 +9,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import dataset, loaded, random_case, results
-from hulldown.training.matching import Pairs, match, overlapping
+from hulldown.training.evaluation.matching import Pairs, match, overlapping
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
 
@@ -125,7 +125,7 @@ def test_annotation_0_is_found_like_any_other():
 def test_pairs_are_the_same_in_one_piece_and_in_many(monkeypatch):
     labels, predictions = loaded(*random_case(3))
     whole = overlapping(labels, predictions)
-    monkeypatch.setattr("hulldown.training.matching.PAIRS_AT_ONCE", 7)
+    monkeypatch.setattr("hulldown.training.evaluation.matching.PAIRS_AT_ONCE", 7)
     pieces = overlapping(labels, predictions)
     assert len(whole.box) > 50
     for key in Pairs.__slots__:

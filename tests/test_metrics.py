@@ -3,9 +3,9 @@ import pytest
 
 from hulldown.tests.detections import dataset, loaded, random_case, results
 from hulldown.tests.test_matching import official as official_matching
-from hulldown.training.average_precision import IOUS, RECALLS, SUMMARY, resampled_averages, weighted_averages
-from hulldown.training.average_precision import average_precision as official
-from hulldown.training.bootstrap import (
+from hulldown.training.evaluation.average_precision import IOUS, RECALLS, SUMMARY, resampled_averages, weighted_averages
+from hulldown.training.evaluation.average_precision import average_precision as official
+from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,
     figure_intervals,
@@ -15,9 +15,9 @@ from hulldown.training.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.matching import match, overlapping
-from hulldown.training.metrics import confusion, curves, figures, outcomes, sums_at_best, sums_by
-from hulldown.training.tide import CAUSES, errors, mean_ap
+from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.metrics import confusion, curves, figures, outcomes, sums_at_best, sums_by
+from hulldown.training.evaluation.tide import CAUSES, errors, mean_ap
 
 
 def judged(coco, found, *, threshold=0.5, iou=0.5):
@@ -367,7 +367,7 @@ def test_each_resample_chooses_its_own_threshold(seed):
 
 
 def test_resamples_are_as_large_as_what_they_are_drawn_from(monkeypatch):
-    monkeypatch.setattr("hulldown.training.bootstrap.DRAWN_AT_ONCE", 100)
+    monkeypatch.setattr("hulldown.training.evaluation.bootstrap.DRAWN_AT_ONCE", 100)
     drawn = list(resamples(7, times=50))
     assert len(drawn) > 1
     assert (np.concatenate(drawn).sum(axis=1) == 7).all()

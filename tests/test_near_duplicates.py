@@ -7,9 +7,9 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from hulldown.dataset.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.picture_files import read_pixels
-from hulldown.dataset.verify import verify
+from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.verification.verify import verify
 
 
 def scene(seed):

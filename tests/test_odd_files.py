@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.confinement.references import refuse_odd_references
+from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
-from hulldown.reading.references import refuse_odd_references
-from hulldown.reading.watch import ReadLimits
 
 ODD = Path(__file__).with_name("odd_blends.py")
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)

@@ -5,7 +5,7 @@ from PIL import Image
 from hulldown.annotate.drawing import colour_of, contact_sheet, draw
 from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.overlay import dataset_sheet
+from hulldown.dataset.reports.overlay import dataset_sheet
 from hulldown.geometry.errors import DatasetError
 
 NAMES = {1: "tank", 2: "truck"}

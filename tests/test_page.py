@@ -8,7 +8,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from hulldown.dataset.page import Charts, Facet, Gallery, Items, Section, Table, Tile, Words, page
+from hulldown.dataset.reports.page import Charts, Facet, Gallery, Items, Section, Table, Tile, Words, page
 
 FACETS = [Facet("outcome", "outcome", ("missed", "found")), Facet("side_seen", "side", ("front", "rear", "<none>"))]
 

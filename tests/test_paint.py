@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.paint import Coat, PaintEntry, paint_doubts, previewed
+from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, previewed
 from hulldown.planning.preview import caption
 from hulldown.planning.summary import summarise
 from hulldown.planning.write import write_plan
-from hulldown.reading.paintable import MaterialRow, left_alone_by_name, painted
+from hulldown.reading.vehicle.paintable import MaterialRow, left_alone_by_name, painted
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
 GREEN, SAND = "#4b5320", "#94835e"

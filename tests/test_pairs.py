@@ -8,10 +8,10 @@ import pytest
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
-from hulldown.planning.pairs import make_pairs
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner, plan
 from hulldown.planning.row import encode_rows
+from hulldown.planning.search.pairs import make_pairs
 from hulldown.planning.summary import summarise
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import bare, hills, small_assets, small_config, vehicle
@@ -143,7 +143,7 @@ def test_sceneries_of_a_vehicle_that_cannot_be_met(sceneries, weight, message):
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that gave the same error.
-    monkeypatch.setattr("hulldown.planning.search.CROWDED_PLACES", 0)
+    monkeypatch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 0)
     assets = world(BASE.sceneries["bare"])
     config = config_for(
         assets,

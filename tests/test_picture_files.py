@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.drawing import draw
-from hulldown.dataset.overlay import dataset_sheet
 from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
+from hulldown.dataset.reports.overlay import dataset_sheet
 from hulldown.dataset.table import Dataset
-from hulldown.dataset.verify import verify
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.sources import read_sources
 

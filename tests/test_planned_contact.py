@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.planning.stage import make_stage
+from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import box, hills, small_assets, small_config, vehicle
 

@@ -45,8 +45,8 @@ def test_the_world_needs_many_tries(rows):
 
 @pytest.mark.parametrize(("size", "candidates"), CUTS)
 def test_the_same_position_is_named_however_the_work_is_cut(rows, size, candidates, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.search.CANDIDATES", candidates)
-    monkeypatch.setattr("hulldown.planning.search.SCOUTS", 2)
+    monkeypatch.setattr("hulldown.planning.search.positions.CANDIDATES", candidates)
+    monkeypatch.setattr("hulldown.planning.search.positions.SCOUTS", 2)
     limit = int(np.median([row.target.tries for row in rows]))
     first = next(row for row in rows if row.target.tries > limit)
     message = rf"^position {first.position}: vehicle '{first.target.vehicle}' .* of {limit} tries"

@@ -133,7 +133,7 @@ def test_without_ground_vehicles_stand_on_the_fallback_plane(assets):
     ],
 )
 def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.search.BLIND_PLACES", 2)
+    monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
     one = small_assets()
     one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
     with pytest.raises(ConfigError, match=message):

@@ -11,11 +11,11 @@ from PIL import Image
 from hulldown.cli import main
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.detections import dataset
-from hulldown.training.centre_points import CentreNetwork
-from hulldown.training.labels import read_labels
+from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.small import save_small, small_size
+from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.predict import UNFINISHED_SUFFIX, predict
-from hulldown.training.predictions import read_predictions
-from hulldown.training.small import save_small, small_size
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import pytest
 
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.detections import dataset, loaded, results
-from hulldown.training.labels import read_labels
-from hulldown.training.predictions import read_predictions
+from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.evaluation.predictions import read_predictions
 
 GOOD = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.masks import decode
-from hulldown.dataset.verify import verify
+from hulldown.dataset.verification.verify import verify
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.row import PlannedVehicle
 from hulldown.render.jobs import mask_job

@@ -11,10 +11,10 @@ from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.weather_kinds import Weather
 from hulldown.camera.world import World
+from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
-from hulldown.planning.config import load_config
+from hulldown.planning.config.config_file import load_config
 from hulldown.planning.loading import load_assets, load_library
-from hulldown.planning.paint import Coat
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
 from hulldown.render.messages import Settings, to_json

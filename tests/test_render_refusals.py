@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco
+from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.render.pool import Limits
 from hulldown.render.supervisor import Engine, Part, render_plan

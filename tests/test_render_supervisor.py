@@ -13,11 +13,11 @@ from PIL import Image
 from pycocotools.coco import COCO
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco
 from hulldown.dataset.failures import read_failures
 from hulldown.dataset.join import join
+from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
-from hulldown.reading.landlock import confinement
+from hulldown.reading.confinement.landlock import confinement
 from hulldown.render.jobs import RenderAssets
 from hulldown.render.supervisor import Engine, Part, render_plan
 from hulldown.tests.render_plans import ASSETS, contents, make_row, write_plan

@@ -12,7 +12,7 @@ from selenium.webdriver.support.ui import Select
 from selenium.webdriver.support.wait import WebDriverWait
 
 from hulldown.annotate.masks import encode
-from hulldown.dataset.report import write_report
+from hulldown.dataset.reports.report import write_report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
 

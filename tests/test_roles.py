@@ -8,9 +8,9 @@ from hulldown.geometry.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
-from hulldown.reading.parts import Asked, find_parts
 from hulldown.reading.roles import Link, Piece, vehicle_roles
-from hulldown.reading.scenery_roles import scenery_roles
+from hulldown.reading.scenery.scenery_roles import scenery_roles
+from hulldown.reading.vehicle.parts import Asked, find_parts
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

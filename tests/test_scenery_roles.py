@@ -10,7 +10,7 @@ from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Piece
-from hulldown.reading.scenery_roles import VOLUME, matching, scenery_roles
+from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles
 from hulldown.tests.test_roles import link, piece
 
 HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)

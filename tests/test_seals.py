@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.document import read_coco
-from hulldown.dataset.export import export
+from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
-from hulldown.dataset.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
-from hulldown.dataset.verify import verify
+from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 
 PLAN = "c" * 64

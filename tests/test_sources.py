@@ -237,12 +237,12 @@ def test_the_learning_rate_follows_the_steps_of_the_budget():
 
 @pytest.mark.thorough
 def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_place(tmp_path):
-    from hulldown.training.detr import starting_weights
+    from hulldown.training.detectors.detr import starting_weights
 
     # A proxy that refuses stands for a machine without a network.
     code = (
         "from hulldown.training.settings import load_settings\n"
-        "from hulldown.training.detr import starting_weights\n"
+        "from hulldown.training.detectors.detr import starting_weights\n"
         "starting_weights(load_settings(None, {'model': 'medium'}))"
     )
     places = {"RF_HOME": str(tmp_path), "HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:9"}

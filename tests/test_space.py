@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.dataset.layouts.kitti import label_line
-from hulldown.dataset.planned import label_records
+from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.space import check_space, space_of
+from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.transforms import apply
 from hulldown.planning.planner import plan
 from hulldown.tests.planning_assets import small_assets, small_config

@@ -6,8 +6,8 @@ import pytest
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.export import LAYOUTS, export
-from hulldown.dataset.split import SPLITS, group_of, share_out
+from hulldown.dataset.exports.export import LAYOUTS, export
+from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.geometry.errors import DatasetError
 
 

@@ -1,6 +1,6 @@
 """What planning builds once."""
 
-from hulldown.planning.stage import make_stage
+from hulldown.planning.search.stage import make_stage
 from hulldown.tests.planning_assets import small_assets, small_config
 
 

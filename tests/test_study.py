@@ -240,7 +240,7 @@ def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_s
     assert "the run in this folder has" in failed[run.name]
 
     child = subprocess.Popen(
-        [sys.executable, "-c", "from training.study.worker import _end_with_parent as wait; wait()"],
+        [sys.executable, "-c", "from hulldown.training.study.worker import _end_with_parent as wait; wait()"],
         stdin=subprocess.PIPE, cwd=ROOT,
     )  # fmt: skip
     child.stdin.close()  # as when its parent is killed

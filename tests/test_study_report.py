@@ -8,11 +8,11 @@ import pytest
 from selenium.webdriver.common.by import By
 
 from hulldown.cli import main
-from hulldown.dataset.charts import svg
+from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
 from hulldown.tests.test_study import settled
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.labels import read_labels
+from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.charts import Line, beside, over_photographs, png
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.page import markdown, sections

@@ -10,8 +10,8 @@ from rich.console import Console
 from hulldown.camera.weather_kinds import Weather
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
+from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
 from hulldown.planning.summary import Histogram, summarise
-from hulldown.planning.tally import AIMING, BY_KEY, PLACING
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},

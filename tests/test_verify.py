@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import encode
-from hulldown.dataset import check_pictures
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.planned import image_record, label_records
-from hulldown.dataset.verify import Finding, compare, verify
+from hulldown.dataset.verification import check_pictures
+from hulldown.dataset.verification.planned import image_record, label_records
+from hulldown.dataset.verification.verify import Finding, compare, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.planning.row import decode_row
 

@@ -18,7 +18,7 @@ from hulldown.placement.clearance import Obstacles
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.planner import plan
-from hulldown.planning.stage import make_stage
+from hulldown.planning.search.stage import make_stage
 from hulldown.tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
 
 TANK = vehicle("t72")

@@ -9,11 +9,11 @@ from scipy.integrate import quad
 from hulldown.camera.weather import rain_extinction, rain_visibility_m, wetness
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.air import NAMES, draw_air
-from hulldown.planning.draws import Draws
-from hulldown.planning.light import draw_lights, hdri_weights
+from hulldown.planning.appearance.air import NAMES, draw_air
+from hulldown.planning.appearance.light import draw_lights, hdri_weights
+from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.planner import plan
-from hulldown.planning.weather_section import WeatherSection
+from hulldown.planning.search.draws import Draws
 from hulldown.tests.planning_assets import small_assets, small_config
 
 IMAGES = np.arange(4000)
@@ -118,7 +118,7 @@ def test_no_target_is_fainter_than_asked():
 
 
 def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
-    monkeypatch.setattr("hulldown.planning.search.BLIND_PLACES", 2)
+    monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
         list(plan(config, ASSETS))

@@ -17,10 +17,17 @@ from jaxtyping import UInt8
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import open_in_place, replace_file, replacing
-from hulldown.training.detector import WEIGHTS_NAME, Detections, Detector, DetectorError, chosen_device, read_run
+from hulldown.training.detectors.detector import (
+    WEIGHTS_NAME,
+    Detections,
+    Detector,
+    DetectorError,
+    chosen_device,
+    read_run,
+)
+from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.evaluation.predictions import INFO_SUFFIX
 from hulldown.training.extra import require_extra
-from hulldown.training.labels import Labels, read_labels
-from hulldown.training.predictions import INFO_SUFFIX
 
 UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
 READERS = 2
@@ -67,7 +74,7 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
     require_extra()
     path = Path(path)
     if not path.is_dir():
-        from hulldown.training.detr import load_checkpoint
+        from hulldown.training.detectors.detr import load_checkpoint
 
         return load_checkpoint(path, device=chosen_device(device))
     run = read_run(path)
@@ -77,10 +84,10 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
         )
     weights = path / WEIGHTS_NAME
     if run["model"] == "small":
-        from hulldown.training.small import load_small
+        from hulldown.training.detectors.small import load_small
 
         return load_small(weights, device=chosen_device(device))
-    from hulldown.training.detr import load_checkpoint
+    from hulldown.training.detectors.detr import load_checkpoint
 
     return load_checkpoint(weights, device=chosen_device(device))
 
@@ -101,7 +108,7 @@ def predict(
     run
         Folder of a finished training, or a checkpoint of RF-DETR.
     dataset
-        See `training.labels.read_labels`; its labels are not looked at.
+        See `training.evaluation.labels.read_labels`; its labels are not looked at.
     output
         The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too.
     device

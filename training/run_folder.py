@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import replace_file, replacing
-from hulldown.training.detector import RUN_NAME, WEIGHTS_NAME, read_run
+from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
 VALIDATION_NAME = "validation.csv"

@@ -14,10 +14,10 @@ import orjson
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.masks import decode, run_lengths
-from hulldown.dataset.clipping import clipped_boxes
-from hulldown.dataset.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.exports.clipping import clipped_boxes
 from hulldown.dataset.picture_files import read_picture, read_pixels, size_problem
 from hulldown.dataset.records import read_usable
+from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.training.augment import Sample
 
@@ -150,7 +150,7 @@ class CheckedPictures:
     digests
         SHA-256 of each picture.
     hashes
-        Perceptual hash of each picture, see `dataset.near_duplicates`.
+        Perceptual hash of each picture, see `dataset.verification.near_duplicates`.
     """
 
     sha256: str

@@ -10,12 +10,12 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.document import ANNOTATIONS_NAME
-from hulldown.dataset.pictures import link_or_copy
-from hulldown.dataset.record_lines import write_coco
+from hulldown.dataset.exports.split import group_of, positions, shuffled
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.split import group_of, positions, shuffled
-from hulldown.dataset.unfinished import all_or_nothing
+from hulldown.dataset.store.document import ANNOTATIONS_NAME
+from hulldown.dataset.store.pictures import link_or_copy
+from hulldown.dataset.store.record_lines import write_coco
+from hulldown.dataset.store.unfinished import all_or_nothing
 from hulldown.geometry.errors import DatasetError
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)

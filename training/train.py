@@ -22,15 +22,15 @@ import torch
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.augment import changed_table
-from hulldown.training.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
-from hulldown.training.centre_points import CentreNetwork
 from hulldown.training.data import Batches, DrawnExamples, loader
-from hulldown.training.detector import DAMAGED, RUN_NAME, Detector, DetectorError, chosen_device, first_line
+from hulldown.training.detectors.callbacks import AveragedWeights, Recorder, StepSeeds, Validator
+from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.detector import DAMAGED, RUN_NAME, Detector, DetectorError, chosen_device, first_line
+from hulldown.training.detectors.small import SmallDetector, SmallModule, save_small, small_size
 from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
 from hulldown.training.extra import quiet
 from hulldown.training.run_folder import RunFolder, opened
 from hulldown.training.settings import Settings
-from hulldown.training.small import SmallDetector, SmallModule, save_small, small_size
 from hulldown.training.sources import Source, check_pictures, follow_masks, read_sources, shared_pictures
 from hulldown.training.validate import validation_figures
 
@@ -98,7 +98,7 @@ def train(
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
     if weights is not None and settings.weights is not None:
-        from hulldown.training.detr import check_weights
+        from hulldown.training.detectors.detr import check_weights
 
         check_weights(weights, settings, classes)
     checked = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
@@ -162,7 +162,7 @@ def usable_weights(settings: Settings) -> Path | None:
         If there is none, it cannot be fetched, or the network cannot be built as the settings say.
     """
     if settings.model != "small":
-        from hulldown.training.detr import check_resolution, starting_weights
+        from hulldown.training.detectors.detr import check_resolution, starting_weights
 
         check_resolution(settings)
         return starting_weights(settings)
@@ -207,7 +207,7 @@ def _fit_detr(
 ) -> Fitted:  # fmt: skip
     from rfdetr.training.trainer import build_trainer
 
-    from hulldown.training.detr import (
+    from hulldown.training.detectors.detr import (
         DrawnData,
         averaged_detector,
         averaging,

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from hulldown.dataset.picture_files import read_pixels
-from hulldown.training.average_precision import AVERAGES, average_precision
-from hulldown.training.detector import Detector
-from hulldown.training.labels import Labels
-from hulldown.training.predictions import Predictions
+from hulldown.training.detectors.detector import Detector
+from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.predictions import Predictions
 from hulldown.training.sources import Source
 
 BATCH = 8

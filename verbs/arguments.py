@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.reading.landlock import OFF, unconfined
-from hulldown.reading.watch import GIB, ReadLimits
+from hulldown.reading.confinement.landlock import OFF, unconfined
+from hulldown.reading.confinement.watch import GIB, ReadLimits
 from hulldown.verbs.terminal import reading_status, warn
 
 Value = TypeVar("Value")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.geometry.code import difference, versions
-from hulldown.render.scheduler import Scheduler, needing_dask
+from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.verbs.arguments import AddVerb, at_least_one, port
 from hulldown.verbs.terminal import DONE, print_json, say
 
@@ -40,7 +40,7 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
     """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
     with needing_dask():
-        from hulldown.render.cluster import Cluster
+        from hulldown.render.cluster.workers import Cluster
     from hulldown.training.study.elsewhere import PACKAGES, RESOURCE, launch_on
 
     with Cluster(scheduler, RESOURCE, difference, (versions(*PACKAGES),), say=say) as cluster:
@@ -49,7 +49,7 @@ def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Ite
 
 def _train_here(order: Any) -> Any:
     """What runs in a worker of the cluster."""
-    from hulldown.render.cluster import own_address, wanted
+    from hulldown.render.cluster.workers import own_address, wanted
     from hulldown.training.study.elsewhere import run_here
 
     return own_address(), run_here(order, wanted())
@@ -58,7 +58,7 @@ def _train_here(order: Any) -> Any:
 def _cluster(arguments: argparse.Namespace) -> int:
     """Runs until Ctrl-C or SIGTERM."""
     with needing_dask():
-        from hulldown.render.local_cluster import local_cluster
+        from hulldown.render.cluster.local_cluster import local_cluster
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
     with local_cluster(arguments.workers, port=arguments.port) as address:

@@ -67,11 +67,11 @@ def _init_from(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config import HDRI_SUFFIXES, load_config
+    from hulldown.planning.config.config_file import HDRI_SUFFIXES, load_config
     from hulldown.planning.loading import inspect_config
     from hulldown.reading.inspect import Inspected, inspect, pages, write_pictures
     from hulldown.reading.report import FileReport
-    from hulldown.reading.sky_report import SkyReport, inspect_sky
+    from hulldown.reading.skies.sky_report import SkyReport, inspect_sky
 
     configs = {path: load_config(path) for path in arguments.files if path.suffix.lower() == ".toml"}
     if arguments.output:
@@ -117,7 +117,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config import load_config
+    from hulldown.planning.config.config_file import load_config
     from hulldown.planning.loading import load_assets
     from hulldown.planning.write import write_plan
 
@@ -155,7 +155,7 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config import parse_config
+    from hulldown.planning.config.config_file import parse_config
     from hulldown.planning.summary import summarise
 
     overcast = bool(parse_config(plan.header.config, path=plan.path).light.overcast)

@@ -109,7 +109,7 @@ def _join(arguments: argparse.Namespace) -> int:
 
 def _verify(arguments: argparse.Namespace) -> int:
     from hulldown.dataset.records import listed
-    from hulldown.dataset.verify import verify
+    from hulldown.dataset.verification.verify import verify
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
@@ -148,9 +148,9 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
     """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
     if arguments.plan is None or arguments.fast:
         return None, []
-    from hulldown.dataset.check_skies import sky_check
-    from hulldown.dataset.document import read_coco
     from hulldown.dataset.records import Finding
+    from hulldown.dataset.store.document import read_coco
+    from hulldown.dataset.verification.check_skies import sky_check
     from hulldown.planning.plan_file import read_plan
 
     coco = read_coco(arguments.dataset)
@@ -162,8 +162,8 @@ def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from hulldown.dataset.export import export
-    from hulldown.dataset.floors import LabelFloors
+    from hulldown.dataset.exports.export import export
+    from hulldown.dataset.verification.floors import LabelFloors
 
     floors = LabelFloors(
         min_box_px=arguments.min_box_px,
@@ -190,7 +190,7 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from hulldown.dataset.report import THUMBNAIL_WIDTH, write_report
+    from hulldown.dataset.reports.report import THUMBNAIL_WIDTH, write_report
     from hulldown.dataset.table import Dataset
     from hulldown.planning.plan_file import read_plan
     from hulldown.planning.preview import Artist

@@ -91,7 +91,7 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
-    from hulldown.training.report import evaluate_files
+    from hulldown.training.evaluation.report import evaluate_files
 
     with progress_bar("evaluating") as advance:
         found = evaluate_files(

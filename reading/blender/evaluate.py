@@ -18,16 +18,16 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
-from hulldown.reading.blender.cutouts import CutoutReader
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.poses import Poses
-from hulldown.reading.blender.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from hulldown.reading.blender.surfaces.cutouts import CutoutReader
+from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.evaluated import Evaluated, Left
 from hulldown.reading.roles import Link, Piece
-from hulldown.reading.scenery_roles import VOLUME
-from hulldown.reading.shape import level_share
-from hulldown.reading.wet_faces import wet_slots
+from hulldown.reading.scenery.scenery_roles import VOLUME
+from hulldown.reading.scenery.shape import level_share
+from hulldown.reading.scenery.wet_faces import wet_slots
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"

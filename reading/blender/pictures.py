@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import level_irradiance
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.backdrop import backdrop, small_map
-from hulldown.reading.hdri import MAP_ROWS, mend
+from hulldown.reading.skies.backdrop import backdrop, small_map
+from hulldown.reading.skies.hdri import MAP_ROWS, mend
 
 
 def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:

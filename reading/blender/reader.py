@@ -22,9 +22,9 @@ from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.geometry.files import replacing
 from hulldown.reading.blender.evaluate import HIDDEN, evaluate
 from hulldown.reading.blender.importers import open_file
-from hulldown.reading.blender.materials import material_rows
 from hulldown.reading.blender.pictures import read_picture
-from hulldown.reading.blender.textures import missing_files, used_files
+from hulldown.reading.blender.surfaces.materials import material_rows
+from hulldown.reading.blender.surfaces.textures import missing_files, used_files
 from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
@@ -33,8 +33,8 @@ from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing, Row, gathered
 from hulldown.reading.roles import Piece
-from hulldown.reading.scenery_roles import scenery_roles
-from hulldown.reading.stance import metres_from_file, stand_upright
+from hulldown.reading.scenery.scenery_roles import scenery_roles
+from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 

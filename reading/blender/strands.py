@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.hair import hair_mesh
+from hulldown.reading.scenery.hair import hair_mesh
 
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
 CATMULL_ROM, POLY = 0, 1

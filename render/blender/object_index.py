@@ -14,8 +14,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.opacity_nodes import show_opacity
-from hulldown.reading.blender.shaders import is_volume
+from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
+from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import Settings

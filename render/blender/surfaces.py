@@ -14,9 +14,9 @@ import bpy
 import numpy as np
 
 from hulldown.assets.naming import NOT_WATER, WATER, WATERS, says
-from hulldown.reading.blender.nodes import material_output
-from hulldown.reading.blender.opacity_nodes import SOCKET, opacity_socket
-from hulldown.reading.blender.shaders import is_clear
+from hulldown.reading.blender.surfaces.nodes import material_output
+from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
+from hulldown.reading.blender.surfaces.shaders import is_clear
 from hulldown.render.blender import covers
 
 MARK = "hulldown weather"  # label of the nodes that are put in

@@ -19,8 +19,8 @@ from pathlib import Path
 import psutil
 
 from hulldown.dataset.coco import LOCK_NAME
-from hulldown.dataset.document import JOURNAL_NAME
-from hulldown.dataset.journal import MERGED
+from hulldown.dataset.store.document import JOURNAL_NAME
+from hulldown.dataset.store.journal import MERGED
 from hulldown.render.session import LOGS_NAME
 
 ROOT = Path(__file__).parents[2]

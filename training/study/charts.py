@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hulldown.dataset.charts import BLUE, GREEN, INK, RED, SOFT, tidy
+from hulldown.dataset.reports.charts import BLUE, GREEN, INK, RED, SOFT, tidy
 from hulldown.training.study.words import TITLES
 
 COLOURS = {

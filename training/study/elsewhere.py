@@ -54,7 +54,7 @@ def launch_on(workers: Any, function: Callable[[Order], tuple[str, Answer]]) -> 
     Parameters
     ----------
     workers
-        A `render.cluster.Cluster`.
+        A `render.cluster.workers.Cluster`.
     function
         What a worker calls, which comes to `run_here`; returns the worker's address too.
     """

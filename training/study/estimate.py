@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.training.data import Batches
-from hulldown.training.detector import RUN_NAME
+from hulldown.training.detectors.detector import RUN_NAME
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun
 from hulldown.training.study.runs import Options, is_finished
 

@@ -13,8 +13,8 @@ import orjson
 from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict
 
-from hulldown.dataset.document import read_coco
 from hulldown.dataset.records import by_image
+from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.files import replace_file
 from hulldown.training.draws import Draws, draws_text

@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from hulldown.dataset.charts import differences, svg
-from hulldown.dataset.page import Block, Chart, Items, Section, Table, Words, page
-from hulldown.training.evaluation_page import number, ranged
+from hulldown.dataset.reports.charts import differences, svg
+from hulldown.dataset.reports.page import Block, Chart, Items, Section, Table, Words, page
+from hulldown.training.evaluation.evaluation_page import number, ranged
 from hulldown.training.study.charts import COLOURS, Line, beside, over_photographs, png
 from hulldown.training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
 from hulldown.training.study.results import COUNTS, MEASURES

@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
-from hulldown.training.detector import RUN_NAME
-from hulldown.training.evaluate import Threshold, best_threshold, evaluate
-from hulldown.training.labels import Labels, read_labels
-from hulldown.training.predictions import read_predictions
-from hulldown.training.report_files import plain
+from hulldown.training.detectors.detector import RUN_NAME
+from hulldown.training.evaluation.evaluate import Threshold, best_threshold, evaluate
+from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.evaluation.report_files import plain
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
 from hulldown.training.study.page import charts_of, html, markdown, sections
 from hulldown.training.study.results import (

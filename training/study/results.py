@@ -17,10 +17,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.training.average_precision import AVERAGES, class_mean
-from hulldown.training.bootstrap import combined_error, difference_interval, ratio_error, share_interval, standard_error
-from hulldown.training.evaluate import Evaluation
-from hulldown.training.metrics import SHARES, SUMS, figures, ratio
+from hulldown.training.evaluation.average_precision import AVERAGES, class_mean
+from hulldown.training.evaluation.bootstrap import (
+    combined_error,
+    difference_interval,
+    ratio_error,
+    share_interval,
+    standard_error,
+)
+from hulldown.training.evaluation.evaluate import Evaluation
+from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio
 from hulldown.training.study.config import Arm
 from hulldown.training.study.manifest import PlannedRun
 

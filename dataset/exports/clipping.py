@@ -1,0 +1,84 @@
+"""Boxes that leave their images: clipped if it's by a rounding error, else listed, all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hulldown.dataset.store.seals import changed
+from hulldown.geometry.errors import DatasetError
+
+ROUNDED = 1e-6  # pixels: what decimal text may add
+SLIGHT = 1.0  # pixels that a box may leave its image by without being refused
+LISTED = 10  # boxes that an error names
+
+
+def clipped_boxes(
+    annotations: Iterable[Mapping[str, Any]], images: Mapping[int, Mapping[str, Any]], *, folder: Path, clip: bool
+) -> list[Mapping[str, Any]]:
+    """Return annotations whose boxes lie inside their images.
+
+    Parameters
+    ----------
+    annotations
+        Usable COCO annotation records, see `dataset.records.check_usable`.
+    images
+        COCO image records by id.
+    folder
+        The dataset, for errors.
+    clip
+        Clip every box and leave out those that are outside altogether; else only boxes that leave their image by up to
+        `SLIGHT` pixels are clipped.
+
+    Raises
+    ------
+    DatasetError
+        Naming every box without area, and without `clip` every box that leaves its image further (up to `LISTED`).
+    """
+    kept: list[Mapping[str, Any]] = []
+    wrong: list[str] = []
+    further = False
+    for annotation in annotations:
+        x, y, w, h = annotation["bbox"]
+        image = images[annotation["image_id"]]
+        where = f"{image['file_name']}: annotation {annotation['id']}"
+        by = beyond(annotation["bbox"], image["width"], image["height"])
+        if w <= 0 or h <= 0:
+            wrong.append(f"{where} has no area")
+        elif by <= ROUNDED:
+            kept.append(annotation)
+        elif not clip and by > SLIGHT:
+            further = True
+            wrong.append(f"{where} leaves its image by {by:.4g} px")
+        else:
+            left, top = max(x, 0.0), max(y, 0.0)
+            box = [left, top, min(x + w, image["width"]) - left, min(y + h, image["height"]) - top]
+            if box[2] > 0 and box[3] > 0:
+                kept.append(changed(annotation, bbox=box))
+            elif not clip:
+                wrong.append(f"{where} has no area inside its image")
+    remedy = "correct them, or clip them with `hulldown export --clip`" if further else "correct or delete them"
+    refuse_all(wrong, "box", folder, remedy=remedy)
+    return kept
+
+
+def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
+    """Raise one error that lists all problems, up to `LISTED`; none, no error.
+
+    Raises
+    ------
+    DatasetError
+        If there are any.
+    """
+    if wrong:
+        more = f", and {len(wrong) - LISTED} more; `hulldown verify` lists all" if len(wrong) > LISTED else ""
+        several = {"box": "boxes"}.get(what, f"{what}s")
+        counted = f"1 {what}" if len(wrong) == 1 else f"{len(wrong)} {several}"
+        raise DatasetError(f"{counted} cannot be used: {', '.join(wrong[:LISTED])}{more}", path=folder, remedy=remedy)
+
+
+def beyond(bbox: list[float], width: int, height: int) -> float:
+    """Return how many pixels a box reaches beyond its image, at most 0 if it doesn't."""
+    x, y, w, h = bbox
+    return max(-x, -y, x + w - width, y + h - height)

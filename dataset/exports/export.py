@@ -1,0 +1,134 @@
+"""A dataset written as folders that training tools read, split into train, valid and test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hulldown.annotate.masks import extent
+from hulldown.annotate.outlines import polygons
+from hulldown.dataset.exports.clipping import clipped_boxes, refuse_all
+from hulldown.dataset.exports.layouts import coco, huggingface, kitti, voc, webdataset, yolo
+from hulldown.dataset.exports.shares import Shares, check_sound
+from hulldown.dataset.exports.split import SPLITS, share_out
+from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.store.seals import changed
+from hulldown.dataset.store.unfinished import all_or_nothing
+from hulldown.dataset.verification.floors import ALL_LABELS, LabelFloors
+from hulldown.geometry.errors import DatasetError
+
+# What each layout is written by, from the shares to a folder that is there; docs/exports.md says who reads which.
+LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
+    "coco": coco.write,
+    "yolo": yolo.write,
+    "rfdetr-yolo": yolo.write_for_rfdetr,
+    "voc": voc.write,
+    "kitti": kitti.write,
+    "huggingface": huggingface.write,
+    "webdataset": webdataset.write,
+}
+WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface", "webdataset")
+
+
+def export(
+    dataset: Path | str,
+    out: Path | str,
+    *,
+    layout: str = "coco",
+    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
+    seed: int = 0,
+    polygons_within: float | None = None,
+    floors: LabelFloors = ALL_LABELS,
+    clip: bool = False,
+    allow_links: Sequence[Path | str] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, int]:
+    """Write a dataset as train, valid and test; images are linked where the disk allows, copied where not.
+
+    Parameters
+    ----------
+    dataset
+        The folder of a COCO dataset.
+    out
+        A folder that does not exist or is empty.
+    layout
+        One of `LAYOUTS`.
+    fractions, seed
+        See `dataset.exports.split.share_out`; the split does not depend on the floors.
+    polygons_within
+        Masks as polygons, whose corners are left out where the outline moves by at most so many pixels; None: as they
+        are, or none where the layout has polygons alone.
+    floors
+        What labels must show; by default all of them stay as they are.
+    clip
+        Clip boxes that leave their image, however far; those outside of it are left out.
+    allow_links
+        Folders outside the dataset that pictures which are links may lead to.
+    progress
+        Told (done, all) after each image.
+
+    Returns
+    -------
+    Images in each split.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset cannot be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
+        masks or boxes cannot be used, the layout has no polygons, or `out` has something in it or cannot be written.
+        Nothing is left in `out` then.
+    """
+    if layout not in LAYOUTS:
+        raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {layout!r}")
+    if polygons_within is not None and layout not in WITH_POLYGONS:
+        raise DatasetError(f"layout {layout} has no polygons", remedy=f"these have: {', '.join(WITH_POLYGONS)}")
+    folder = Path(dataset)
+    document = read_usable(folder)
+    images = document["images"]
+    sizes = {image["id"]: (image["width"], image["height"]) for image in images}
+    known = {image["id"]: image for image in images}
+    of_images = [label for label in document["annotations"] if label["image_id"] in known]
+    labels = by_image(images, clipped_boxes(of_images, known, folder=folder, clip=clip))
+    split_of = share_out(images, labels, fractions=fractions, seed=seed)
+    allowed = [Path(each) for each in allow_links]
+    _check_masks(labels, sizes, folder)
+    check_sound(folder, images, allowed)
+    labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
+    if polygons_within is not None:
+        for image_id, mine in labels.items():
+            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in mine]
+    done = 0
+
+    def tick() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, len(images))
+
+    head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
+    with all_or_nothing(Path(out)) as unfinished:
+        LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
+    return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
+
+
+def _check_masks(
+    labels: Mapping[int, Sequence[Mapping[str, Any]]], sizes: Mapping[int, tuple[int, int]], folder: Path
+) -> None:
+    """Refuse masks that no tool can draw."""
+    wrong = []
+    for image_id, mine in labels.items():
+        for label in mine:
+            if label.get("segmentation"):
+                try:
+                    extent(label["segmentation"], *sizes[image_id])
+                except ValueError as error:
+                    wrong.append(f"annotation {label['id']}: {error}")
+    refuse_all(wrong, "mask", folder)
+
+
+def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float) -> Mapping[str, Any]:
+    """A label with its mask as polygons; crowds keep run lengths, which is what COCO's readers expect of them."""
+    if not annotation.get("segmentation") or annotation.get("iscrowd"):
+        return annotation
+    return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))

@@ -1,0 +1,28 @@
+"""COCO as RF-DETR and Roboflow have it: ``train/_annotations.coco.json`` with the pictures beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.store.document import COCO_NAME
+from hulldown.dataset.store.seals import changed
+
+
+def write(shares: Shares, out: Path) -> None:
+    """Write ``train``, ``valid`` and ``test``, each with its pictures and records."""
+    for split, items in shares:
+        folder = out / split
+        folder.mkdir()
+        images: list[Mapping[str, Any]] = []
+        annotations: list[Mapping[str, Any]] = []
+        for item in items:
+            item.link(folder)
+            images.append(changed(item.image, file_name=item.name))
+            annotations += item.labels
+        part = {**shares.head, "images": images, "annotations": annotations}
+        (folder / COCO_NAME).write_bytes(orjson.dumps(part))

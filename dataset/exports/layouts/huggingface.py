@@ -1,0 +1,54 @@
+"""Hugging Face's image folder: pictures and ``metadata.jsonl``, for ``load_dataset("imagefolder", data_dir=...)``.
+
+References
+----------
+Hugging Face Datasets documentation, "Create an image dataset", section "ImageFolder".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from hulldown.dataset.exports.shares import Shares, rings_of
+
+FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # names from which it knows the splits
+
+
+def write(shares: Shares, out: Path) -> None:
+    """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``.
+
+    A line has ``file_name``, ``image_id``, ``width``, ``height`` and ``objects``: lists of ``id``, ``area``, ``bbox``
+    (COCO's), ``category`` (its name), ``iscrowd`` and, if asked for, ``segmentation`` (polygons; of a label without a
+    mask its box). Its readers take types from the lines, so that a split without any label does not fit the others.
+    """
+    outlined = any(isinstance(label.get("segmentation"), list) for labels in shares.labels.values() for label in labels)
+    names = shares.class_names
+    for split, items in shares:
+        folder = out / FOLDERS[split]
+        folder.mkdir()
+        with (folder / "metadata.jsonl").open("wb") as lines:
+            for item in items:
+                item.link(folder)
+                record = {
+                    **{"file_name": item.name, "image_id": item.image["id"]},
+                    **{key: item.image[key] for key in ("width", "height")},
+                    "objects": _objects(item.labels, names, outlined),
+                }
+                lines.write(orjson.dumps(record) + b"\n")
+
+
+def _objects(labels: Sequence[Mapping[str, Any]], names: Mapping[int, str], outlined: bool) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {
+        "id": [label["id"] for label in labels],
+        "area": [float(label.get("area", label["bbox"][2] * label["bbox"][3])) for label in labels],
+        "bbox": [[float(number) for number in label["bbox"]] for label in labels],
+        "category": [names[label["category_id"]] for label in labels],
+        "iscrowd": [int(label.get("iscrowd", 0)) for label in labels],
+    }
+    if outlined:
+        found["segmentation"] = [rings_of(label) for label in labels]
+    return found

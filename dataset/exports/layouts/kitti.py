@@ -1,0 +1,95 @@
+"""KITTI's object labels: a text file a picture, with boxes in space where poses are known, and its camera.
+
+References
+----------
+Geiger, Lenz, Urtasun, Are we ready for autonomous driving? The KITTI vision benchmark suite, CVPR 2012, and the
+readme of its object development kit, which defines the fields.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.known import number as number_of
+
+LISTS = {"train": "train", "valid": "val", "test": "test"}
+UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own words for no box in space
+UNKNOWN_ALPHA = -10.0
+SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
+# A lidar in the camera's place, x forward and z up: there is none, and readers ask for its pose.
+CAMERA_FROM_LIDAR = "0 -1 0 0 0 0 -1 0 1 0 0 0"
+LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
+
+
+def write(shares: Shares, out: Path) -> None:
+    """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
+
+    Pictures whose field of view is not known, such as photographs, get no file in ``calib``.
+    """
+    pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
+    lists = out / "ImageSets"
+    for folder in (pictures, texts, cameras, lists):
+        folder.mkdir(parents=True)
+    names, number, without = shares.class_names, 0, 0
+    for split, items in shares:
+        with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
+            for item in items:
+                stem = f"{number:06d}"  # its readers number files so
+                number += 1
+                item.link(pictures, stem + Path(item.name).suffix)
+                lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
+                (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+                fov = number_of(item.image.get("fov_x_deg"))
+                if math.isnan(fov):
+                    without += 1
+                else:
+                    (cameras / f"{stem}.txt").write_text(_calibration(item.image, fov), encoding="utf-8")
+                stems.write(f"{stem}\n")
+    if without:
+        pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
+        warnings.warn(f"{pictures_of} no calib file: their field of view is not known", stacklevel=2)
+
+
+def label_line(label: Mapping[str, Any], name: str) -> str:
+    """Class, truncated, occluded, alpha, box, and height, width, length, place and turn in the camera's frame.
+
+    Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible on, 1 from 50 % on, else 2, and 3
+    where it is not known. The turn is that about the camera's y axis alone: where vehicle or camera are tilted, the box
+    in space is one on level ground, and only ``bbox_3d`` of the dataset has the whole turn.
+    """
+    x, y, w, h = label["bbox"]
+    seen, cut = number_of(label.get("visible_fraction")), number_of(label.get("truncated_fraction"))
+    hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
+    alpha = UNKNOWN_ALPHA
+    numbers: tuple[float, ...] = UNKNOWN
+    if isinstance(box := label.get("bbox_3d"), Mapping):
+        length, width, height = (float(each) for each in box["size"])
+        rotation = np.array(box["rotation"], dtype=np.float64)
+        ground = np.array(box["center"], dtype=np.float64) - rotation[:, 2] * height / 2
+        turn = math.atan2(-rotation[2, 0], rotation[0, 0])
+        alpha = math.remainder(turn - math.atan2(ground[0], ground[2]), 2 * math.pi)
+        numbers = (height, width, length, *(float(each) for each in ground), turn)
+    kind = "DontCare" if label.get("iscrowd") else "_".join(name.split())
+    corners = (x, y, x + w, y + h)
+    truncated = -1.0 if math.isnan(cut) else cut
+    return " ".join(
+        [kind, f"{truncated:.4f}", str(hidden), f"{alpha:.6f}", *(f"{each:.4f}" for each in corners)]
+        + [f"{each:.6f}" for each in numbers]
+    )
+
+
+def _calibration(image: Mapping[str, Any], fov: float) -> str:
+    """Return the cameras' matrices for a horizontal field of view in degrees."""
+    focal = image["width"] / 2 / math.tan(math.radians(fov) / 2)
+    matrix = [focal, 0.0, image["width"] / 2, 0.0, 0.0, focal, image["height"] / 2, 0.0, 0.0, 0.0, 1.0, 0.0]
+    camera = " ".join(f"{each:.9g}" for each in matrix)
+    lines = [f"P{i}: {camera}" for i in range(4)]
+    lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,71 @@
+"""Pascal VOC: an XML file a picture.
+
+References
+----------
+Everingham et al., The Pascal visual object classes challenge, IJCV 2010, and its development kit: pixels are counted
+from 1, and the last one of a box belongs to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hulldown.dataset.exports.shares import Item, Shares
+from hulldown.dataset.known import number
+
+LISTS = {"train": "train", "valid": "val", "test": "test"}
+TRUNCATED, OCCLUDED = 0.0, 0.95  # cut off at all; less of it visible than this
+
+
+def write(shares: Shares, out: Path) -> None:
+    """Write ``JPEGImages``, whatever the pictures' format, ``Annotations`` and ``ImageSets/Main``.
+
+    Boxes are grown to whole pixels. Crowds are ``difficult``, as what is not to be counted is there.
+    """
+    pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
+    for folder in (pictures, texts, lists):
+        folder.mkdir(parents=True)
+    names = shares.class_names
+    for split, items in shares:
+        with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
+            for item in items:
+                item.link(pictures)
+                stems.write(f"{item.stem}\n")
+                tree = ElementTree.ElementTree(_annotation(item, names))
+                ElementTree.indent(tree)
+                tree.write(texts / f"{item.stem}.xml", encoding="utf-8")
+
+
+def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
+    root = ElementTree.Element("annotation")
+    _with(root, folder="JPEGImages", filename=item.name)
+    width, height = item.image["width"], item.image["height"]
+    _with(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
+    _with(root, segmented=0)
+    for label in item.labels:
+        x, y, w, h = label["bbox"]
+        shown = ElementTree.SubElement(root, "object")
+        _with(
+            shown,
+            name=names[label["category_id"]],
+            pose="Unspecified",
+            truncated=int(number(label.get("truncated_fraction")) > TRUNCATED),  # nan, if it isn't known, is neither
+            occluded=int(number(label.get("visible_fraction")) < OCCLUDED),
+            difficult=int(label.get("iscrowd", 0)),
+        )
+        _with(
+            ElementTree.SubElement(shown, "bndbox"),
+            xmin=min(max(math.floor(x), 0), width - 1) + 1,
+            ymin=min(max(math.floor(y), 0), height - 1) + 1,
+            xmax=max(min(math.ceil(x + w), width), 1),
+            ymax=max(min(math.ceil(y + h), height), 1),
+        )
+    return root
+
+
+def _with(parent: ElementTree.Element, **texts: object) -> None:
+    for name, value in texts.items():
+        ElementTree.SubElement(parent, name).text = str(value)

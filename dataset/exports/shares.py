@@ -1,0 +1,168 @@
+"""A dataset whose images are shared out: what every layout of an export is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from hulldown.dataset.exports.clipping import refuse_all
+from hulldown.dataset.exports.split import SPLITS
+from hulldown.dataset.picture_files import DECODERS, read_picture, size_problem
+from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Item:
+    """An image of an export.
+
+    Parameters
+    ----------
+    image, labels
+        Its COCO records, as they are in the dataset.
+    name
+        What its picture is called in the export: without folders, its stem unique.
+    picture
+        The file itself, links followed.
+    """
+
+    image: Mapping[str, Any]
+    labels: Sequence[Mapping[str, Any]]
+    name: str
+    picture: Path
+
+    @property
+    def stem(self) -> str:
+        """The name without its suffix."""
+        return PurePosixPath(self.name).stem
+
+    def link(self, folder: Path, name: str | None = None) -> None:
+        """Give the picture its name, or another one, in a folder too."""
+        link_or_copy(self.picture, folder / (name or self.name))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shares:
+    """A dataset, and to which split each of its images goes.
+
+    Parameters
+    ----------
+    folder
+        Of the dataset.
+    head
+        All of its COCO dictionary but images and annotations.
+    images, labels
+        Image records, and each image's annotation records by its id.
+    split_of
+        Image id -> one of `SPLITS`.
+    allowed
+        Folders outside the dataset that pictures which are links may lead to.
+    tick
+        Called after each image.
+    """
+
+    folder: Path
+    head: Mapping[str, Any]
+    images: Sequence[Mapping[str, Any]]
+    labels: Mapping[int, Sequence[Mapping[str, Any]]]
+    split_of: Mapping[int, str]
+    allowed: Sequence[Path]
+    tick: Callable[[], None]
+
+    def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
+        """Each split with its items, in the order of the dataset."""
+        names = flat_names(self.images)
+        for split in SPLITS:
+            yield split, self._items(split, names)
+
+    @property
+    def categories(self) -> list[Mapping[str, Any]]:
+        """Category records, in the order of their ids."""
+        return sorted(self.head["categories"], key=lambda category: category["id"])
+
+    @property
+    def class_numbers(self) -> dict[int, int]:
+        """Category id -> number from 0, in the order of the ids."""
+        return {category["id"]: number for number, category in enumerate(self.categories)}
+
+    @property
+    def class_names(self) -> dict[int, str]:
+        """Category id -> name."""
+        return {category["id"]: str(category["name"]) for category in self.categories}
+
+    def _items(self, split: str, names: Mapping[int, str]) -> Iterator[Item]:
+        for image in self.images:
+            key = image["id"]
+            if self.split_of[key] != split:
+                continue
+            picture = own_picture(self.folder, image["file_name"], self.allowed)
+            yield Item(image, self.labels[key], names[key], picture)
+            self.tick()
+
+
+def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> None:
+    """Refuse pictures that are missing, damaged, or of another size than their records state.
+
+    A picture whose bytes have the hash in its record is not decoded.
+
+    Raises
+    ------
+    DatasetError
+        Naming all such pictures, or the first link that leads out of the dataset.
+    """
+
+    def problem(image: Mapping[str, Any]) -> str | None:
+        name = image["file_name"]
+        try:
+            path = own_picture(folder, name, allowed)
+            if image.get(PICTURE_KEY) is not None:
+                with open_regular(path) as file:
+                    if digest(file.read()) == image[PICTURE_KEY]:
+                        return None
+            picture = read_picture(path)
+        except FileNotFoundError:
+            return f"{name} is missing"
+        except OSError as error:
+            return f"{name} cannot be read ({error.strerror})"
+        except LinkError:
+            raise
+        except DatasetError as error:
+            return f"{name} {error.problem}"
+        stated = (image["width"], image["height"])
+        return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
+
+    with ThreadPoolExecutor(DECODERS) as pool:
+        wrong = [found for found in pool.map(problem, images) if found is not None]
+    refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
+
+
+def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
+    """One name an image without folders, by its id; stems are unique, since labels are named by them.
+
+    Dots in stems become underscores: some readers take what follows the first of them for the suffix.
+    """
+    names: dict[int, str] = {}
+    taken: set[str] = set()
+    for image in images:
+        path = PurePosixPath(image["file_name"])
+        stem = path.stem.replace(".", "_")
+        if stem.casefold() in taken:
+            stem = f"{stem}-{image['id']}"
+        while stem.casefold() in taken:
+            stem += "-again"
+        taken.add(stem.casefold())
+        names[image["id"]] = stem + path.suffix
+    return names
+
+
+def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
+    """Return the polygons of a label; of one that has none, the corners of its box."""
+    if isinstance(rings := label.get("segmentation"), list) and rings:
+        return rings
+    x, y, w, h = (float(number) for number in label["bbox"])
+    return [[x, y, x + w, y, x + w, y + h, x, y + h]]

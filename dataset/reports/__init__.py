@@ -1,0 +1,1 @@
+"""A dataset or a plan as a page, charts, and sheets."""

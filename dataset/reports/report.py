@@ -1,0 +1,259 @@
+"""A dataset or a plan as one page that a browser opens from disk: what it holds, where, in what light, how it looks."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as Pictures
+
+from hulldown.annotate.drawing import colour_of
+from hulldown.annotate.outlines import polygons
+from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
+from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
+from hulldown.dataset.reports.page import (
+    GENERATOR,
+    Chart,
+    Charts,
+    Facet,
+    Gallery,
+    Overlay,
+    Section,
+    Table,
+    Tile,
+    Words,
+    page,
+)
+from hulldown.dataset.table import Dataset, Image
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import replace_file
+
+MOST = 1_000  # thumbnails on a page: some 15 MB
+THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
+QUALITY = 65  # of JPEG
+COCO_SIZES = {"small": (0.0, 32.0), "medium": (32.0, 96.0), "large": (96.0, math.inf)}
+ORDERS = (SIZE, *SCALES)
+
+
+def write_report(
+    dataset: Dataset, path: Path | str, *, most: int = MOST, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Write a page that fetches nothing: tables, charts, maps, and thumbnails that filter by every field.
+
+    Parameters
+    ----------
+    dataset
+        Of a folder or a plan.
+    path
+        The page; one that hulldown wrote is replaced.
+    most
+        Thumbnails at most; of more images a spread is taken evenly over the whole.
+    progress
+        Told (done, all) after each thumbnail.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset has no images, a picture cannot be read, or `path` is somebody else's file.
+    """
+    path = Path(path)
+    if not dataset.images:
+        raise DatasetError("has no images yet", path=Path(dataset.name), remedy="render some first")
+    _refuse_foreign(path)
+    chosen = np.unique(np.linspace(0, len(dataset.images) - 1, min(most, len(dataset.images))).round().astype(int))
+    tiles = []
+    for done, i in enumerate(chosen.tolist(), start=1):
+        tiles.append(_tile(dataset, i))
+        if progress is not None:
+            progress(done, len(chosen))
+    counts = _counts(dataset)
+    sections = [_looks(dataset, tiles), counts, *_charts(dataset), *_maps(dataset)]
+    text = page(f"Dataset {dataset.name}", sections)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, text.encode())
+    except OSError as error:
+        remedy = "choose a file that you may write to"
+        raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy=remedy) from error
+
+
+def _counts(dataset: Dataset) -> Section:
+    labels, images = dataset.labels, dataset.of_images
+    empty = int((images["labels"] == 0).sum())
+    places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
+    classes = _number(len(dataset.categories), "class", "classes")
+    said = [_number(len(dataset.images), "image"), f"{_number(len(labels['id']), 'label')} of {classes}"]
+    said += [f"{_number(empty, 'image')} without labels"] if empty else []
+    said += [_number(places, "position")] if places else []
+    rows = []
+    for name in dataset.categories.values():
+        mine = labels["category"] == name
+        sizes = [
+            int(((labels["box_size"] >= low) & (labels["box_size"] < high) & mine).sum())
+            for low, high in COCO_SIZES.values()
+        ]
+        vehicles = Counter(one for one in labels["vehicle"][mine].tolist() if one)
+        shown = len(np.unique(labels["image"][mine]))
+        models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
+        rows.append([name, f"{shown:,}", f"{mine.sum():,}", *(f"{n:,}" for n in sizes), models])
+    header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
+    found = Table(header, rows, choose=[{"class": row[0]} for row in rows])
+    return Section("What it holds", [Words(", ".join(said) + "."), found])
+
+
+def _charts(dataset: Dataset) -> list[Section]:
+    labels, images = dataset.labels, dataset.of_images
+    drawn = []
+    for one in ORDERS:
+        values = labels[one.name]
+        if np.isfinite(values).any():
+            title = f"{one.title}, {one.unit}" if one.unit else one.title
+            drawn.append(Chart(histogram(title, values, log=one.name in ("box_size", "distance")), title))
+    if np.isfinite(labels["azimuth"]).any():
+        drawn.append(Chart(azimuths(labels["azimuth"]), "side seen"))
+    sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
+    if len(sizes):
+        centres = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
+        drawn.append(Chart(places_in_pictures(centres / sizes), "where labels lie in pictures"))
+    light = [
+        Chart(shares(title, images[key]), title)
+        for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
+        if (images[key] != "").any()
+    ]
+    if np.isfinite(images["strength"]).any():
+        light.append(Chart(histogram("strength of the light", images["strength"]), "strength of the light"))
+    found = [Section("How labels differ", [Charts(drawn)])] if drawn else []
+    return found + ([Section("Places, light and weather", [Charts(light)])] if light else [])
+
+
+def _maps(dataset: Dataset) -> list[Section]:
+    """Each scenery seen from above: where vehicles stand, and cameras."""
+    scenery = dataset.of_images["scenery"]
+    cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
+    firsts = [image.labels[0].record if image.labels else {} for image in dataset.images]
+    vehicles = poses_of(firsts, "world_from_vehicle")[:, :2, 3]
+    known = np.isfinite(cameras).all(axis=1)
+    names = [name for name in np.unique(scenery[known]).tolist() if name]
+    if not names:
+        return []
+    drawn = [
+        Chart(
+            place_map(name, cameras[known & (scenery == name)], vehicles[known & (scenery == name)]), f"map of {name}"
+        )
+        for name in names
+    ]
+    return [Section("From above", [Words("Dots are vehicles, the ends of lines are cameras; meters."), Charts(drawn)])]
+
+
+def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
+    shown = len(tiles)
+    said = (
+        []
+        if shown == len(dataset.images)
+        else [Words(f"{shown:,} images, spread evenly over {len(dataset.images):,}.")]
+    )
+    rest = [
+        Facet(key, title, sorted(set(dataset.of_images[key].tolist()) - {""}))
+        for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
+    ]
+    vehicles = sorted(set(dataset.labels["vehicle"].tolist()) - {""})
+    facets = [
+        Facet("class", "class", [*dataset.categories.values(), "none"]),
+        Facet("vehicle", "vehicle", vehicles),
+        *rest,
+        *(Facet(one.name, one.title, one.bins) for one in ORDERS),
+        Facet("side", "side seen", SIDES),
+    ]
+    orders = {one.name: one.title for one in ORDERS}
+    return Section("What it looks like", [*said, Gallery(tiles, facets, orders)])
+
+
+def _tile(dataset: Dataset, i: int) -> Tile:
+    """An image: facets are of all its labels, its place in an order is that of its first."""
+    image, labels, images = dataset.images[i], dataset.labels, dataset.of_images
+    rows = np.flatnonzero(labels["image"] == i)
+    values: dict[str, str | Sequence[str]] = {"class": _names(labels["category"][rows]) or "none"}
+    values |= {key: _names(labels[key][rows]) for key in ("vehicle", "side")}
+    values |= {key: str(images[key][i]) for key in ("scenery", "hdri", "weather")}
+    for one in ORDERS:
+        bins = bins_of(labels[one.name][rows], one)
+        values[one.name] = [one.bins[b] for b in np.unique(bins[bins >= 0])]
+    numbers = {one.name: float(labels[one.name][rows[0]]) for one in ORDERS} if len(rows) else {}
+    lines = [image.file_name]
+    lines += [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
+    lines.append(", ".join(each for each in (str(images[key][i]) for key in ("scenery", "hdri", "weather")) if each))
+    return Tile(
+        _thumbnail(dataset.picture(i, labels=False)),
+        [each for each in lines if each],
+        values,
+        numbers,
+        _overlay(image, dataset),
+    )
+
+
+def _about(dataset: Dataset, row: int) -> list[str]:
+    labels = dataset.labels
+    said = [str(labels["category"][row]), str(labels["vehicle"][row])]
+    said.append(f"{labels['width'][row]:.0f} x {labels['height'][row]:.0f} px")
+    if np.isfinite(distance := labels["distance"][row]):
+        said.append(f"{distance:.0f} m")
+    if np.isfinite(visible := labels["visible_fraction"][row]):
+        said.append(f"{100 * visible:.0f} % visible")
+    if np.isfinite(cut := labels["truncated_fraction"][row]) and cut > 0:
+        said.append(f"{100 * cut:.0f} % outside")
+    return [each for each in said if each]
+
+
+def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
+    """Return an image's boxes and masks; None if it has no label."""
+    ids = {name: number for number, name in dataset.categories.items()}
+    boxes, masks = [], []
+    for label in image.labels:
+        colour = "rgb({},{},{})".format(*colour_of(ids[label.category]))
+        if label.record.get("segmentation"):
+            within = image.width / THUMBNAIL_WIDTH / 2  # half a pixel of the thumbnail
+            try:
+                rings = polygons(label.record["segmentation"], image.width, image.height, within=within)
+            except ValueError as error:
+                remedy = "check the dataset with `hulldown verify`"
+                raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
+            masks += [(np.reshape(ring, (-1, 2)).tolist(), colour) for ring in rings]
+        x, y, w, h = label.bbox.tolist()
+        boxes.append(((x, y, w, h), colour, label.category, label.crowd))
+    return Overlay((image.width, image.height), boxes, masks) if boxes else None
+
+
+def _thumbnail(picture: Pictures.Image) -> bytes:
+    file = io.BytesIO()
+    small = picture.convert("RGB")
+    if small.width > THUMBNAIL_WIDTH:
+        small = small.resize(
+            (THUMBNAIL_WIDTH, max(1, round(small.height * THUMBNAIL_WIDTH / small.width))), Pictures.Resampling.LANCZOS
+        )
+    small.save(file, "JPEG", quality=QUALITY, optimize=True)
+    return file.getvalue()
+
+
+def _number(count: int, one: str, several: str = "") -> str:
+    return f"{count:,} {one if count == 1 else several or one + 's'}"
+
+
+def _names(values: np.ndarray) -> list[str]:
+    return sorted({value for value in values.tolist() if value})
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Only a page of ours is replaced."""
+    try:
+        with path.open("rb") as file:
+            ours = f'content="{GENERATOR}"'.encode() in file.read(2000)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy="choose another name") from error
+    if not ours:
+        raise DatasetError("is there and no report of hulldown", path=path, remedy="choose another name")

@@ -1,0 +1,71 @@
+"""What a caller gives to be appended to a dataset: made plain JSON, or refused with a ValueError that names it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from hulldown.dataset.store.names import is_free
+
+
+def plain_json(value: Any, name: str) -> Any:
+    """`value` with mappings, sequences and arrays as plain JSON values; NaN and infinities are refused."""
+    if isinstance(value, Mapping):
+        return {str(key): plain_json(item, f"{name}: {key}") for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain_json(item, name) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{name}: expected finite numbers, got {value}")
+    if isinstance(value, bytes):
+        return value.decode("ascii")
+    return value
+
+
+def check_image(record: Mapping[str, Any]) -> None:
+    """Refuse an image whose file name leads out of the dataset or whose size is not positive."""
+    name = record.get("file_name")
+    if not is_free(name):
+        raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
+    for key in ("width", "height"):
+        size = record.get(key)
+        if not isinstance(size, int) or size < 1:
+            raise ValueError(f"image: {key}: expected a whole number of pixels, got {size!r}")
+
+
+def check_annotation(record: Mapping[str, Any], name: str) -> None:
+    """Refuse an annotation without category or box."""
+    category = record.get("category")
+    if not isinstance(category, str) or not category:
+        raise ValueError(f"{name}: category: expected a name, got {category!r}")
+    box = record.get("bbox")
+    if not is_box(box) or min(box[2:]) < 0:
+        raise ValueError(f"{name}: bbox: expected [x, y, width, height] in pixels, got {box!r}")
+
+
+def is_box(value: Any) -> TypeGuard[list[float]]:
+    """Whether this is [x, y, width, height], finite; width and height may be below 0."""
+    return (
+        isinstance(value, list)
+        and len(value) == 4
+        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+    )
+
+
+def new_category(name: str) -> dict[str, Any]:
+    """The record of a class that a dataset does not have yet; the id is given when it gets there."""
+    return {"id": 0, "name": name, "supercategory": "vehicle"}
+
+
+def free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:
+    """The id that a record asks for, if nobody uses it, or the following one if it asks for none."""
+    wanted = record.get("id")
+    if wanted is None:
+        return following
+    if not isinstance(wanted, int) or wanted < 1 or any(wanted in ids for ids in used):
+        raise ValueError(f"{name}: id: expected a whole number above 0 that is not in use, got {wanted!r}")
+    return wanted

@@ -1,0 +1,191 @@
+"""The journal of a dataset: one JSON line for each finished image, on disk before the call returns."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import orjson
+
+from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular, replacing, sync_folder
+
+CLOSED = -1
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
+MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
+JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
+
+
+class Journal:
+    """An append-only file of JSON objects, one a line, each flushed to the disk before `append` returns.
+
+    A process killed while it writes leaves at most one line without its newline; opening drops that line.
+
+    Parameters
+    ----------
+    path
+        The file; made if it does not exist.
+
+    Attributes
+    ----------
+    length
+        Its bytes, all of whole lines.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written to, or is a link, which may lead anywhere.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
+        except OSError as error:
+            raise DatasetError(
+                f"cannot be written to ({error.strerror})", path=path, remedy="put the file itself there, writable"
+            ) from error
+        self.length = _whole_lines(path)
+        if self.length < path.stat().st_size:
+            warnings.warn(
+                f"{path}: the last line was cut off while it was written; that one record is dropped",
+                stacklevel=2,
+            )
+            os.ftruncate(self._file, self.length)
+            os.fsync(self._file)
+        sync_folder(path.parent)
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Write `record` as the next line, with its hash; on disk when this returns."""
+        self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
+
+    def append_bytes(self, line: bytes) -> None:
+        """Write one line, JSON with its newline, that the caller has serialised.
+
+        Raises
+        ------
+        DatasetError
+            If the disk is full or the file cannot be written; what was written of the line is taken back.
+        """
+        if self._file == CLOSED:
+            raise ValueError(f"{self.path}: expected an open journal, got a closed one")
+        try:
+            written = os.write(self._file, line)
+            while written < len(line):
+                written += os.write(self._file, line[written:])
+            os.fsync(self._file)
+        except OSError as error:
+            os.ftruncate(self._file, self.length)
+            raise DatasetError(
+                f"the finished image could not be recorded ({error.strerror})",
+                path=self.path,
+                remedy="free some space and run the same command again",
+            ) from error
+        self.length += len(line)
+
+    def truncate(self, length: int) -> None:
+        """Forget what was written after the first `length` bytes."""
+        os.ftruncate(self._file, length)
+        os.fsync(self._file)
+        self.length = length
+
+    def close(self) -> None:
+        """Close the file; nothing is left to be written. Closing twice does nothing more."""
+        if self._file != CLOSED:
+            # The number may become another file's at once.
+            os.close(self._file)
+            self._file = CLOSED
+
+
+def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+    """The records of a journal in the order they were written; none if there is no such file.
+
+    A last line without its newline was never acknowledged and is left out.
+
+    Raises
+    ------
+    DatasetError
+        If any other line is not a JSON object, or not as it was written.
+    """
+    if not path.exists():
+        return
+    with _opened(path) as file:
+        for number, line in enumerate(file, start=1):
+            if not line.endswith(b"\n"):
+                return
+            try:
+                record = orjson.loads(line)
+            except orjson.JSONDecodeError as error:
+                raise _damaged(path, number, str(error)) from error
+            if not isinstance(record, dict):
+                raise _damaged(path, number, f"a {type(record).__name__} where an object was expected")
+            if LINE_KEY in record:  # lines of older datasets have none
+                if line_is_broken(line):
+                    raise _damaged(path, number, "it is not as it was written")
+                del record[LINE_KEY]
+            yield record
+
+
+def last_merged(path: Path) -> int:
+    """The number of the last line of a journal that is `MERGED`; 0 if there is none."""
+    if not path.exists():
+        return 0
+    with _opened(path) as file:
+        return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, which takes the place of the one at `path` in one step, once all is written.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written; the file at `path` is then as it was.
+    """
+    try:
+        with replacing(path) as file:
+            yield file
+    except OSError as error:
+        raise DatasetError(
+            f"cannot be written ({error.strerror})",
+            path=path,
+            remedy="free some space and run the same command again, which goes on from here",
+        ) from error
+
+
+def is_cut_off(path: Path) -> bool:
+    """Whether a journal's last line has no newline; false if there is no journal."""
+    return path.exists() and _whole_lines(path) < path.stat().st_size
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return open_regular(path)
+    except OSError as error:
+        raise DatasetError(
+            f"cannot be read ({error.strerror})", path=path, remedy="put the file itself there"
+        ) from error
+
+
+def _whole_lines(path: Path) -> int:
+    """Return how many bytes there are up to and with the last newline."""
+    with _opened(path) as file:
+        if not os.fstat(file.fileno()).st_size:
+            return 0
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content.rfind(b"\n") + 1
+
+
+def _damaged(path: Path, number: int, what: str) -> DatasetError:
+    return DatasetError(
+        f"line {number} is damaged ({what})",
+        path=path,
+        remedy="restore the file from a backup, or delete that line to give its image up",
+    )

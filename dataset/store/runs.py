@@ -1,0 +1,85 @@
+"""What a dataset sets aside for the images of one plan: ids and file names."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a dataset has set aside for the images of one plan, the same whenever that plan is resumed.
+
+    Parameters
+    ----------
+    key
+        The plan, for example the SHA-256 of its file.
+    image_offset, annotation_offset
+        What to add to ids that count from 1 within the plan.
+    prefix
+        What to put before the plan's file names; empty in a dataset that was empty when the run began.
+    images, annotations
+        How many ids are set aside.
+
+    Raises
+    ------
+    ValueError
+        If these are no names and counts, as in a file that was edited.
+    """
+
+    key: str
+    image_offset: int
+    annotation_offset: int
+    prefix: str
+    images: int
+    annotations: int
+
+    def __post_init__(self) -> None:
+        counts = (self.image_offset, self.annotation_offset, self.images, self.annotations)
+        if not all(isinstance(n, int) and n >= 0 for n in counts):
+            raise ValueError(f"expected offsets and counts of at least 0, got {counts}")
+        names = (self.key, self.prefix)
+        if not self.key or not all(isinstance(name, str) and "/" not in name for name in names):
+            raise ValueError(f"expected key and prefix to be parts of names, got {self.key!r} and {self.prefix!r}")
+
+    def file_name(self, planned: str) -> str:
+        """The name in the dataset of the image that the plan calls `planned`."""
+        path = PurePosixPath(planned)
+        return str(path.with_name(self.prefix + path.name))
+
+    def planned(self, file_name: str) -> str:
+        """What the plan calls the image that is called `file_name` in the dataset."""
+        path = PurePosixPath(file_name)
+        return str(path.with_name(path.name.removeprefix(self.prefix)))
+
+    def has_image(self, image_id: Any) -> Any:
+        """Whether an image's id, or which of an array of them, is set aside here."""
+        return (image_id > self.image_offset) & (image_id <= self.image_offset + self.images)
+
+    def owns(self, image_id: int, file_name: str) -> bool:
+        """Whether an image is one of the plan's: id and name are both set aside here."""
+        return bool(self.has_image(image_id)) and PurePosixPath(file_name).name.startswith(self.prefix)
+
+    def has_annotation(self, annotation_id: int) -> bool:
+        """Whether an annotation's id is set aside here."""
+        return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
+
+
+def plan_key(plan: Path) -> str:
+    """What identifies a plan: the SHA-256 of its file."""
+    with plan.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def runs_of(coco: Mapping[str, Any]) -> list[Run]:
+    """What a COCO dictionary, as `dataset.store.document` gives it, says was set aside for plans."""
+    info = coco.get("info")
+    return [Run(**record) for record in (info.get("hulldown_runs", []) if isinstance(info, dict) else [])]
+
+
+def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
+    """What a COCO dictionary says was set aside for a plan; None if nothing was."""
+    return next((run for run in runs_of(coco) if run.key == key), None)

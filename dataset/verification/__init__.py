@@ -1,0 +1,1 @@
+"""Check that a dataset's pictures and records show the same thing."""

@@ -1,0 +1,144 @@
+"""Whether the pictures of a dataset are there, whole, and those that its records are about."""
+
+from __future__ import annotations
+
+import contextlib
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
+from hulldown.dataset.records import Finding
+from hulldown.dataset.store.names import place_of
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.verification.check_looks import check_looks, is_rendered
+from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import stays_inside
+
+LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
+Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
+
+
+def check_pictures(
+    folder: Path,
+    coco: Mapping[str, Any],
+    *,
+    fast: bool = False,
+    look: Look | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Finding]:
+    """What is wrong with the files of a dataset's pictures.
+
+    Parameters
+    ----------
+    folder
+        The dataset's.
+    coco
+        The dataset.
+    fast
+        Whether to look only at which files are there.
+    look
+        What else to look for in each picture that was rendered here.
+    progress
+        Told (done, all) after each image.
+    """
+    images = coco["images"]
+    labels: dict[int, list[Mapping[str, Any]]] = {}
+    for annotation in coco["annotations"]:
+        if isinstance(image_id := annotation.get("image_id"), int):
+            labels.setdefault(image_id, []).append(annotation)
+    contents: dict[str, str] = {}
+    digests: list[str | None] = []
+    hashes: list[Bool[np.ndarray, "256"] | None] = []
+    with ThreadPoolExecutor(DECODERS) as pool:
+        # Chunks, so that a million results are not queued up.
+        for start in range(0, len(images), 1024):
+            chunk = images[start : start + 1024]
+            results = pool.map(
+                lambda image: _check(folder, image, labels.get(image["id"], []), fast=fast, look=look), chunk
+            )
+            for done, (image, (findings, found, hashed)) in enumerate(
+                zip(chunk, results, strict=True), start=start + 1
+            ):
+                yield from findings
+                hashes.append(hashed)
+                digests.append(found)
+                name = str(image.get("file_name"))
+                if found is not None and (other := contents.setdefault(found, name)) != name:
+                    yield Finding("warning", name, f"is the same picture as {other}")
+                if progress is not None:
+                    progress(done, len(images))
+    for i, j in near_duplicates(hashes, hashes).tolist():
+        one, other = str(images[i].get("file_name")), str(images[j].get("file_name"))
+        if i > j and digests[i] != digests[j]:
+            yield Finding("warning", one, f"shows the same as {other}: keep both in one split, or delete one")
+    yield from _linked_elsewhere(folder, images)
+    known = {place_of(str(image.get("file_name"))) for image in images}
+    if (folder / "images").is_dir():
+        present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
+        if strays := sorted(present - known):
+            more = f", like {len(strays) - 1} more" if len(strays) > 1 else ""
+            yield Finding("warning", strays[0], f"belongs to no record{more}")
+
+
+def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Find pictures without a seal that are hard links to files outside of the dataset."""
+    links: dict[tuple[int, int], list[str]] = {}
+    counts: dict[tuple[int, int], int] = {}
+    for image in images:
+        name = image.get("file_name")
+        if not stays_inside(name):
+            continue
+        with contextlib.suppress(OSError):  # found elsewhere
+            status = (folder / name).stat()
+            file = (status.st_dev, status.st_ino)
+            counts[file] = status.st_nlink if stat.S_ISREG(status.st_mode) else 0
+            links.setdefault(file, []).append(name if image.get(PICTURE_KEY) is None else "")
+    found = [name for file, names in links.items() for name in names if name and counts[file] > len(set(names))]
+    if found:
+        more = f", like {len(found) - 1} more" if len(found) > 1 else ""
+        problem = f"is a hard link to a file outside of the dataset{more}: make sure that join or export made it"
+        yield Finding("warning", found[0], problem)
+
+
+def _check(
+    folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
+) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
+    """Return what is wrong with a picture, the hash of its bytes, and a photograph's perceptual hash."""
+    name = image.get("file_name")
+    if not stays_inside(name):
+        problem = f"file_name {name!r:.120} is no path inside the dataset"
+        return [Finding("error", f"image {image['id']}", problem)], None, None
+    path = folder / name
+    if fast:
+        return [] if path.is_file() else [Finding("error", name, "is missing")], None, None
+    try:
+        picture = read_picture(path, largest=LARGEST)
+    except DatasetError as error:
+        return [Finding("error", name, error.problem)], None, None
+    findings = []
+    if picture.orientation != UPRIGHT:
+        problem = f"has EXIF orientation {picture.orientation}, which some tools ignore: store it as displayed"
+        findings.append(Finding("warning", name, problem))
+    stated = (image.get("width"), image.get("height"))
+    if picture.size != stated:
+        findings.append(Finding("error", name, size_problem(picture, stated)))
+    elif picture.pixels is not None and is_rendered(image):
+        findings += check_looks(image, labels, picture.pixels)
+        if look is not None:
+            findings += look(image, labels, picture.pixels)
+    found = digest(picture.content)
+    recorded = image.get(PICTURE_KEY)
+    if recorded is not None and recorded != found:
+        problem = (
+            f"is not the picture that was recorded: its SHA-256 is {found[:12]}..., recorded is {recorded!s:.12}..."
+        )
+        findings.append(Finding("error", name, problem))
+    looked_at = picture.pixels if not is_rendered(image) else None
+    return findings, found, None if looked_at is None else picture_hash(looked_at)

@@ -1,0 +1,107 @@
+"""Does a dataset say what the plan that it was rendered from says? Row by row; a plan may be larger than memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from hulldown.dataset.records import Finding
+from hulldown.dataset.space import space_of
+from hulldown.dataset.store.runs import find_run, plan_key
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.row import PlannedVehicle, Row, encode, fields
+
+IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
+LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
+LONGEST = 120  # characters of a value in a finding
+
+
+def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
+    """Where images of a plan and their labels differ from its rows, and how many are not there.
+
+    A difference is an error: numbers go from plan to dataset unrounded. What is missing is a warning, since a run may
+    be under way, and somebody may have deleted it on purpose.
+
+    Parameters
+    ----------
+    coco
+        The dataset.
+    plan
+        The plan's file, the same to the byte as when it was rendered.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no plan, or a line of it is no row.
+    """
+    rows = read_plan(plan)
+    run = find_run(coco, plan_key(plan))
+    if run is None:
+        yield Finding("error", plan.name, "nothing here was rendered from this file, as it is now")
+        return
+    names = {category["id"]: category.get("name") for category in coco["categories"]}
+    images = {image["id"]: image for image in coco["images"] if run.has_image(image["id"])}
+    boxes = {box["id"]: box for box in coco["annotations"] if run.has_annotation(box["id"])}
+    first, missing, example = run.annotation_offset + 1, 0, ""
+    for i, row in enumerate(rows, start=run.image_offset + 1):
+        image, name, labels = images.get(i), run.file_name(row.file_name), label_records(row)
+        if image is None:
+            missing, example = missing + 1, example or name
+        else:
+            yield from _differ(name, image, {"file_name": name, **image_record(row)})
+            for k, label in enumerate(labels, start=first):
+                yield from _box_differs(name, boxes.pop(k, None), {"image_id": i, **label}, names)
+        first += len(labels)
+    # Left are those of images that are missing, and those that no row has.
+    for box in boxes.values():
+        if isinstance(i := box.get("image_id"), int) and i in images:
+            name = str(images[i].get("file_name"))
+            yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
+    if missing:
+        yield Finding("warning", plan.name, f"{missing} of {len(rows)} planned images are not there, such as {example}")
+
+
+def image_record(row: Row) -> dict[str, Any]:
+    """What a dataset says about a row's image, but for id and file name."""
+    record = orjson.loads(encode(row))
+    return {key: record[key] for key in IMAGE_KEYS}
+
+
+def label_records(row: Row) -> list[dict[str, Any]]:
+    """What it says about each labelled vehicle of a row, but for ids and masks."""
+    records = []
+    for vehicle in row.labelled:
+        said = orjson.loads(encode(vehicle))
+        ignored = int(vehicle.label == "ignored")
+        records.append(
+            {**{key: said[key] for key in ("category", *LABEL_KEYS)}, **space_of(vehicle, row), "iscrowd": ignored}
+        )
+    return records
+
+
+def _box_differs(
+    name: str, box: Mapping[str, Any] | None, wanted: Mapping[str, Any], names: Mapping[int, Any]
+) -> Iterator[Finding]:
+    what = f"{wanted['category']} {wanted['vehicle']!r}"
+    if box is None:
+        yield not_annotated(name, wanted["category"], wanted["vehicle"])
+        return
+    label = box.get("category_id")
+    found = {**box, "category": names.get(label) if isinstance(label, int) else None}
+    for finding in _differ(name, found, wanted):
+        yield Finding(finding.severity, name, f"{what}: {finding.problem}")
+
+
+def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
+    """A planned label is not there: a warning, since somebody may have deleted it on purpose."""
+    return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
+
+
+def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
+    for key, value in wanted.items():
+        if found.get(key) != value:
+            values = (repr(each)[:LONGEST] for each in (found.get(key), value))
+            yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))

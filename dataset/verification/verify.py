@@ -1,0 +1,155 @@
+"""Is a dataset what it says it is: records, files, boxes, masks; and how far annotations are from rendered masks."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+from numpy.typing import ArrayLike
+from pycocotools.coco import COCO
+
+from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
+from hulldown.dataset.store.journal import is_cut_off
+from hulldown.dataset.verification.check_pictures import Look, check_pictures
+from hulldown.dataset.verification.planned import check_planned
+from hulldown.geometry.arrays import checked
+
+
+def verify(
+    dataset: Path | str,
+    *,
+    plan: Path | str | None = None,
+    fast: bool = False,
+    look: Look | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Finding]:
+    """Everything that is wrong with a dataset, as it is found.
+
+    Parameters
+    ----------
+    dataset
+        Its folder.
+    plan
+        A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
+    fast
+        Whether pictures are not opened and hashes not compared.
+    look
+        What else to look for in each picture that was rendered here, such as `check_skies.SkyCheck`.
+    progress
+        Told (done, all) after each image.
+
+    Raises
+    ------
+    DatasetError
+        If there is no dataset, or it cannot be read at all.
+    ConfigError
+        If the plan is none.
+    """
+    folder = Path(dataset)
+    coco = read_coco(folder)
+    yield from check_categories(coco["categories"])
+    yield from check_images(coco["images"])
+    yield from check_annotations(coco)
+    yield from check_runs(coco)
+    if plan is not None:
+        yield from check_planned(coco, Path(plan))
+    yield from _check_loading(folder / ANNOTATIONS_NAME)
+    if is_cut_off(folder / JOURNAL_NAME):
+        yield Finding(
+            "warning", JOURNAL_NAME, "its last line is cut off: its image is not in the dataset; render again"
+        )
+    if not fast:
+        yield from check_seals(coco)
+    yield from check_pictures(folder, coco, fast=fast, look=look, progress=progress)
+
+
+@dataclass(frozen=True, slots=True)
+class MaskComparison:
+    """How far an annotation is from what was rendered.
+
+    Parameters
+    ----------
+    box_error
+        Largest distance in pixels between a side of the annotated box and of the rendered mask's; inf where one of
+        them is missing.
+    mask_iou
+        Overlap of annotated and rendered visible mask; nan where the annotation has no mask.
+    """
+
+    box_error: float
+    mask_iou: float
+
+
+def compare(
+    bbox: ArrayLike | None,
+    alone: Bool[np.ndarray, "h w"],
+    *,
+    segmentation: Any = None,
+    visible: Bool[np.ndarray, "h w"] | None = None,
+) -> MaskComparison:
+    """Hold an annotation against rendered masks.
+
+    Parameters
+    ----------
+    bbox
+        xywh of the vehicle's surface in the image; None if it is said to have none.
+    alone
+        Where the render shows the vehicle with nothing in front of it: what the box must hold.
+    segmentation
+        The annotated visible mask, as COCO has it; None if there is none.
+    visible
+        Where the render shows the vehicle behind whatever hides it.
+
+    Raises
+    ------
+    ValueError
+        If there is a segmentation that is none.
+    """
+    rendered = mask_box(alone)
+    if bbox is None or rendered is None:
+        box_error = 0.0 if bbox is None and rendered is None else math.inf
+    else:
+        box = checked(bbox, "bbox", (4,))
+        low, high = rendered[:2] - box[:2], rendered[:2] + rendered[2:] - box[:2] - box[2:]
+        box_error = float(max(np.abs(low).max(), np.abs(high).max()))
+    if not segmentation or visible is None:
+        return MaskComparison(box_error, math.nan)
+    height, width = visible.shape
+    return MaskComparison(box_error, iou(decode(segmentation, width, height), visible))
+
+
+def _check_loading(path: Path) -> Iterator[Finding]:
+    if not path.exists():
+        yield Finding("warning", path.name, "is not there yet: the run has not been closed; render again to finish it")
+        return
+    repeated: Counter[str] = Counter()
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        record = dict(pairs)
+        if len(record) < len(pairs):
+            repeated.update({key for key, times in Counter(key for key, _ in pairs).items() if times > 1})
+        return record
+
+    with path.open(encoding="utf-8") as file:
+        dataset = json.load(file, object_pairs_hook=once)
+    for key, times in repeated.items():
+        yield Finding("error", path.name, f"{times} objects have the key {key!r} more than once: readers take the last")
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
+            loaded = COCO()
+            loaded.dataset = dataset
+            loaded.createIndex()
+            loaded.loadAnns(loaded.getAnnIds())
+    except (KeyError, TypeError) as error:  # what it raises for records without ids it expects
+        yield Finding("error", path.name, f"pycocotools cannot load it: {type(error).__name__}: {error}")

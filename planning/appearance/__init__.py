@@ -1,0 +1,1 @@
+"""What an image looks like: weather, light, exposure, and paint, as functions of the seed."""

@@ -1,0 +1,59 @@
+"""How the camera of each image is set: exposure and white balance, by its light and with errors as cameras make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hulldown.assets.library import Assets
+from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
+from hulldown.planning.config.schema import LightSection
+from hulldown.planning.row import Row, rounded
+from hulldown.planning.search.draws import Draws, Purpose, between
+
+
+def exposures(
+    image: Int[np.ndarray, " n"],
+    hdris: Sequence[str],
+    strength: Float[np.ndarray, " n"],
+    *,
+    light: LightSection,
+    assets: Assets,
+    draws: Draws,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], list[float | None]]:
+    """Return how the images with these indices, HDRIs, and strengths are exposed, rounded as rows have it.
+
+    Returns
+    -------
+    The exposure in EV, the offset of the white balance in kelvin, and the elevation in degrees whose color is seen
+    below it, or None where the HDRI is seen as it is. Turn and weather change nothing.
+    """
+    u = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
+    skies = {name: assets.sky(name) for name in set(hdris)}
+    if light.exposure == "auto":
+        irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
+        ev = metered(_card(irradiance, strength[:, None]))
+    else:
+        ev = np.full(len(image), light.exposure)
+    ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
+    white_balance = rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1]))
+    horizon = [float(skies[name].horizon_deg) if light.backdrop == "sky" else None for name in hdris]
+    return rounded("exposure_ev", ev), white_balance, horizon
+
+
+def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
+    """Radiance of a level grey card on open land in the light of a row, in linear Rec. 709.
+
+    How the sky is turned changes nothing, nor does weather: fog hides what is far away and does not dim the light on
+    the ground near the camera, as rendered and measured (docs/benchmarks.md).
+    """
+    return _card(np.array(assets.sky(row.hdri).irradiance), row.strength)
+
+
+def _card(
+    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
+) -> Float[np.ndarray, "*n 3"]:
+    return np.asarray(irradiance * (ALBEDO / math.pi * strength))

@@ -1,0 +1,1 @@
+"""The config: its keys, its file, and the template that `hulldown init` writes."""

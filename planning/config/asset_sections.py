@@ -1,0 +1,220 @@
+"""What a config may say about files: `[assets]`, its vehicles, distractors, and sceneries."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections import Counter
+from fnmatch import fnmatchcase
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from hulldown.assets.textures import TEXTURE_SIZE
+from hulldown.planning.appearance.paint import Paint
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.config.section import ranged as _range
+
+CACHE_NAME = ".hulldown-cache"
+
+
+def _forward(value: Any) -> str | float | Pair | None:
+    """An axis, an angle in degrees, or a vector that is not upright."""
+    if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
+        return value
+    if are_numbers([value]) and -360 <= value <= 360:
+        return float(value)
+    if isinstance(value, (list, tuple)) and len(value) in (2, 3) and are_numbers(value) and any(value[:2]):
+        return float(value[0]), float(value[1])
+    raise ValueError("expected '+x', '-x', '+y', '-y', degrees from -360 to 360, or a vector [x, y]")
+
+
+def _pivot(value: Any) -> str | tuple[float, ...] | None:
+    """The name of an object, or a point of the file."""
+    if value is None or (isinstance(value, str) and value):
+        return value
+    if isinstance(value, (list, tuple)) and len(value) == 3 and are_numbers(value):
+        return tuple(float(x) for x in value)
+    raise ValueError("expected the name of an object, or [x, y, z] in the file's axes and units")
+
+
+TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
+GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
+Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
+PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class FileEntry(Section):
+    """A file with a name; its own name if none is given."""
+
+    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
+    name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_by_file(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(path := data.get("path"), str):
+            stem = (PureWindowsPath(path) if "\\" in path else PurePosixPath(path)).stem
+            return {**data, "name": data.get("name") or stem}
+        return data
+
+
+class ModelEntry(FileEntry):
+    """A file, and what in it is the vehicle."""
+
+    forward: Forward = Field(
+        default=None,
+        description=(
+            'where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or a'
+            " vector [x, y]; default: by wheels, gun, and names"
+        ),
+        examples=["+x"],
+    )
+    yaw_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise seen from above"
+    )
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(
+        default=None,
+        description=(
+            'the axis that points up: "z", "y", "x", or one with a minus; default: by the file and the wheels'
+        ),
+        examples=["z"],
+    )
+    scale: Positive | None = Field(
+        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
+    )
+    keep: Patterns = Field(default=(), description="patterns of the names of objects that are the vehicle")
+    drop: Patterns = Field(default=(), description="patterns of the names of objects that aren't the vehicle")
+    turret: str | None = Field(
+        default=None,
+        description='pattern of the objects that turn; "" for none; default: by name',
+        examples=["turret*"],
+    )
+    gun: str | None = Field(
+        default=None, description='pattern of the objects that rise; "" for none; default: by name', examples=["gun*"]
+    )
+    turret_pivot: PivotPoint = Field(
+        default=None,
+        description=(
+            "point that the turret turns about: [x, y, z] in the file's axes and units, or an object's name; "
+            "default: by origins, or by shape"
+        ),
+        examples=[[0.0, 0.0, 2.0]],
+    )
+    gun_pivot: PivotPoint = Field(
+        default=None, description="point that the gun rises about, in the same way", examples=[[1.0, 0.0, 2.0]]
+    )
+    turret_limits_deg: TurretLimits = Field(
+        default=None,
+        description=("how far the turret turns from its direction in the file, left positive; default: [-180, 180]"),
+        examples=[[-180, 180]],
+    )
+    gun_limits_deg: GunLimits = Field(
+        default=None,
+        description="how far the gun rises from its direction in the file, up positive; default: [-5, 20]",
+        examples=[[-5, 20]],
+    )
+    paint: Paint = Field(
+        default=(), description="colors of its materials, drawn for each position: a table, or several"
+    )
+    sceneries: Patterns = Field(
+        default=(), description="names or patterns of the sceneries it is placed on; empty: all"
+    )
+
+    def is_for(self, scenery: str) -> bool:
+        """Whether it may be placed on the scenery of this name."""
+        return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
+
+
+class VehicleEntry(ModelEntry):
+    """One `[[assets.vehicles]]`: a model and its class."""
+
+    category: str = Field(min_length=1, description="its class")
+
+
+class DistractorEntry(ModelEntry):
+    """One `[[assets.distractors]]`: a model that is no target, where it occurs and how often; a class if it has one."""
+
+    category: str | None = Field(
+        default=None,
+        min_length=1,
+        description="its class, if it is to be labeled; budgets don't count it; default: none",
+        examples=["bus"],
+    )
+    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other distractors")
+    sceneries: Patterns = Field(default=(), description="names or patterns of the sceneries it occurs in; empty: all")
+
+
+class SceneryEntry(FileEntry):
+    """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
+
+    up: Literal["z", "y"] | None = Field(
+        default=None, description="the axis that points up; default: by the file", examples=["z"]
+    )
+    scale: Positive | None = Field(
+        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
+    )
+    ground: Patterns = Field(
+        default=(), description="whole names of objects that are its ground; * for any part of a name"
+    )
+    not_ground: Patterns = Field(
+        default=(), description="whole names of objects that aren't its ground; * for any part of a name"
+    )
+    water: Patterns | None = Field(
+        default=None,
+        description=(
+            "all of its water; nothing is placed below it; [] for none; default: by name, material, and shape"
+        ),
+        examples=[["lake*"]],
+    )
+    drop: Patterns = Field(default=(), description="objects that are neither planned with nor rendered")
+    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other sceneries")
+
+
+class AssetsSection(Section):
+    """Files to read; paths are relative to the config's folder."""
+
+    cache: str = Field(default=CACHE_NAME, description="folder for what was read from the files")
+    texture_size: int = Field(
+        default=TEXTURE_SIZE,
+        ge=1,
+        le=16384,
+        description="longer side, in texels, of the stored copies of textures that cut out leaves",
+    )
+    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
+        default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop; at least one file"
+    )
+    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)] = Field(
+        description="a [[assets.vehicles]] table for each"
+    )
+    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)] = Field(
+        description="a [[assets.sceneries]] table for each"
+    )
+    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = Field(
+        default=(),
+        description=("a [[assets.distractors]] table for each object that isn't a target, such as a civilian car"),
+    )
+
+    @property
+    def entries(self) -> tuple[VehicleEntry | DistractorEntry | SceneryEntry, ...]:
+        """All that is listed with a file of its own."""
+        return (*self.vehicles, *self.distractors, *self.sceneries)
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> AssetsSection:
+        vehicles = "vehicles and distractors" if self.distractors else "vehicles"
+        for kind, names in (
+            (vehicles, [entry.name for entry in (*self.vehicles, *self.distractors)]),
+            ("sceneries", [entry.name for entry in self.sceneries]),
+        ):
+            for name, count in Counter(names).items():
+                if count > 1:
+                    raise ValueError(f"{count} {kind} are called {name!r}; give each its own `name`")
+        known = [entry.name for entry in self.sceneries]
+        for entry in self.distractors:
+            if unknown := [pattern for pattern in entry.sceneries if not fnmatch.filter(known, pattern)]:
+                raise ValueError(f"distractor {entry.name!r}: sceneries: {unknown[0]!r} matches none of {known}")
+        if not any(e.weight for e in self.sceneries):
+            raise ValueError("all sceneries have weight 0; expected at least one above 0")
+        return self

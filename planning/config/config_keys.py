@@ -1,0 +1,165 @@
+"""The keys of a config as people read them: defaults, allowed values, and meanings, from the schema alone.
+
+`python -m hulldown.planning.config.config_keys` rewrites the tables of docs/config.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args, get_origin
+
+import tomlkit
+from pydantic.fields import FieldInfo
+
+from hulldown.planning.appearance.paint import PaintEntry
+from hulldown.planning.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config.schema import Config
+from hulldown.planning.config.section import Section
+
+PAGE = Path(__file__).parents[2] / "docs" / "config.md"
+ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
+    {"vehicle": VehicleEntry, "paint": PaintEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
+)
+_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A key of a section.
+
+    Parameters
+    ----------
+    name
+        The key.
+    default
+        Its default as TOML; None where it is required, or where what is missing has no value.
+    example
+        A value as TOML, for a key without a default.
+    required
+        Whether it must be given.
+    allowed
+        Its values, in short; empty where the meaning tells.
+    meaning
+        What it does.
+    """
+
+    name: str
+    default: str | None
+    example: str | None
+    required: bool
+    allowed: str
+    meaning: str
+
+
+def keys_of(section: type[Section]) -> list[Key]:
+    """All keys of a section that are no sections themselves, in the order of the schema."""
+    return [
+        _key(name, field)
+        for name, field in section.model_fields.items()
+        if not (isinstance(field.annotation, type) and issubclass(field.annotation, Section))
+    ]
+
+
+def sections() -> dict[str, type[Section]]:
+    """Name -> section of the config."""
+    inner = {name: field.annotation for name, field in Config.model_fields.items()}
+    return {name: kind for name, kind in inner.items() if isinstance(kind, type) and issubclass(kind, Section)}
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML writes it, in one line."""
+    if isinstance(value, Mapping):
+        return (
+            "{ "
+            + ", ".join(f"{tomlkit.key([key]).as_string()} = {toml_value(one)}" for key, one in value.items())
+            + " }"
+        )
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return tomlkit.item(value).as_string()
+
+
+def _key(name: str, field: FieldInfo) -> Key:
+    default = None if field.is_required() or field.default is None else field.default
+    return Key(
+        name=name,
+        default=None if default is None or (name == "name" and default == "") else toml_value(default),
+        example=toml_value(field.examples[0]) if field.examples else None,
+        required=field.is_required(),
+        allowed=_allowed(field),
+        meaning=field.description or "",
+    )
+
+
+def _allowed(field: FieldInfo) -> str:
+    kinds = [kind for kind in _kinds(field.annotation) if kind is not type(None)]
+    choices = [get_args(kind) for kind in kinds if get_origin(kind) is Literal]
+    if choices and float not in kinds:
+        return ", ".join(map(toml_value, choices[0]))
+    if field.annotation is bool:
+        return "true, false"
+    bounds: dict[str, float] = {}
+    for meta in _metadata(field):
+        if found := getattr(getattr(meta, "func", None), "bounds", None):
+            return f"{_number(found[0])} to {_number(found[1])}"
+        bounds |= {sign: getattr(meta, key) for key, sign in _SIGNS.items() if getattr(meta, key, None) is not None}
+    if bounds.keys() == {">=", "<="}:
+        return f"{_number(bounds['>='])} to {_number(bounds['<='])}"
+    return ", ".join(f"{sign} {_number(bound)}" for sign, bound in bounds.items())
+
+
+def _number(value: float) -> str:
+    return f"{value:,.10g}" if abs(value) < 1e15 else f"2^{math.log2(value):g}"
+
+
+def _metadata(field: FieldInfo) -> Iterator[Any]:
+    """Constraints of a field, those within an optional type too."""
+    yield from field.metadata
+    for kind in _kinds(field.annotation):
+        for meta in getattr(kind, "__metadata__", ()):
+            yield from getattr(meta, "metadata", [meta])
+
+
+def _kinds(annotation: Any) -> Iterator[Any]:
+    yield annotation
+    if get_origin(annotation) is not Literal:
+        for inner in get_args(annotation):
+            yield from _kinds(inner)
+
+
+def table(section: type[Section], *, without: type[Section] | None = None) -> str:
+    """A Markdown table of a section's keys, but for those that another section has, too, word for word."""
+    known = keys_of(without) if without else []
+    rows = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+    for key in keys_of(section):
+        if key in known:
+            continue
+        default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
+        allowed = f"`{key.allowed}`" if key.allowed else ""
+        rows.append(f"| `{key.name}` | {default} | {allowed} | {_escaped(key.meaning)} |")
+    return "\n".join(rows)
+
+
+def _escaped(text: str) -> str:
+    """Text in which Markdown sees no emphasis, link or cell."""
+    return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
+
+
+def page(text: str) -> str:
+    """The page with its tables as the schema has them; each stands below a comment such as <!-- keys of camera -->."""
+
+    def filled(found: re.Match[str]) -> str:
+        name = found[1]
+        kind = Config if name == "the config" else {**sections(), **ENTRIES}[name]
+        return f"<!-- keys of {name} -->\n{table(kind, without=VehicleEntry if kind is DistractorEntry else None)}\n"
+
+    return re.sub(r"<!-- keys of ([\w ]+) -->\n(?:\|.*\n)*", filled, text)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

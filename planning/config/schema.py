@@ -1,0 +1,375 @@
+"""What a config may say: every section, key, range and default.
+
+References
+----------
+Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+
+from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
+from hulldown.planning.appearance.paint import PaintEntry
+from hulldown.planning.config.asset_sections import AssetsSection
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.config.section import ranged as _range
+from hulldown.planning.config.weather_section import WeatherSection
+
+MOST_IMAGES = 1_000_000_000  # of a class
+
+
+def _exposure(value: Any) -> str | float:
+    """By the light, or a number of EV."""
+    if value == "auto":
+        return "auto"
+    if are_numbers([value]) and abs(value) <= FARTHEST_EV:
+        return float(value)
+    raise ValueError(f"expected 'auto' or EV from {-FARTHEST_EV:g} to {FARTHEST_EV:g}")
+
+
+def _per_class(value: Any) -> Any:
+    """A number of images for every class, or a table of them by class."""
+    counts = list(value.values()) if isinstance(value, dict) else [value]
+    if value is not None and any(type(n) is not int or not 0 <= n <= MOST_IMAGES for n in counts):
+        raise ValueError(f"expected a whole number from 0 to {MOST_IMAGES}, or a table of them by class")
+    return value
+
+
+Fractions = Annotated[Pair, _range(0.0, 1.0)]
+TargetFractions = Annotated[Pair, _range(1e-4, 10.0)]
+Factors = Annotated[Pair, _range(1e-3, 1e3)]
+Lengths = Annotated[Pair, _range(0.0, 1e6)]
+Strengths = Annotated[Pair, _range(0.0, 1e9)]
+Degrees = Annotated[Pair, _range(-360.0, 360.0)]
+Elevations = Annotated[Pair, _range(-90.0, 90.0)]
+FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
+Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_exposure)]
+ExposureErrors = Annotated[Pair, _range(-10.0, 10.0)]
+Kelvins = Annotated[Pair, _range(COOLEST, WARMEST)]
+Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
+CountsFromZero = Annotated[tuple[int, int], _range(0.0, 64.0, int)]
+PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
+
+
+class GroundSection(Section):
+    """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
+
+    include: Patterns = Field(default=(), description="patterns of objects that are ground in all sceneries")
+    exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground in any scenery")
+    fallback_z: float = Field(
+        default=0.0,
+        description=("height of the plane that is the ground if no object is, in the file's coordinates, meters"),
+    )
+
+
+class PlacementSection(Section):
+    """Where vehicles may stand (paper, section 2.1.5)."""
+
+    margin: float = Field(
+        default=0.8,
+        gt=0,
+        le=1,
+        description=("share of the scenery's extent along x and y, about its middle, in which targets are placed"),
+    )
+    max_slope_deg: float = Field(
+        default=30.0,
+        ge=0,
+        lt=90,
+        description=("steeper ground is rejected, at the point below the vehicle's origin and under the whole vehicle"),
+    )
+    rule: Literal["averaged", "least_squares", "support"] = Field(
+        default="support", description='how the resting plane is found; "averaged" is the paper\'s'
+    )
+    contact: Literal["footprint", "box"] = Field(
+        default="footprint",
+        description=(
+            'what touches the ground: "footprint", tracks, wheels, and the belly where the ground rises to it; '
+            '"box", as in the paper, a plate under the whole bounding box'
+        ),
+    )
+    footprint: int = Field(default=5, ge=2, le=101, description="n of the n x n rays cast under the vehicle")
+    min_valid_share: float = Field(
+        default=0.8, gt=0, le=1, description="least share of those rays that must meet ground"
+    )
+    max_gap: AtLeastZero = Field(default=1.0, description="meters of air under wheels and tracks, at most")
+    max_penetration: AtLeastZero = Field(default=0.3, description="meters of ground above the underside, at most")
+    fording_depth: AtLeastZero = Field(default=0.0, description="meters of water above the underside, at most")
+    obstacle_clearance: AtLeastZero = Field(default=0.5, description="meters between vehicles and obstacles, at least")
+    vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
+    vehicles_per_image: Counts = Field(
+        default=(1, 1),
+        description=("the target and its companions, which are drawn from all vehicles; budgets count targets only"),
+    )
+    companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
+    distractors_per_image: CountsFromZero = Field(
+        default=(0, 3), description="number of distractors, if any that are listed occur in the scenery"
+    )
+    distractor_distance: Lengths = Field(
+        default=(0.0, 40.0), description="meters from the target to a distractor, uniform over that area"
+    )
+    articulate: bool = Field(default=True, description="turn turrets and raise guns, within each vehicle's limits")
+    max_tries: int = Field(
+        default=10_000, ge=1, le=1_000_000, description="places tried for a position before giving up"
+    )
+
+
+class CameraSection(Section):
+    """Where cameras may be and what they must see (paper, section 2.1.6)."""
+
+    fov_x_deg: FieldsOfView = Field(default=(40.0, 60.0), description="horizontal field of view, degrees")
+    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
+        default="paper",
+        description=(
+            'what target_fraction measures: "paper", the vehicle\'s smallest dimension, by equations 5 and 6; '
+            "else the projected box, exactly"
+        ),
+    )
+    target_fraction: TargetFractions = Field(
+        default=(0.1, 0.3),
+        description=("share of the image's height (or width, diagonal, area) that the target fills: T_f of equation 5"),
+    )
+    distance_factor: Factors = Field(
+        default=(0.7, 4.0), description='the distance is D of equation 6 times this; with size_measure = "paper" only'
+    )
+    distance_m: Lengths = Field(default=(2.0, 5000.0), description="meters from the target to the camera, as a bound")
+    elevation_deg: Elevations = Field(
+        default=(3.0, 35.0), description="angle of the camera above the horizon, seen from the target, degrees"
+    )
+    elevation_sampling: Literal["angle", "sphere"] = Field(
+        default="angle", description='"angle": uniform in degrees; "sphere": uniform on the shell\'s area'
+    )
+    framing: float = Field(
+        default=0.8, ge=0, le=1, description="0 centers the target; 1 lets it be anywhere in the frame"
+    )
+    ground_clearance: AtLeastZero = Field(
+        default=0.5, description="meters of the camera above ground and water, at least"
+    )
+    obstacle_clearance: AtLeastZero = Field(
+        default=1.0, description="meters between the camera and obstacles or vehicles, at least"
+    )
+    visible_fraction: Fractions = Field(
+        default=(0.3, 1.0),
+        description=("share of the target's outline that nothing hides; [0.3, 0.8] gives half-hidden targets only"),
+    )
+    visibility_rays: int = Field(
+        default=256, ge=1, le=1_000_000, description="rays per image that measure visible_fraction"
+    )
+    truncated_fraction: Fractions = Field(
+        default=(0.0, 0.0), description="share of the target's box that the frame cuts off"
+    )
+    min_box_px: AtLeastZero = Field(
+        default=8.0, description="least width and height of the target's box in the frame, pixels"
+    )
+    max_tries: int = Field(
+        default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved elsewhere"
+    )
+
+
+class AnnotateSection(Section):
+    """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
+
+    min_box_px: AtLeastZero | None = Field(
+        default=None,
+        description="least width and height of a label's box in the frame, pixels; default: camera.min_box_px",
+        examples=[8.0],
+    )
+    min_visible_fraction: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        description=("least share of the outline that nothing hides; default: the least camera.visible_fraction"),
+        examples=[0.3],
+    )
+    max_truncated_fraction: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        description=(
+            "largest share of the box that the frame cuts off; default: 0.8, or the largest "
+            "camera.truncated_fraction if that is more"
+        ),
+        examples=[0.8],
+    )
+    below: Literal["ignored", "left_out"] = Field(
+        default="ignored",
+        description=(
+            'what becomes of a vehicle that shows less: "ignored", a label with iscrowd = 1; "left_out", no label'
+        ),
+    )
+
+
+class BudgetSection(Section):
+    """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
+
+    images_per_class: PerClass = Field(
+        default=None,
+        description=(
+            "a number, or a table by class such as { tank = 200, truck = 100 }; the models of a class take turns"
+        ),
+        examples=[140],
+    )
+    positions_per_vehicle: int | None = Field(
+        default=None,
+        ge=0,
+        le=MOST_IMAGES,
+        description=("instead of images_per_class: vehicles x positions x images_per_position images (equation 1)"),
+        examples=[28],
+    )
+    images_per_position: int = Field(
+        default=5, ge=1, le=1_000_000, description="images of a vehicle in one place and pose"
+    )
+    background_share: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.99,
+        description="share of all images that show no target; they come on top of the images above",
+    )
+    background_distractors: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description=(
+            "share of the backgrounds' positions at which a distractor without a class takes the target's place"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> BudgetSection:
+        if (self.images_per_class is None) == (self.positions_per_vehicle is None):
+            raise ValueError("expected exactly one of images_per_class and positions_per_vehicle")
+        return self
+
+
+class HdriChoice(Section):
+    """An HDRI by name or pattern, and how often it is drawn."""
+
+    name: str
+    weight: AtLeastZero = 1.0
+
+
+def _choice(value: Any) -> Any:
+    if not isinstance(value, (str, dict, HdriChoice)):
+        raise ValueError("expected a name or { name = ..., weight = ... }")
+    return {"name": value} if isinstance(value, str) else value
+
+
+class LightSection(Section):
+    """HDRI, its turn about the vertical, its strength, what is seen of it; and how the camera meters it."""
+
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = Field(
+        default=(),
+        description=('names or patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'),
+    )
+    yaw_deg: Degrees = Field(default=(0.0, 360.0), description="turn of the HDRI about the vertical, degrees")
+    strength: Strengths = Field(
+        default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
+    )
+    backdrop: Literal["hdri", "sky"] = Field(
+        default="hdri",
+        description=('what the camera sees of the HDRI: "hdri", all of it; "sky", only what is above its horizon'),
+    )
+    exposure: Exposure = Field(
+        default="auto",
+        description=('"auto": a gray card on open land is mid-gray in the picture; or EV, the same for all images'),
+    )
+    exposure_error_ev: ExposureErrors = Field(
+        default=(-1.0, 1.0), description="error of the exposure, EV, drawn for each image"
+    )
+    white_balance_error_k: Kelvins = Field(
+        default=(0.0, 0.0), description="offset of the white balance from 6500 K, kelvin; more is warmer"
+    )
+    overcast: Patterns = Field(
+        default=(), description="names or patterns of the HDRIs for rain and snow; empty: the same as for other weather"
+    )
+
+
+PROFILES: Mapping[str, Mapping[str, Any]] = {
+    "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
+    "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
+}
+
+
+class RenderSection(Section):
+    """Cycles' settings (paper, section 2.1.4); a profile sets the keys that are not given."""
+
+    profile: Literal["paper", "fast"] = Field(
+        default="paper",
+        description=(
+            '"paper": 128 samples, denoised; "fast": for a look. Sets samples, denoise, adaptive_threshold, and bounces'
+        ),
+    )
+    width: int = Field(default=1920, ge=1, le=65536, description="pixels")
+    height: int = Field(default=1080, ge=1, le=65536, description="pixels")
+    samples: int = Field(default=128, ge=1, le=1_000_000, description="rays per pixel")
+    denoise: bool = Field(default=True, description="denoise with OpenImageDenoise")
+    adaptive_threshold: float = Field(
+        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: every pixel gets all"
+    )
+    bounces: int = Field(default=12, ge=0, le=1024, description="of light")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _profile_first(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        profile = data.get("profile", "paper")
+        return {**PROFILES[profile], **data} if isinstance(profile, str) and profile in PROFILES else data
+
+
+class Config(Section):
+    """A whole config; see docs/config.md for every key."""
+
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random draws")
+    assets: AssetsSection
+    ground: GroundSection = GroundSection()
+    placement: PlacementSection = PlacementSection()
+    camera: CameraSection = CameraSection()
+    annotate: AnnotateSection = AnnotateSection()
+    budget: BudgetSection
+    light: LightSection = LightSection()
+    weather: WeatherSection = WeatherSection()
+    render: RenderSection = RenderSection()
+
+    @model_validator(mode="after")
+    def _targets_are_labelled(self) -> Config:
+        """What every target may be is enough for a label."""
+        given, camera = self.annotate, self.camera
+        for key, limit, source in (
+            ("min_box_px", camera.min_box_px, "at most camera.min_box_px"),
+            ("min_visible_fraction", camera.visible_fraction[0], "at most the least camera.visible_fraction"),
+            ("max_truncated_fraction", camera.truncated_fraction[1], "at least the largest camera.truncated_fraction"),
+        ):
+            value = getattr(given, key)
+            if value is not None and (value < limit if key.startswith("max") else value > limit):
+                raise ValueError(
+                    f"annotate.{key} = {value:g}: expected {source}, {limit:g}, since every target has a label"
+                )
+        return self
+
+    def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
+        """How a vehicle or distractor is painted; not at all if there is none of this name."""
+        entries = (*self.assets.vehicles, *self.assets.distractors)
+        return next((entry.paint for entry in entries if entry.name == vehicle), ())
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    @property
+    def path(self) -> Path | None:
+        """The file this was read from, if any."""
+        return self._path
+
+    @property
+    def folder(self) -> Path:
+        """What relative paths in the config are relative to."""
+        return self._path.parent if self._path is not None else Path()
+
+    def read_from(self, path: Path | None) -> Config:
+        """The same config, knowing the file it was read from."""
+        known = self.model_copy()
+        known._path = path
+        return known

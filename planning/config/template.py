@@ -1,0 +1,131 @@
+"""The commented config that `hulldown init` writes: every key, its default, what it does and what it may be."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from hulldown.planning.config.config_keys import ENTRIES, Key, keys_of, sections, toml_value
+from hulldown.planning.config.schema import PROFILES, Config
+
+_WIDTH = 120
+# One of two alternatives has to be given, so that the first has a value.
+_GIVEN = MappingProxyType({"budget.images_per_class": 140})
+
+_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
+_LISTED = ("hdris", *_LISTS.values())  # written in other ways
+
+
+def config_text(
+    *,
+    vehicles: Sequence[Mapping[str, Any]],
+    sceneries: Sequence[Mapping[str, Any]],
+    hdris: Sequence[str],
+    distractors: Sequence[Mapping[str, Any]] = (),
+    values: Mapping[str, Any] = MappingProxyType({}),
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    remarks: Sequence[str] = (),
+) -> str:
+    """A complete config for these assets, with a comment on every key.
+
+    Parameters
+    ----------
+    vehicles, sceneries, distractors
+        Keys and values of each `[[assets.vehicles]]`, `[[assets.sceneries]]` and `[[assets.distractors]]`.
+    hdris
+        Patterns of HDRI files.
+    values
+        "section.key", or "seed" -> its value instead of the default; numbers, strings, and lists and tables of them.
+    notes
+        Path of an entry, or pattern of HDRIs -> comments on it, a line each.
+    remarks
+        Comments below the entries, a line each.
+    """
+    given = {**_GIVEN, **values}
+    blocks = [
+        "# hulldown config. Every key has its default here; delete what you don't want to change.\n"
+        "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
+        _lines(keys_of(Config), "", given),
+        "[assets]\n"
+        + _lines([key for key in keys_of(sections()["assets"]) if key.name not in _LISTED], "assets", given)
+        + f"hdris = {_patterns(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
+        *(_comment_on(kind) for kind in ENTRIES),
+        *(
+            _comments(notes.get(entry["path"], ())) + _table(f"assets.{kind}", entry)
+            for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
+            for entry in listed
+        ),
+        _comments(remarks),
+        *(f"[{name}]\n" + _lines(keys_of(kind), name, given) for name, kind in sections().items() if name != "assets"),
+    ]
+    if given:
+        raise ValueError(f"values: the config has no key {min(given)!r}")
+    return "\n".join(block for block in blocks if block)
+
+
+def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
+    """A line for each key, with its comment; a key without a default is a comment as a whole. Takes from `given`."""
+    pairs = []
+    for key in keys:
+        path = f"{section}.{key.name}".lstrip(".")
+        by_profile = section == "render" and key.name in PROFILES["paper"]
+        off = "# " if path not in given and (key.default is None or by_profile) else ""
+        value = toml_value(given.pop(path)) if path in given else key.default or key.example
+        pairs.append((f"{off}{key.name} = {value}", key))
+    return _aligned(pairs)
+
+
+def _aligned(pairs: Sequence[tuple[str, Key]]) -> str:
+    """Lines and their comments, one below the other; a long comment goes on in lines of its own."""
+    column = max((len(text) for text, _ in pairs), default=0)
+    lines = []
+    for text, key in pairs:
+        choices = f" ({key.allowed})" if key.allowed.startswith('"') else ""
+        first, *more = textwrap.wrap(key.meaning + choices, _WIDTH - column - 4)
+        lines += [f"{text:<{column}}  # {first}\n", *(f"{'':<{column}}  # {line}\n" for line in more)]
+    return "".join(lines)
+
+
+def _comment_on(kind: str) -> str:
+    """The keys of a kind of table, as comments."""
+    keys = keys_of(ENTRIES[kind])
+    head = f"A table of {kind}:"
+    if kind in _LISTS:
+        needed = " and ".join(key.name for key in keys if key.required)
+        head = f"[[assets.{_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
+    if kind == "distractor":
+        keys = [key for key in keys if key not in keys_of(ENTRIES["vehicle"])]
+        head = "[[assets.distractors]] is no target, such as a civilian car. It has the keys of a vehicle, and:"
+    pairs = [(f"  {key.name} = {key.default or key.example or '...'}", key) for key in keys]
+    return _comments([head, *_aligned([pair for pair in pairs if not pair[1].required]).splitlines()])
+
+
+def _comments(lines: Sequence[str], indent: str = "") -> str:
+    """A comment of each line, whatever characters of other people's names are in it."""
+    return "".join(f"{indent}# {_printable(line)}\n" for line in lines)
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def _patterns(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
+    """A list in a line; a line for each where they have comments."""
+    if not any(notes.get(pattern) is not None for pattern in patterns):
+        return toml_value(list(patterns))
+    indent = " " * 4
+    lines = [f"{_comments(notes.get(one, ()), indent)}{indent}{toml_value(one)},\n" for one in patterns]
+    return f"[\n{''.join(lines)}]"
+
+
+def _table(name: str, entry: Mapping[str, Any]) -> str:
+    return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
+
+
+CONFIG_TEMPLATE = config_text(
+    vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
+    sceneries=[{"path": "sceneries/hills.blend"}],
+    hdris=["hdris/*.exr"],
+)

@@ -1,0 +1,54 @@
+"""What a config may say about weather: `[weather]`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from hulldown.camera.weather import GHOST
+from hulldown.camera.weather_kinds import KINDS
+from hulldown.planning.config.section import Section, ranged
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Covers = Annotated[tuple[float, float], ranged(0.0, 1.0)]
+Visibilities = Annotated[tuple[float, float], ranged(1.0, 1e6)]
+Rates = Annotated[tuple[float, float], ranged(0.1, 300.0)]
+Winds = Annotated[tuple[float, float], ranged(0.0, 60.0)]
+
+
+class WeatherSection(Section):
+    """How often which weather comes, and how much of it; the rest of the images is clear."""
+
+    fog: Share = Field(default=0.0, description="share of the images with fog")
+    rain: Share = Field(default=0.0, description="share of the images with rain")
+    snow: Share = Field(default=0.0, description="share of the images with falling snow")
+    dust: Share = Field(default=0.0, description="share of the images with blown dust")
+    visibility_m: Visibilities = Field(default=(300.0, 3000.0), description="visibility in fog, meters; 3000 is haze")
+    rain_mm_h: Rates = Field(
+        default=(2.0, 50.0),
+        description=(
+            "rate of rain, mm/h; visibility, drops, and wetness follow from it; 2 is light, 10 heavy, 50 a cloudburst"
+        ),
+    )
+    snow_visibility_m: Visibilities = Field(default=(300.0, 2000.0), description="visibility in falling snow, meters")
+    dust_visibility_m: Visibilities = Field(default=(200.0, 2000.0), description="visibility in blown dust, meters")
+    snow_cover: Covers = Field(default=(0.3, 1.0), description="share of the ground under snow")
+    vehicle_snow_cover: Covers = Field(default=(0.0, 0.8), description="share of a vehicle's upper faces under snow")
+    dust_cover: Covers = Field(default=(0.0, 0.5), description="share of the ground under dust")
+    vehicle_dust_cover: Covers = Field(default=(0.1, 0.8), description="share of a vehicle's lower parts under dust")
+    wind_m_s: Winds = Field(
+        default=(0.0, 8.0), description="speed of the wind in rain, snow, and dust, from any direction, m/s"
+    )
+    exposure_s: float = Field(default=0.004, gt=0, le=10, description="shutter time, seconds: the length of streaks")
+    min_contrast: Share = Field(
+        default=GHOST, description="share of its contrast that a target must keep after haze; 0 allows ghosts"
+    )
+
+    @model_validator(mode="after")
+    def _shares_of_one_whole(self) -> WeatherSection:
+        total = math.fsum(getattr(self, name) for name in KINDS)
+        if total > 1.0 + 1e-9:
+            raise ValueError(f"{', '.join(KINDS)} are {total:g} together; expected shares of at most 1 in all")
+        return self

@@ -1,0 +1,316 @@
+"""One try per row at a camera that sees its target as the config wants it (paper, section 2.1.6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hulldown.annotate.boxes import Boxes
+from hulldown.annotate.masks import show_pixels
+from hulldown.camera.framing import frame_target
+from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.visibility import visibility_of
+from hulldown.camera.weather import air_contrast
+from hulldown.placement.rejection import Rejection
+from hulldown.planning.config.schema import CameraSection, Config, RenderSection
+from hulldown.planning.row import rounded
+from hulldown.planning.search.columns import put
+from hulldown.planning.search.draws import Draws, Purpose, RowStreams, between
+from hulldown.planning.search.instances import Instances, hull_of
+from hulldown.planning.search.sizing import fraction_of, sized_cameras
+from hulldown.planning.search.stage import Site
+
+SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
+PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Views:
+    """Cameras that were aimed, n of them, and what they see of one vehicle; nan where rejected before it was known.
+
+    Parameters
+    ----------
+    world_from_camera
+        (n, 4, 4) poses.
+    fov_x
+        (n,) horizontal field of view, radians.
+    bbox, bbox_amodal
+        (n, 4) boxes; nan where nothing of the vehicle is in the frame, or in front of the camera.
+    truncated_fraction, visible_fraction
+        (n,) shares; of what is out of the frame 1 and 0.
+    air_contrast
+        (n,) what the air leaves of the vehicle's contrast; see `camera.weather`.
+    rejection
+        (n,) codes of `Rejection`.
+    """
+
+    world_from_camera: Float[np.ndarray, "n 4 4"]
+    fov_x: Float[np.ndarray, " n"]
+    bbox: Float[np.ndarray, "n 4"]
+    bbox_amodal: Float[np.ndarray, "n 4"]
+    truncated_fraction: Float[np.ndarray, " n"]
+    visible_fraction: Float[np.ndarray, " n"]
+    air_contrast: Float[np.ndarray, " n"]
+    rejection: UInt8[np.ndarray, " n"]
+
+
+def no_views(n: int) -> Views:
+    """Room for n views."""
+    nan = np.nan
+    return Views(
+        np.full((n, 4, 4), nan),
+        np.full(n, nan),
+        np.full((n, 4), nan),
+        np.full((n, 4), nan),
+        np.full(n, nan),
+        np.full(n, nan),
+        np.full(n, nan),
+        np.zeros(n, dtype=np.uint8),
+    )
+
+
+def try_cameras(
+    site: Site,
+    targets: Instances,
+    config: Config,
+    *,
+    draws: Draws,
+    image: Int[np.ndarray, " n"],
+    attempt: Int[np.ndarray, " n"],
+    others: Instances,
+    visibility_m: Float[np.ndarray, " n"],
+) -> Views:
+    """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
+
+    Row i of the targets and of what stands beside them is image i. Checks go from cheap to dear, and each is asked
+    only of what passed those before.
+    """
+    n, limits, render = len(image), config.camera, config.render
+    views = no_views(n)
+    rng = RowStreams(draws, Purpose.CAMERA, image, attempt)
+    uniform = rng.random((n, 3))
+    views.fov_x[:] = np.radians(rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0])))
+    fraction = between(*limits.target_fraction, uniform[:, 1])
+    azimuth = draw_azimuth(n, rng=rng)
+    elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
+    elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
+
+    def framing(rows: Int[np.ndarray, " k"]) -> RowStreams:
+        return RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows])
+
+    lens = lenses_of(render, views.fov_x)
+    if limits.size_measure == "paper":
+        smallest = targets.fleet.size.min(axis=1)[targets.model]
+        distance = lens.distance_for(smallest, fraction)
+        distance *= between(*limits.distance_factor, uniform[:, 2])
+    else:
+        sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
+        for model, i in targets.by_model():
+            sized[i], distance[i] = sized_cameras(
+                targets.take(i),
+                hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
+                limits,
+                render=render,
+                lens=lens.rows(i),
+                fraction=fraction[i],
+                azimuth=azimuth[i],
+                elevation=elevation[i],
+                framing=partial(framing, i),
+            )
+    faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
+    apart = outside(distance, *limits.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
+    views.rejection[:] = np.where(apart, apart, faint)
+    views.rejection[np.isnan(distance)] = Rejection.SIZE
+
+    rows = np.flatnonzero(views.rejection == Rejection.NONE)
+    if limits.size_measure == "paper":
+        poses = camera_pose(targets.take(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+    else:
+        poses = sized[rows]
+    here = [targets.take(rows).in_own_rows(), others.beside(rows)[0]]
+    views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], here, limits)
+
+    on = views.rejection[rows] == Rejection.NONE
+    rows, poses = rows[on], poses[on]
+    aimed_at = targets.take(rows).in_own_rows()
+    lens = lens.rows(rows)
+    if limits.size_measure == "paper":
+        poses = frame_target(
+            poses,
+            aimed_at.corners(),
+            lens,
+            rng=framing(rows),
+            spread=limits.framing,
+            truncated=limits.truncated_fraction,
+        ).world_from_camera
+    poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
+    views.world_from_camera[rows] = poses
+    views.air_contrast[rows] = air_contrasts(aimed_at, poses, visibility_m[rows])
+    boxes = boxes_of(aimed_at, poses, lens)
+    views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
+    views.truncated_fraction[rows] = boxes.truncated_fraction
+    # A target that is out of the frame has no box: nan is not large enough.
+    small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
+    cut = outside(
+        boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
+    )
+    views.rejection[rows] = np.where(cut, cut, small)
+    if limits.size_measure != "paper":
+        # The box leaves out what is nearer than the near plane.
+        filled = fraction_of(boxes.amodal, limits.size_measure, render)
+        views.rejection[rows[~(np.abs(filled - fraction[rows]) <= SIZED * fraction[rows])]] = Rejection.SIZE
+
+    framed = views.rejection[rows] == Rejection.NONE
+    rows, lens = rows[framed], lens.rows(framed)
+    views.visible_fraction[rows] = visible_shares(
+        site,
+        targets.take(rows).in_own_rows(),
+        others.beside(rows)[0],
+        views.world_from_camera[rows],
+        intrinsics=lens,
+        rays=limits.visibility_rays,
+    )
+    views.rejection[rows] = outside(
+        views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
+    )
+    rows = rows[views.rejection[rows] == Rejection.NONE]
+    rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
+    shown = pixels_shown(
+        site,
+        targets.take(rows).in_own_rows(),
+        others.beside(rows)[0],
+        world_from_camera=views.world_from_camera[rows],
+        lens=lenses_of(render, views.fov_x[rows]),
+        bbox=rounded("bbox", views.bbox[rows]),
+    )
+    views.rejection[rows[~shown]] = Rejection.HIDDEN
+    return views
+
+
+def views_of_others(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    *,
+    cameras: Views,
+    visibility_m: Float[np.ndarray, " n"],
+    config: Config,
+) -> tuple[Views, Bool[np.ndarray, " n"]]:
+    """What cameras see of other vehicles than their targets, and whether those with a class are on any pixel.
+
+    Row i of the subjects, and of what stands beside them, is camera i; `visibility_m` is nan in clear air.
+    """
+    lens = lenses_of(config.render, cameras.fov_x)
+    boxes = boxes_of(subjects, cameras.world_from_camera, lens)
+    visible = visible_shares(
+        site, subjects, others, cameras.world_from_camera, intrinsics=lens, rays=config.camera.visibility_rays
+    )
+    classed = np.array([model.category is not None for model in subjects.fleet.models])
+    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
+    pixels[named] = pixels_shown(
+        site,
+        subjects.take(named).in_own_rows(),
+        others.beside(named)[0],
+        world_from_camera=cameras.world_from_camera[named],
+        lens=lens.rows(named),
+        bbox=rounded("bbox", boxes.xywh[named]),
+    )
+    seen = replace(
+        cameras,
+        bbox=boxes.xywh,
+        bbox_amodal=boxes.amodal,
+        truncated_fraction=boxes.truncated_fraction,
+        visible_fraction=visible,
+        air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
+    )
+    return seen, pixels
+
+
+def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
+    """The boxes of n vehicles, each as its own camera sees it."""
+    n = len(instances)
+    boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
+    for model, i in instances.by_model():
+        angles = instances.model_angles(model, i)
+        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))
+    return boxes
+
+
+def air_contrasts(
+    instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """What the air leaves of each vehicle's contrast, from the camera to the centre of its box."""
+    away = instances.centres - world_from_camera[:, :3, 3]
+    return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
+
+
+def visible_shares(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    *,
+    intrinsics: Lenses,
+    rays: int,
+) -> Float[np.ndarray, " n"]:
+    """Visible share of the outline of the subject of each camera; 0 where it is out of the frame."""
+    if not len(subjects):
+        return np.zeros(0)
+    world = site.world.with_vehicles(others.posed())
+    seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
+    # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
+    return np.nan_to_num(seen.fraction)
+
+
+def pixels_shown(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    *,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    lens: Lenses,
+    bbox: Float[np.ndarray, "n 4"],
+) -> Bool[np.ndarray, " n"]:
+    """Whether the subject of each camera is at the centre of any pixel of its image: whether its mask has any."""
+    shown = np.zeros(len(bbox), dtype=bool)
+    rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
+    world = site.world.with_vehicles(others.beside(rows)[0].posed())
+    subject = subjects.take(rows).in_own_rows().posed()
+    shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
+    return shown
+
+
+def outside(
+    values: Float[np.ndarray, " n"],
+    low: float,
+    high: float = math.inf,
+    *,
+    below: Rejection,
+    above: Rejection = Rejection.NONE,
+) -> UInt8[np.ndarray, " n"]:
+    """Return the rejection of each value that is below or above these inclusive limits; nan is below."""
+    return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
+
+
+def lenses_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> Lenses:
+    """The insides of cameras with these fields of view, radians."""
+    return Lenses.of(render.width, render.height, fov_x)
+
+
+def camera_rejections(
+    site: Site, position: Float[np.ndarray, "n 3"], instances: Sequence[Instances], limits: CameraSection
+) -> UInt8[np.ndarray, " n"]:
+    """Whether a camera may be at these places: above ground, clear of it, of obstacles and of its row's vehicles."""
+    return site.camera_room.rejections(
+        position,
+        ground_clearance=limits.ground_clearance,
+        obstacle_clearance=limits.obstacle_clearance,
+        vehicles=[vehicle for some in instances for vehicle in some.posed()],
+        vehicle_clearance=limits.obstacle_clearance,
+    )

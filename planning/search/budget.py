@@ -1,0 +1,227 @@
+"""How many images of which vehicle, at which position: exact, balanced, and in closed form.
+
+A class's images go to its models in round robin, a model's images to its positions in order. Positions of different
+classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan is as
+balanced as the whole. Nothing here grows with the number of images: what the k-th position holds is computed, not
+looked up.
+
+References
+----------
+Paper, equation 1 (I = V * I_p * P_v) and section 2.1.8 (a number of images per class, by round robin over its models).
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int
+from numpy.typing import ArrayLike
+
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config.schema import BudgetSection
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Positions:
+    """What each of some positions holds.
+
+    Parameters
+    ----------
+    vehicle
+        (n,) index into `Budget.vehicles`; -1 where it holds backgrounds.
+    ordinal
+        (n,) how many positions this vehicle, or backgrounds, had before.
+    shots
+        (n,) images taken here, at least 1.
+    first_image
+        (n,) index of the first of them.
+    """
+
+    vehicle: Int[np.ndarray, " n"]
+    ordinal: Int[np.ndarray, " n"]
+    shots: Int[np.ndarray, " n"]
+    first_image: Int[np.ndarray, " n"]
+
+    @property
+    def background(self) -> Bool[np.ndarray, " n"]:
+        """Whether a position holds backgrounds."""
+        return self.vehicle < 0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Budget:
+    """Counts for every vehicle, and the order in which positions are visited.
+
+    Parameters
+    ----------
+    vehicles
+        Names; those of one class stand together, in the order of the config.
+    class_names
+        Names of the classes, in order of first appearance.
+    class_starts
+        (c + 1,) where each class's vehicles begin in `vehicles`, and their number.
+    images
+        (v,) images of each vehicle; within a class they never rise and differ by at most 1.
+    shots
+        Images at a position; a vehicle's last position may have fewer.
+    backgrounds
+        Images beside those of the vehicles, which show no target.
+    """
+
+    vehicles: tuple[str, ...]
+    class_names: tuple[str, ...]
+    class_starts: Int[np.ndarray, " c_plus_1"]
+    images: Int[np.ndarray, " v"]
+    shots: int
+    backgrounds: int = 0
+
+    @property
+    def positions_per_vehicle(self) -> Int[np.ndarray, " v"]:
+        """Positions of each vehicle."""
+        return -(-self.images // self.shots)
+
+    @property
+    def positions_per_class(self) -> Int[np.ndarray, " c"]:
+        """Positions of each class."""
+        return _sums(self.positions_per_vehicle, self.class_starts)
+
+    @property
+    def images_per_class(self) -> Int[np.ndarray, " c"]:
+        """Images of each class."""
+        return _sums(self.images, self.class_starts)
+
+    @property
+    def n_images(self) -> int:
+        """Images in all."""
+        return int(self.images.sum()) + self.backgrounds
+
+    @property
+    def n_positions(self) -> int:
+        """Positions in all."""
+        return self.n_target_positions + self.n_background_positions
+
+    @property
+    def n_target_positions(self) -> int:
+        """Positions of vehicles."""
+        return int(self.positions_per_vehicle.sum())
+
+    @property
+    def n_background_positions(self) -> int:
+        """Positions of backgrounds."""
+        return -(-self.backgrounds // self.shots)
+
+    def positions(self, index: ArrayLike) -> Positions:
+        """What the positions with these (n,) indices hold."""
+        k = checked(index, "index", ("n",), dtype=np.int64)
+        if k.size and (k.min() < 0 or k.max() >= self.n_positions):
+            raise ValueError(
+                f"index: expected positions 0 to {self.n_positions - 1}, got {int(k.min())}..{int(k.max())}"
+            )
+        n, ordinal = max(self.n_positions, 1), k * self.n_background_positions // max(self.n_positions, 1)
+        background = (k + 1) * self.n_background_positions // n > ordinal
+        held = self.target_positions(np.minimum(k - ordinal, self.n_target_positions - 1))
+        # After the last position of a vehicle there may be one more of backgrounds.
+        before = np.where(k - ordinal < self.n_target_positions, held.first_image, self.images.sum())
+        return Positions(
+            vehicle=np.where(background, -1, held.vehicle),
+            ordinal=np.where(background, ordinal, held.ordinal),
+            shots=np.where(background, np.minimum(self.backgrounds - ordinal * self.shots, self.shots), held.shots),
+            first_image=before + np.minimum(ordinal * self.shots, self.backgrounds),
+        )
+
+    def target_positions(self, index: Int[np.ndarray, " n"]) -> Positions:
+        """What the k-th positions of vehicles hold; neither positions nor images of backgrounds are counted."""
+        k = index
+        per_class = self.positions_per_class
+        # Step t visits the t-th position of every class that still has one. Between two neighbouring totals the same
+        # classes take part, so that a step there visits a constant number of positions.
+        totals = np.unique(per_class)
+        active = (per_class[None, :] >= totals[:, None]).sum(axis=1)
+        starts_t = np.concatenate([[0], totals])[:-1]
+        starts_k = np.concatenate([[0], np.cumsum((totals - starts_t) * active)])
+        segment = np.searchsorted(starts_k, k, side="right") - 1
+        segment = np.minimum(segment, len(totals) - 1)
+        t = starts_t[segment] + (k - starts_k[segment]) // active[segment]
+        slot = (k - starts_k[segment]) % active[segment]
+        taking_part = per_class[None, :] > t[:, None]
+        cls = np.argmax(np.cumsum(taking_part, axis=1) == (slot + 1)[:, None], axis=1)
+        models = np.diff(self.class_starts)[cls]
+        vehicle = self.class_starts[cls] + t % models
+        ordinal = t // models
+        shots = np.minimum(self.images[vehicle] - ordinal * self.shots, self.shots)
+        earlier = np.arange(len(per_class)) < cls[:, None]
+        return Positions(vehicle, ordinal, shots, self._images_before(t[:, None] + earlier))
+
+    def position_of(self, image: int) -> int:
+        """Index of the position that takes image `image`."""
+        if not 0 <= image < self.n_images:
+            raise ValueError(f"image: expected 0 to {self.n_images - 1}, got {image}")
+        return bisect_right(range(self.n_positions), image, key=lambda k: int(self.positions([k]).first_image[0])) - 1
+
+    def _images_before(self, t: Int[np.ndarray, "n c"]) -> Int[np.ndarray, " n"]:
+        """Images in the first t[:, c] positions of every class c, added up."""
+        total = np.zeros(len(t), dtype=np.int64)
+        for c, start in enumerate(self.class_starts[:-1]):
+            models = int(self.class_starts[c + 1] - start)
+            for m in range(models):
+                visited = (t[:, c] - m + models - 1) // models
+                total += np.minimum(visited * self.shots, self.images[start + m])
+        return total
+
+
+def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget:
+    """The budget a config asks for.
+
+    Parameters
+    ----------
+    section
+        The config's `budget`.
+    categories
+        Class of each vehicle, in the order of the config.
+
+    Raises
+    ------
+    ConfigError
+        If the table of classes does not name each class exactly once, or nothing would be made.
+    """
+    classes = tuple(dict.fromkeys(categories.values()))
+    members = {c: [v for v, category in categories.items() if category == c] for c in classes}
+    wanted = section.images_per_class
+    if isinstance(wanted, dict):
+        if unknown := sorted(set(wanted) - set(classes)):
+            raise ConfigError(
+                f"budget.images_per_class: no vehicle has the class {unknown[0]!r}",
+                remedy=f"classes are {list(classes)}",
+            )
+        if lacking := [c for c in classes if c not in wanted]:
+            raise ConfigError(
+                f"budget.images_per_class: no number for the class {lacking[0]!r}", remedy="give it one; 0 is allowed"
+            )
+    images: list[int] = []
+    for c in classes:
+        n = len(members[c])
+        if wanted is None:
+            positions = section.positions_per_vehicle or 0
+            images += [positions * section.images_per_position] * n
+        else:
+            quota = wanted[c] if isinstance(wanted, dict) else wanted
+            images += [quota // n + (m < quota % n) for m in range(n)]
+    if not sum(images):
+        raise ConfigError("budget: no image would be made", remedy="ask for at least one")
+    return Budget(
+        vehicles=tuple(v for c in classes for v in members[c]),
+        class_names=classes,
+        class_starts=np.cumsum([0, *(len(members[c]) for c in classes)]),
+        images=np.array(images, dtype=np.int64),
+        shots=section.images_per_position,
+        backgrounds=round(sum(images) * section.background_share / (1.0 - section.background_share)),
+    )
+
+
+def _sums(values: Int[np.ndarray, " v"], starts: Int[np.ndarray, " c_plus_1"]) -> Int[np.ndarray, " c"]:
+    running = np.concatenate([[0], np.cumsum(values)])
+    return np.diff(running[starts])

@@ -1,0 +1,146 @@
+"""The table of instances: posed vehicles of any models, each in a row of whatever is planned together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hulldown.camera.target import PosedVehicle
+from hulldown.geometry.arrays import joined
+from hulldown.geometry.transforms import apply, compose
+from hulldown.planning.row import rounded
+from hulldown.planning.search.stage import Fleet, Model
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Instances:
+    """k vehicles or distractors.
+
+    Parameters
+    ----------
+    fleet
+        What there is.
+    row
+        (k,) ascending: the position, image or view that each belongs to.
+    model
+        (k,) index of each in the fleet.
+    world_from_vehicle
+        (k, 4, 4) rigid poses.
+    angles
+        (k, p) radians that its parts are turned by; 0 for parts that a model lacks.
+    """
+
+    fleet: Fleet
+    row: Int[np.ndarray, " k"]
+    model: Int[np.ndarray, " k"]
+    world_from_vehicle: Float[np.ndarray, "k 4 4"]
+    angles: Float[np.ndarray, "k p"]
+
+    @classmethod
+    def of(
+        cls,
+        fleet: Fleet,
+        names: Sequence[str],
+        world_from_vehicle: Float[np.ndarray, "k 4 4"],
+        articulation: Sequence[Mapping[str, float]],
+    ) -> Instances:
+        """Vehicles by their names, in rows 0, 1, ..."""
+        model = np.array([fleet.index[name] for name in names])
+        angles = np.zeros((len(model), fleet.parts))
+        for i, (which, turned) in enumerate(zip(model.tolist(), articulation, strict=True)):
+            shape = fleet.models[which].shape
+            angles[i, : len(shape.part_names)] = shape.angles([turned])[0]
+        return cls(fleet, np.arange(len(model)), model, world_from_vehicle, angles)
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def take(self, index: Int[np.ndarray, " n"]) -> Instances:
+        """Some of them, or some several times, in their rows."""
+        return Instances(
+            self.fleet, self.row[index], self.model[index], self.world_from_vehicle[index], self.angles[index]
+        )
+
+    def in_own_rows(self) -> Instances:
+        """The same in rows 0, 1, ..."""
+        return replace(self, row=np.arange(len(self)))
+
+    def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
+        """Those of row `owner[i]`, in row i, for each i; and which of the table each is."""
+        row, index = joined(owner, self.row)
+        return replace(self.take(index), row=row), index
+
+    def by_model(self) -> Iterator[tuple[Model, Int[np.ndarray, " n"]]]:
+        """Each model that occurs, and which are of it."""
+        for i in np.unique(self.model).tolist():
+            yield self.fleet.models[i], np.flatnonzero(self.model == i)
+
+    def articulation(self) -> list[dict[str, float]]:
+        """Part name to radians, of each."""
+        found: list[dict[str, float]] = [{}] * len(self)
+        for model, index in self.by_model():
+            names = model.shape.part_names
+            for i, angles in zip(index.tolist(), self.angles[index, 1 : len(names)].tolist(), strict=True):
+                found[i] = dict(zip(names[1:], angles, strict=True))
+        return found
+
+    def posed(self) -> list[PosedVehicle]:
+        """The same as what rays meet: a `PosedVehicle` a model."""
+        return [
+            PosedVehicle(model.target, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
+            for model, i in self.by_model()
+        ]
+
+    def model_angles(self, model: Model, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
+        """Angles of some that are of one model, without those of parts that it lacks."""
+        return self.angles[index, : len(model.shape.part_names)]
+
+    @property
+    def centres(self) -> Float[np.ndarray, "k 3"]:
+        """Centres of the bounding boxes, in the world."""
+        return apply(self.world_from_vehicle, self.fleet.centre[self.model][:, None])[:, 0]
+
+    def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
+        """Where each box of the fleet's, which is that of a part at rest, goes."""
+        boxes = np.empty((len(self), self.fleet.half.shape[1], 4, 4))
+        for model, i in self.by_model():
+            turned = model.shape.vehicle_from_parts(self.model_angles(model, i))
+            boxes[i] = turned[:, self.fleet.box_part[self.fleet.index[model.shape.name]]]
+        return compose(self.world_from_vehicle[:, None], boxes)
+
+    def corners(self) -> Float[np.ndarray, "k c 3"]:
+        """Corners of the boxes of all parts, turned and placed: no vertex of a vehicle is outside their hull."""
+        corners = apply(self.world_from_parts(), self.fleet.corners[self.model])
+        return corners.reshape(len(self), 8 * corners.shape[1], 3)
+
+    def bounds(self) -> Float[np.ndarray, "k 2 3"]:
+        """Lowest and highest corner of each, in its own frame with its parts turned."""
+        bounds = np.empty((len(self), 2, 3))
+        for model, i in self.by_model():
+            points = hull_of(model, np.broadcast_to(np.eye(4), (len(i), 4, 4)), self.model_angles(model, i))
+            bounds[i] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+        return bounds
+
+
+def hull_of(
+    model: Model, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
+) -> Float[np.ndarray, "n h 3"]:
+    """Vertices of the convex hulls of all parts, turned and placed: any projected box is theirs."""
+    poses = compose(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
+    return np.concatenate([apply(poses[:, part.index], part.hull) for part in model.target.parts], axis=1)
+
+
+def drawn_angles(
+    fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]
+) -> Float[np.ndarray, "k p"]:
+    """Angles within every part's limits, in proportion to numbers in [0, 1); column i is part i's, as in rows."""
+    angles = np.zeros((len(model), fleet.parts))
+    for i in np.unique(model).tolist():
+        mine, shape = np.flatnonzero(model == i), fleet.models[i].shape
+        (low, high), p = shape.part_limits.T, len(shape.part_names)
+        drawn = np.clip(low + uniform[mine, :p] * (high - low), low, high)
+        angles[mine, 1:p] = rounded("articulation", drawn[:, 1:])
+    return angles

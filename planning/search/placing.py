@@ -1,0 +1,128 @@
+"""Candidates for places on a site, settled and kept clear: a batch of any vehicles (paper, section 2.1.5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hulldown.geometry.overlap import boxes_touch
+from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import Settled, SettleRules, depth_below, settle_each
+from hulldown.planning.config.schema import Config
+from hulldown.planning.row import rounded
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.stage import Site
+
+ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
+
+
+def unsettled(n: int) -> Settled:
+    """Room for n settled candidates."""
+    slope, tilt, share, margin, gap, penetration = np.full((6, n), np.nan)
+    poses, rejection = np.full((n, 4, 4), np.nan), np.zeros(n, dtype=np.uint8)
+    return Settled(poses, slope, tilt, share, margin, gap, penetration, rejection)
+
+
+def settle_clear(
+    site: Site, instances: Instances, config: Config, *, xy: Float[np.ndarray, "n 2"], yaw: Float[np.ndarray, " n"]
+) -> Settled:
+    """Vehicles settled at these places with these headings and clear of obstacles, or the rejections.
+
+    Parameters
+    ----------
+    site
+        Where.
+    instances
+        n vehicles, whose poses do not matter.
+    config
+        Whose limits hold.
+    xy, yaw
+        (n, 2) metres and (n,) radians.
+    """
+    limits = config.placement
+    rules = SettleRules(
+        limits.rule,
+        max_slope=math.radians(limits.max_slope_deg),
+        min_share=limits.min_valid_share,
+        max_gap=limits.max_gap,
+        max_penetration=limits.max_penetration,
+    )
+    settled = settle_each(site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
+    rejection = settled.rejection.copy()
+    poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
+    placed = replace(instances, world_from_vehicle=poses)
+    rows = np.flatnonzero(rejection == Rejection.NONE)
+    rejection[rows[depth_in_water(site, placed.take(rows)) > limits.fording_depth]] = Rejection.WATER
+    rows = rows[rejection[rows] == Rejection.NONE]
+    clear = clear_of_obstacles(site, placed.take(rows), limits.obstacle_clearance)
+    rejection[rows[~clear]] = Rejection.OBSTACLE
+    rows = rows[clear]
+    rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
+    return replace(settled, world_from_vehicle=poses, rejection=rejection)
+
+
+def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
+    """How far in metres the underside of each vehicle lies below water, at most; 0 on dry ground."""
+    if site.water is None:
+        return np.zeros(len(instances))
+    samples = instances.fleet.contacts.of(instances.model)
+    return depth_below(site.water, instances.world_from_vehicle, samples)
+
+
+def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
+    """Whether any light of the sky comes down to the top of each vehicle."""
+    fleet, model = instances.fleet, instances.model
+    top = fleet.centre[model].copy()
+    top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
+    return site.vehicle_room.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
+
+
+def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
+    """Whether no part of each vehicle comes near an obstacle."""
+    half, world_from_box = _boxes(instances, clearance)
+    clear = np.ones(len(instances), dtype=bool)
+    for box in range(half.shape[1]):
+        # Hulls first: most of what touches anything is already known then.
+        rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
+        clear[rows] = ~site.vehicle_room.touched(half[rows, box], world_from_box[rows, box])
+    return clear
+
+
+def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
+    """Whether no part of each vehicle comes near a part of the other one of its pair.
+
+    The clearance is kept to the sides of and above both, not below them.
+    """
+    clear = np.ones(len(instances), dtype=bool)
+    # What is farther apart than their spheres are wide needs no boxes.
+    reach = _reach(instances) + _reach(others) + 2.0 * clearance
+    away = instances.world_from_vehicle[:, :3, 3] - others.world_from_vehicle[:, :3, 3]
+    near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
+    mine, theirs = instances.take(near), others.take(near)
+    for one, other in ((mine, theirs), (theirs, mine)):
+        half, world_from_box = _boxes(one, clearance)
+        half_other, world_from_other = _boxes(other, 0.0)
+        for a in range(half.shape[1]):
+            for b in range(half.shape[1]):
+                here = (a < one.fleet.boxes[one.model]) & (b < other.fleet.boxes[other.model])
+                rows = np.flatnonzero(clear[near] & here)
+                box_from_other = compose(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
+                clear[near[rows]] = ~boxes_touch(half[rows, a], half_other[rows, b], box_from_other)
+    return clear
+
+
+def _reach(instances: Instances) -> Float[np.ndarray, " n"]:
+    """How far the boxes of each reach from its origin, however its parts are turned."""
+    return instances.fleet.reach[instances.model]
+
+
+def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
+    """Half the sizes and the poses of the boxes of all parts, larger by the clearance to the sides and upwards."""
+    fleet, model = instances.fleet, instances.model
+    centre = fleet.box_centre[model] + [0.0, 0.0, clearance / 2]
+    world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), centre))
+    return fleet.half[model] + clearance * np.array([1.0, 1.0, 0.5]), world_from_box

@@ -1,0 +1,511 @@
+"""Positions on one scenery, planned together: every step is one batch over all of their instances or images.
+
+What comes out for a position depends on the config, the assets and the position's own number alone. A position's tries
+are numbered, each draws its own numbers, and the first that passes everything is taken, whatever else is in the batch.
+How many tries a position has is counted for it alone, and what is said when they are used up is about the first such
+position: batches change when something is tried, never whether.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hulldown.geometry.arrays import joined
+from hulldown.geometry.errors import ConfigError
+from hulldown.placement.candidates import candidates
+from hulldown.placement.rejection import Rejection
+from hulldown.placement.settle import Settled
+from hulldown.planning.config.schema import Config
+from hulldown.planning.search.aiming import Views, no_views, try_cameras, views_of_others
+from hulldown.planning.search.columns import join, put, take
+from hulldown.planning.search.draws import Draws, Purpose, RowStreams
+from hulldown.planning.search.extras import MOST, Extras, Role, offsets
+from hulldown.planning.search.instances import Instances, drawn_angles
+from hulldown.planning.search.placing import clear_of_vehicles, settle_clear, unsettled
+from hulldown.planning.search.stage import Fleet, Site
+from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
+
+# Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
+CANDIDATES = 8192
+CAMERAS = 2048
+COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
+# Places that no camera can see, at one position, before it is given up on.
+BLIND_PLACES = 40
+# Places where extras find no room, at one position, before those without room are left out.
+CROWDED_PLACES = 40
+# The first positions of each vehicle go alone at the beginning of a plan: a hopeless config is known in seconds.
+SCOUTS = 4
+BEGINNING = 256
+FIRST_LOOK = 2  # tries of an extra that are settled at first; as many again as there were, whenever none is left
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Block:
+    """n positions on one scenery, with m images in all.
+
+    Parameters
+    ----------
+    site, fleet
+        Where, and what there is.
+    extras
+        What may stand beside targets, and what at backgrounds.
+    model
+        (n,) what the cameras are framed on: an index in the fleet.
+    background, empty
+        (n,) whether the images show no target, and whether what the cameras are framed on is left out of them.
+    movable
+        (n,) whether a position that finds no place here may be planned elsewhere.
+    position
+        (n,) their numbers, ascending.
+    shots
+        (n,) images of each.
+    first_image
+        (n,) index of each one's first image.
+    """
+
+    site: Site
+    fleet: Fleet
+    extras: dict[bool, tuple[Extras, ...]]
+    model: Int[np.ndarray, " n"]
+    background: Bool[np.ndarray, " n"]
+    empty: Bool[np.ndarray, " n"]
+    movable: Bool[np.ndarray, " n"]
+    position: Int[np.ndarray, " n"]
+    shots: Int[np.ndarray, " n"]
+    first_image: Int[np.ndarray, " n"]
+
+    @property
+    def owner(self) -> Int[np.ndarray, " m"]:
+        """For each image the row of its position."""
+        return np.repeat(np.arange(len(self.position)), self.shots)
+
+    @property
+    def shot(self) -> Int[np.ndarray, " m"]:
+        """For each image its number at its position."""
+        return np.arange(int(self.shots.sum())) - np.repeat(np.cumsum(self.shots) - self.shots, self.shots)
+
+    @property
+    def image(self) -> Int[np.ndarray, " m"]:
+        """Index of each image."""
+        return self.first_image[self.owner] + self.shot
+
+
+def before(block: Block, position: int) -> Block:
+    """The block of those positions that come before one."""
+    n = int(np.searchsorted(block.position, position))
+    columns = ("model", "background", "empty", "movable", "position", "shots", "first_image")
+    return replace(block, **{name: getattr(block, name)[:n] for name in columns})
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Table:
+    """The k instances of a block's positions, ordered by position, role and number.
+
+    Parameters
+    ----------
+    row
+        (k,) the position's row in the block.
+    role, number
+        (k,) what each is, and the how manieth of its role.
+    model, angles
+        (k,) index in the fleet, (k, p) radians of its parts.
+    distance
+        (k, 2) least and largest distance of an extra from its target, metres.
+    settled
+        (k,) where each stands.
+    tries
+        (k,) places tried so far; of those found the last one is theirs.
+    found
+        (k,) whether it has a place.
+    """
+
+    row: Int[np.ndarray, " k"]
+    role: Int[np.ndarray, " k"]
+    number: Int[np.ndarray, " k"]
+    model: Int[np.ndarray, " k"]
+    angles: Float[np.ndarray, "k p"]
+    distance: Float[np.ndarray, "k 2"]
+    settled: Settled
+    tries: Int[np.ndarray, " k"]
+    found: Bool[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Seen:
+    """What cameras see of extras, p pairs of an image and an extra in it, by image and then by instance.
+
+    Parameters
+    ----------
+    image, instance
+        (p,) rows of the block's images and of its table.
+    views
+        Of the p pairs.
+    pixels
+        (p,) whether those that have a class are at the centre of any pixel.
+    """
+
+    image: Int[np.ndarray, " p"]
+    instance: Int[np.ndarray, " p"]
+    views: Views
+    pixels: Bool[np.ndarray, " p"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Planned:
+    """Poses and cameras of a block.
+
+    Parameters
+    ----------
+    found
+        (n,) whether a place was found; what follows is of those alone.
+    instances
+        Targets and extras of the n positions; what found no room is not found.
+    views
+        Of the m images' targets.
+    seen
+        What the images show of extras.
+    rejected
+        (m, kinds) how often each rejection was met; a position's own are with its first image.
+    problems
+        Row of a position without a place -> what was tried.
+    """
+
+    found: Bool[np.ndarray, " n"]
+    instances: Table
+    views: Views
+    seen: Seen
+    rejected: Int[np.ndarray, "m kinds"]
+    problems: dict[int, HopelessPosition]
+
+
+def plan_block(block: Block, config: Config, draws: Draws, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
+    """Poses and cameras for every position of a block; `visibility_m` is that of its images, nan where it is clear.
+
+    Raises
+    ------
+    HopelessPosition
+        If a position that is not movable finds no place, or no place with a view, within the config's tries: the
+        first such position, with the counted reasons.
+    """
+    return _Search(block, config, draws, visibility_m).run()
+
+
+class HopelessPosition(ConfigError):
+    """A position for which the config's tries are used up.
+
+    Parameters
+    ----------
+    position
+        Its number.
+    problem, path, remedy
+        As of any `ConfigError`.
+    """
+
+    def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
+        super().__init__(problem, path=path, remedy=remedy)
+        self.position = position
+
+
+class _Search:
+    def __init__(self, block: Block, config: Config, draws: Draws, visibility_m: Float[np.ndarray, " m"]) -> None:
+        self.block, self.config, self.draws, self.visibility_m = block, config, draws, visibility_m
+        n = len(block.position)
+        self.owner, self.image = block.owner, block.image
+        self.problems: dict[int, HopelessPosition] = {}
+        self.given_up = np.zeros(n, dtype=bool)
+        self.table = instances_of(block, config, draws)
+        self.target = np.flatnonzero(self.table.role == Role.TARGET)  # where each position's instances begin
+        self.end = np.append(self.target[1:], len(self.table.row))
+        self.views = no_views(len(self.image))
+        self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
+        self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
+
+    @property
+    def tries(self) -> Int[np.ndarray, " n"]:
+        """Places tried for each position so far."""
+        return self.table.tries[self.target]
+
+    def run(self) -> Planned:
+        block = self.block
+        early = block.position.min(initial=BEGINNING) < BEGINNING
+        ranks = np.empty(len(block.model), dtype=np.int64)
+        for model in np.unique(block.model):
+            mine = np.flatnonzero(block.model == model)
+            ranks[mine] = np.arange(len(mine))
+        scouts = early & (ranks < SCOUTS)
+        self._settle(np.flatnonzero(scouts))
+        self._settle(np.flatnonzero(~scouts))
+        first = min(self._unmovable(), key=lambda error: error.position, default=None)
+        if first:
+            raise first
+        rejected = self.camera_rejections
+        rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
+        return Planned(~self.given_up, self.table, self.views, self._see_extras(), rejected, self.problems)
+
+    def _unmovable(self) -> list[HopelessPosition]:
+        return [error for row, error in self.problems.items() if not self.block.movable[row]]
+
+    def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
+        """Places, extras and cameras for these positions."""
+        while len(pending := self._hopeful(pending)):
+            self._place_targets(pending)
+            pending = self._hopeful(pending)
+            crowded = self.place_rejections[pending, Rejection.COMPANION] >= CROWDED_PLACES
+            crowded |= 2 * self.tries[pending] >= self.config.placement.max_tries
+            roomy = self._place_extras(pending, leave_out=crowded)
+            self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
+            blind = self._aim(pending[roomy])
+            self.place_rejections[blind, Rejection.NO_VIEW] += 1
+            self._give_up_if_blind(blind)
+            pending = np.union1d(pending[~roomy], blind)
+
+    def _instances(self, index: Int[np.ndarray, " q"]) -> Instances:
+        """Some of the table's instances where they stand, in the rows of their positions."""
+        table = self.table
+        return Instances(
+            self.block.fleet,
+            table.row[index],
+            table.model[index],
+            table.settled.world_from_vehicle[index],
+            table.angles[index],
+        )
+
+    def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
+        """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
+        limit, ahead, table = self.config.placement.max_tries, 1, self.table
+        self._give_up_if_placeless(pending)
+        while len(pending := self._hopeful(pending)):
+            now = pending[: max(1, CANDIDATES // ahead)]
+            left = limit - self.tries[now]
+            ahead = min(ahead, int(left.max()))
+            row = np.repeat(now, ahead)
+            attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
+            rng = RowStreams(self.draws, Purpose.PLACE, self.block.position[row], attempt)
+            xy, yaw = candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
+            found = settle_clear(self.block.site, self._instances(self.target[row]), self.config, xy=xy, yaw=yaw)
+            rejection = found.rejection.reshape(-1, ahead)
+            allowed = np.arange(ahead) < left[:, None]
+            good = allowed & (rejection == Rejection.NONE)
+            taken, first = good.any(axis=1), good.argmax(axis=1)
+            used = np.where(taken, first, np.minimum(left, ahead))
+            at, column = np.nonzero(np.arange(ahead) < used[:, None])
+            self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
+            put(table.settled, self.target[now[taken]], take(found, np.flatnonzero(taken) * ahead + first[taken]))
+            table.tries[self.target[now]] += used + taken
+            self._give_up_if_placeless(now[~taken])
+            pending = np.concatenate([now[~taken], pending[len(now) :]])
+            ahead = min(2 * ahead, CANDIDATES // 8)
+        table.found[self.target] = ~self.given_up
+
+    def _place_extras(
+        self, rows: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
+    ) -> Bool[np.ndarray, " p"]:
+        """Settle the extras of some positions, each clear of those before it; whether all of a position's found room.
+
+        Tries are settled for all extras at once; whether one keeps clear of the others is asked when its turn comes.
+
+        Parameters
+        ----------
+        rows
+            The positions.
+        leave_out
+            Whether extras without room are left out of a position, which then is one where all found room.
+        """
+        table, wanted = self.table, rows
+        turn = self.target + 1  # whose turn it is, at each position
+        failed, patient = np.zeros(len(turn), dtype=bool), np.zeros(len(turn), dtype=bool)
+        patient[rows] = leave_out
+        extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
+        table.found[extras] = False  # what was left out at another place gets its chance here
+        looked = np.zeros(len(table.row), dtype=np.int64)
+        which, attempt, found = extras[:0], extras[:0], unsettled(0)  # tries that stand, but for the other vehicles
+        while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
+            extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
+            waiting = np.isin(which, extras)
+            which, attempt, found = which[waiting], attempt[waiting], take(found, np.flatnonzero(waiting))
+            out = extras[~np.isin(extras, which) & (looked[extras] < COMPANION_TRIES)]
+            more = np.minimum(np.maximum(looked[out], FIRST_LOOK), COMPANION_TRIES - looked[out])
+            new = np.repeat(out, more)
+            number = np.arange(len(new)) - np.repeat(np.cumsum(more) - more - looked[out], more)
+            looked[out] += more
+            settled = self._settle_extras(new, number)
+            stands = settled.rejection == Rejection.NONE
+            which, attempt = np.append(which, new[stands]), np.append(attempt, number[stands])
+            found = join(found, take(settled, np.flatnonzero(stands)))
+            asked = rows
+            while len(asked):
+                mine = np.flatnonzero(np.isin(which, turn[asked]))
+                good = mine[self._clear_of_others(which[mine], take(found, mine))]
+                good = good[np.lexsort((attempt[good], which[good]))]
+                taken, first = np.unique(which[good], return_index=True)
+                put(table.settled, taken, take(found, good[first]))
+                table.tries[taken], table.found[taken] = attempt[good[first]] + 1, True
+                which[mine] = -1
+                done = table.found[turn[asked]]
+                hopeless = ~done & (looked[turn[asked]] >= COMPANION_TRIES)
+                failed[asked[hopeless & ~patient[asked]]] = True
+                asked = asked[done | (hopeless & patient[asked])]
+                turn[asked] += 1
+                asked = asked[turn[asked] < self.end[asked]]
+                # Those of which no try is left to ask for are settled further.
+                asked = asked[np.isin(turn[asked], which) | (looked[turn[asked]] >= COMPANION_TRIES)]
+        return ~failed[wanted]
+
+    def _settle_extras(self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"]) -> Settled:
+        """These tries of extras about where their targets stand now, other vehicles left aside."""
+        table, found = self.table, unsettled(len(which))
+        for start in range(0, len(which), CANDIDATES):
+            some = slice(start, start + CANDIDATES)
+            mine = which[some]
+            role, row = table.role[mine], table.row[mine]
+            uniform = self.draws.uniform(
+                np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
+                self.block.position[row] * MOST + table.number[mine],
+                # Numbered through all places of the target, so that a new place gets new ones.
+                self.tries[row] * COMPANION_TRIES + number[some],
+                count=3,
+            )
+            xy = offsets(role, table.distance[mine], uniform[:, :2])
+            xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
+            yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
+            settled = settle_clear(self.block.site, self._instances(mine), self.config, xy=xy, yaw=yaw)
+            put(found, np.arange(len(which))[some], settled)
+        return found
+
+    def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
+        """Whether these tries of extras are clear of the target and of the extras that were settled before."""
+        tried = replace(self._instances(which), world_from_vehicle=settled.world_from_vehicle)
+        standing = self._instances(np.flatnonzero(self.table.found))
+        mine, other = joined(tried.row, standing.row)
+        clear = np.ones(len(which), dtype=bool)
+        apart = clear_of_vehicles(tried.take(mine), standing.take(other), self.config.placement.vehicle_clearance)
+        clear[mine[~apart]] = False
+        return clear
+
+    def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+        """Cameras for all images of these positions; answers with the positions where one found none."""
+        max_tries = self.config.camera.max_tries
+        extras = self._instances(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
+        while len(pending) and done < max_tries:
+            ahead = min(ahead, max_tries - done)
+            now = np.repeat(pending, ahead)
+            attempt = done + np.tile(np.arange(ahead), len(pending))
+            found = no_views(len(now))
+            for start in range(0, len(now), CAMERAS):
+                some = np.arange(start, min(start + CAMERAS, len(now)))
+                rows, owner = now[some], self.owner[now[some]]
+                views = try_cameras(
+                    self.block.site,
+                    self._instances(self.target[owner]).in_own_rows(),
+                    self.config,
+                    draws=self.draws,
+                    image=self.image[rows],
+                    # Numbered through all places of the position, so that a new place gets new cameras.
+                    attempt=self.tries[owner] * max_tries + attempt[some],
+                    others=extras.beside(owner)[0],
+                    visibility_m=self.visibility_m[rows],
+                )
+                put(found, some, views)
+            rejection = found.rejection.reshape(-1, ahead)
+            good = rejection == Rejection.NONE
+            taken, first = good.any(axis=1), good.argmax(axis=1)
+            put(self.views, pending[taken], take(found, np.flatnonzero(taken) * ahead + first[taken]))
+            at, column = np.nonzero(np.arange(ahead) < np.where(taken, first, ahead)[:, None])
+            self.camera_rejections[pending] += tally(rejection[at, column].astype(np.int64), at, len(pending))
+            pending, done = pending[~taken], done + ahead
+            ahead = max(1, min(2 * ahead, CAMERAS // max(len(pending), 1)))
+        return np.unique(self.owner[pending])
+
+    def _see_extras(self) -> Seen:
+        """What the cameras see of the extras, once all of both have their places."""
+        table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
+        there = table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row])
+        extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
+        pair, of = joined(self.owner[shown], table.row[extras])
+        image, instance = shown[pair], extras[of]
+        seen = Seen(image, instance, no_views(len(image)), np.zeros(len(image), dtype=bool))
+        present, standing = np.flatnonzero(there), self._instances(np.flatnonzero(there))
+        for start in range(0, len(image), CAMERAS):
+            some = np.arange(start, min(start + CAMERAS, len(image)))
+            others, which = standing.beside(self.owner[image[some]])
+            beside = np.flatnonzero(present[which] != instance[some][others.row])
+            views, pixels = views_of_others(
+                self.block.site,
+                self._instances(instance[some]).in_own_rows(),
+                others.take(beside),
+                cameras=take(self.views, image[some]),
+                visibility_m=self.visibility_m[image[some]],
+                config=self.config,
+            )
+            put(seen.views, some, views)
+            seen.pixels[some] = pixels
+        return seen
+
+    def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+        """Those of these positions that are not given up."""
+        return rows[~self.given_up[rows]]
+
+    def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
+        self._give_up(
+            rows[self.tries[rows] >= self.config.placement.max_tries],
+            "finds no place to stand",
+            PLACING,
+            "widen the limits in [placement]",
+        )
+
+    def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
+        self._give_up(
+            rows[self.place_rejections[rows, Rejection.NO_VIEW] >= BLIND_PLACES],
+            "cannot be seen as wanted",
+            AIMING,
+            "widen the limits in [camera] or those of visibility in [weather], or raise camera.max_tries",
+        )
+
+    def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
+        """Give these positions up, and say what was tried; those after the first that must be planned here go, too."""
+        rows, block = self._hopeful(rows), self.block
+        self.given_up[rows] = True
+        self.table.found[np.isin(self.table.row, rows)] = False
+        for row in rows.tolist():
+            counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
+            model, position = block.fleet.models[block.model[row]], int(block.position[row])
+            self.problems[row] = HopelessPosition(
+                position,
+                f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "
+                + sentence({kind: int(counts[kind]) for kind in kinds}),
+                path=self.config.path,
+                remedy=remedy,
+            )
+            if not block.movable[row]:
+                self.given_up |= block.position > position
+
+
+def instances_of(block: Block, config: Config, draws: Draws) -> Table:
+    """What stands at a block's positions, as it is drawn, without places."""
+    n, fleet = len(block.position), block.fleet
+    turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
+    zero = np.zeros(n, dtype=np.int64)
+    drawn = [(np.arange(n), zero, zero, block.model, turns, np.zeros((n, 2)))]
+    for background, kinds in block.extras.items():
+        rows = np.flatnonzero(block.background == background)
+        for kind in kinds if len(rows) else ():
+            models, numbers = kind.drawn(draws, block.position[rows])
+            i, j = np.nonzero(models >= 0)
+            turned = np.zeros((len(i), fleet.parts))
+            turned[:, :MOST] = numbers[i, j, : fleet.parts]
+            distance = np.tile(np.array(kind.distance, dtype=np.float64), (len(i), 1))
+            drawn.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned, distance))
+    row, role, number, model, turns, distance = (np.concatenate(column) for column in zip(*drawn, strict=True))
+    order = np.lexsort((number, role, row))
+    row, role, number, model = row[order], role[order], number[order], model[order]
+    angles = drawn_angles(fleet, model, turns[order]) if config.placement.articulate else np.zeros(turns.shape)
+    k = len(row)
+    return Table(
+        row, role, number, model, angles, distance[order], unsettled(k), np.zeros(k, dtype=np.int64), np.zeros(k, bool)
+    )

@@ -1,0 +1,95 @@
+"""Cameras at the distance at which a target's projected box has exactly the wanted size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.camera.framing import frame_target
+from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.size import Measure, ProjectedSize, solve_distance
+from hulldown.geometry.uniform import UniformNumbers
+from hulldown.planning.config.schema import CameraSection, RenderSection
+from hulldown.planning.search.instances import Instances
+
+# Framing turns the camera, which changes the size a little; the distance that restores it changes the framing less.
+ROUNDS = 4
+
+
+def image_size(measure: Measure, render: RenderSection) -> float:
+    """Height, width or diagonal of the image in pixels, or its area in square pixels."""
+    sizes = {
+        "height": render.height,
+        "width": render.width,
+        "diagonal": math.sqrt(render.width * render.width + render.height * render.height),
+        "area": render.width * render.height,
+    }
+    return float(sizes[measure])
+
+
+def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
+    """What share of the image's height, width, diagonal or area these boxes fill; nan without a box."""
+    size = ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
+    return (size**2 if measure == "area" else size) / image_size(measure, render)
+
+
+def sized_cameras(
+    targets: Instances,
+    hull: Float[np.ndarray, "n h 3"],
+    limits: CameraSection,
+    *,
+    render: RenderSection,
+    lens: Lenses,
+    fraction: Float[np.ndarray, " n"],
+    azimuth: Float[np.ndarray, " n"],
+    elevation: Float[np.ndarray, " n"],
+    framing: Callable[[], UniformNumbers],
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
+    """Cameras in the wanted directions, turned to frame the target, at the distance that gives its box its size.
+
+    Parameters
+    ----------
+    targets
+        n vehicles of one model.
+    hull
+        (n, h, 3) points whose projected box is theirs.
+    limits, render
+        The config's; of the limits the measure, the framing and the truncation.
+    lens
+        n of them.
+    fraction
+        (n,) wanted shares of the image's height, width, diagonal or area.
+    azimuth, elevation
+        (n,) radians, of the camera as seen from the target's centre.
+    framing
+        Makes the generator that framing draws from: each time one that says the same.
+
+    Returns
+    -------
+    world_from_camera, distance
+        nan where no distance with the whole vehicle in front of the camera gives that size.
+    """
+    measure = limits.size_measure
+    assert measure != "paper"
+    pixels, corners, centres = fraction * image_size(measure, render), targets.corners(), targets.centres
+    looking = camera_pose(centres, 1.0, azimuth, elevation)
+    outward = -looking[:, :3, 2]
+
+    def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
+        return solve_distance(lens, poses, hull, centre=centres, pixels=pixels, measure=measure)
+
+    distance = solved(looking)
+    for _ in range(ROUNDS):
+        # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
+        poses = camera_pose(centres, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
+        framed = frame_target(
+            poses, corners, lens, rng=framing(), spread=limits.framing, truncated=limits.truncated_fraction
+        )
+        poses = framed.world_from_camera
+        distance = np.where(np.isnan(distance), np.nan, solved(poses))
+    poses[:, :3, 3] = centres + distance[:, None] * outward
+    return poses, distance

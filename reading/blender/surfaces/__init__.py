@@ -1,0 +1,1 @@
+"""Materials, inside Blender: opacity, cut-outs, textures, and paint."""

@@ -1,0 +1,133 @@
+"""Which faces of a mesh its materials cut out, and by what texture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
+from hulldown.reading.blender.coordinates import coordinates
+from hulldown.reading.blender.surfaces.bake import baked
+from hulldown.reading.blender.surfaces.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
+from hulldown.reading.blender.surfaces.texels import texels
+
+EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Extension.CLIP}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cutter:
+    """How a material cuts: a map, the layer of coordinates ("" for the one that is rendered), what is made of them."""
+
+    alpha: AlphaMap
+    layer: str
+    image_from_uv: Affine
+
+
+class CutoutReader:
+    """Reads cut-outs; looks at each material and each image once.
+
+    Parameters
+    ----------
+    longest
+        Texels of the longer side that an image is kept at.
+    """
+
+    def __init__(self, longest: int) -> None:
+        self._longest = longest
+        self._cutters: dict[int, Cutter | None] = {}
+        self._texels: dict[Any, tuple[np.ndarray, Any]] = {}
+        self.doubts: list[str] = []
+
+    def bake(self, materials: Iterable[Any]) -> None:
+        """Have Cycles work out the opacity of those materials that are no single lookup; while nothing is evaluated."""
+        for material in materials:
+            try:
+                opacity_of(material)
+            except NotUnderstoodError:
+                key = material.as_pointer()
+                try:
+                    alpha, layer, (low, high) = baked(material, self._longest)
+                except NotUnderstoodError as reason:
+                    self._cutters[key] = None
+                    self.doubts.append(
+                        f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
+                    )
+                    continue
+                scale, shift = 1.0 / (high - low), -low / (high - low)
+                onto = ((float(scale[0]), 0.0, float(shift[0])), (0.0, float(scale[1]), float(shift[1])))
+                self._cutters[key] = Cutter(alpha, layer, onto)
+
+    def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
+        """Of an evaluated mesh whose loop triangles are calculated."""
+        cutters = [self._cutter(material) if material else None for material in materials]
+        if not any(cutters):
+            return None
+        triangles = data.loop_triangles
+        slot = np.empty(len(triangles), dtype=np.int32)
+        triangles.foreach_get("material_index", slot)
+        slot = slot.clip(0, len(materials) - 1)
+        kept = [cutter for cutter in dict.fromkeys(cutters) if cutter is not None]
+        face = np.flatnonzero(np.array([cutter is not None for cutter in cutters])[slot])
+        if not len(face):
+            return None
+        loops = np.empty(3 * len(triangles), dtype=np.int32)
+        triangles.foreach_get("loops", loops)
+        corners = loops.reshape(-1, 3)[face]
+        maps = list(dict.fromkeys(cutter.alpha for cutter in kept))
+        uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
+        for number, cutter in enumerate(cutters):
+            mine = slot[face] == number
+            if cutter is not None and mine.any():
+                uv[mine] = _coordinates(data, cutter, corners[mine])
+                face_map[mine] = maps.index(cutter.alpha)
+        return Cutouts(face, uv, face_map, tuple(maps))
+
+    def _cutter(self, material: Any) -> Cutter | None:
+        key = material.original.as_pointer()
+        if key not in self._cutters:
+            self._cutters[key] = self._cut(opacity_of(material))
+        return self._cutters[key]
+
+    def _cut(self, value: Value) -> Cutter | None:
+        if value.lookup is None:
+            if value.constant >= 1.0:
+                return None
+            texel = np.full((1, 1), np.clip(value.constant, 0.0, 1.0), dtype=np.float32)
+            return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY)
+        found = value.lookup
+        image = found.node.image
+        if image is None or (not image.has_data and not _load(image)):
+            return None  # Cycles paints it pink; the report says that it is missing
+        values, steps = self._values(found, value)
+        alpha = AlphaMap(values, EXTENSION[found.node.extension], found.node.interpolation != "Closest", steps)
+        return Cutter(alpha, found.layer, found.image_from_uv)
+
+    def _values(self, found: Lookup, value: Value) -> tuple[np.ndarray, Any]:
+        image, alpha_used = found.node.image.original, found.node.outputs["Alpha"].is_linked
+        key = (image.as_pointer(), found.channel, alpha_used)
+        if key not in self._texels:
+            self._texels[key] = texels(image, found.channel, alpha_used=alpha_used)
+        values, before = self._texels[key]
+        if max(values.shape) <= self._longest:
+            return values, (*before, *value.steps)
+        small = (*key, value.steps)
+        if small not in self._texels:
+            self._texels[small] = fewer_texels(values, (*before, *value.steps), self._longest)
+        return self._texels[small]
+
+
+def _load(image: Any) -> bool:
+    """Whether an image has pixels once it is asked for them."""
+    return bool(image.original.size[0] * image.original.size[1])
+
+
+def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
+    """Of the corners of faces; zeros where the mesh has no such layer, as in Cycles."""
+    found = coordinates(data, cutter.layer)
+    uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]
+    onto = np.array(cutter.image_from_uv)
+    return np.asarray(uv @ onto[:, :2].T + onto[:, 2], dtype=np.float32)

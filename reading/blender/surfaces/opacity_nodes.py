@@ -1,0 +1,156 @@
+"""The opacity of a material as a socket of its own node tree, so that Cycles works it out: baking and masks use it.
+
+What `reading.blender.surfaces.opacity` reads off a node tree, here nodes compute; neither knows of the other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hulldown.reading.blender.surfaces.nodes import material_output
+
+SOCKET = "hulldown opacity"
+
+
+def opacity_socket(material: Any) -> Any:
+    """An output socket of the material's tree that has its opacity; a number where that is the same everywhere.
+
+    Nodes are added to the tree and to the groups in it, which stay as opaque as they were.
+    """
+    output = material_output(material)
+    return _opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
+
+
+def _opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
+    """Of what is linked to an input socket."""
+    links = [link for link in socket.links if link.is_valid and not link.is_muted]
+    if not links:
+        return 1.0
+    given = links[0].from_socket
+    node = given.node
+    key = (tree.as_pointer(), given.as_pointer())
+    if key not in made:
+        made[key] = _of_output(tree, node, given, made)
+    return made[key]
+
+
+def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
+    kind = node.bl_idname
+    if node.mute:
+        inner = next((link.from_socket for link in node.internal_links if link.to_socket == given), None)
+        return 1.0 if inner is None else _opacity(tree, inner, made)
+    if kind == "NodeReroute":
+        return _opacity(tree, node.inputs[0], made)
+    if kind == "ShaderNodeBsdfTransparent":
+        return _math(tree, "SUBTRACT", 1.0, _grey(tree, node.inputs["Color"]))
+    if kind == "ShaderNodeBsdfPrincipled":
+        return _clamped(tree, _own(node.inputs["Alpha"]))
+    if kind == "ShaderNodeMixShader":
+        share = _clamped(tree, _own(node.inputs[0]))
+        first, second = _opacity(tree, node.inputs[1], made), _opacity(tree, node.inputs[2], made)
+        if first == second == 1.0:
+            return 1.0
+        return _math(tree, "MULTIPLY_ADD", share, _math(tree, "SUBTRACT", second, first), first)
+    if kind == "ShaderNodeAddShader":
+        first, second = (_opacity(tree, below, made) for below in node.inputs)
+        return _clamped(tree, _math(tree, "ADD", _math(tree, "ADD", first, second), -1.0))
+    if kind == "ShaderNodeGroup" and node.node_tree is not None:
+        return _of_group(tree, node, given, made)
+    if kind == "NodeGroupInput":
+        return _interface(tree, f"{SOCKET} of {given.identifier}", "INPUT", node)
+    return 1.0
+
+
+def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
+    inner = node.node_tree
+    end = next((n for n in inner.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output), None)
+    if end is None:
+        return 1.0
+    name = f"{SOCKET} of {given.identifier}"
+    if name not in [item.name for item in inner.interface.items_tree]:
+        below = next(socket for socket in end.inputs if socket.identifier == given.identifier)
+        opacity = _opacity(inner, below, made)
+        _interface(inner, name, "OUTPUT", end)
+        _link(inner, opacity, end.inputs[name])
+    for shader in [socket for socket in node.inputs if socket.type == "SHADER"]:
+        wanted = node.inputs.get(f"{SOCKET} of {shader.identifier}")
+        if wanted is not None and not wanted.is_linked:
+            _link(tree, _opacity(tree, shader, made), wanted)
+    return node.outputs[name]
+
+
+def _interface(tree: Any, name: str, way: str, node: Any) -> Any:
+    """The socket of a group's own input or output node of this name, made if it is not there."""
+    if name not in [item.name for item in tree.interface.items_tree]:
+        tree.interface.new_socket(name, in_out=way, socket_type="NodeSocketFloat")
+    return (node.outputs if way == "INPUT" else node.inputs)[name]
+
+
+def _own(socket: Any) -> Any:
+    """What gives a socket its value: the output linked to it, or its number."""
+    links = [link for link in socket.links if link.is_valid and not link.is_muted]
+    return links[0].from_socket if links else socket.default_value
+
+
+def _grey(tree: Any, socket: Any) -> Any:
+    to_grey = tree.nodes.new("ShaderNodeRGBToBW")
+    value = _own(socket)
+    if socket.is_linked:
+        tree.links.new(value, to_grey.inputs[0])
+    else:
+        to_grey.inputs[0].default_value = value
+    return to_grey.outputs[0]
+
+
+def _clamped(tree: Any, value: Any) -> Any:
+    if isinstance(value, float):
+        return min(max(value, 0.0), 1.0)
+    return _math(tree, "ADD", value, 0.0, clamp=True)
+
+
+def _math(tree: Any, operation: str, *inputs: Any, clamp: bool = False) -> Any:
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation, node.use_clamp = operation, clamp
+    for socket, value in zip(node.inputs, inputs, strict=False):
+        _link(tree, value, socket)
+    return node.outputs[0]
+
+
+def _link(tree: Any, value: Any, socket: Any) -> None:
+    if isinstance(value, float):
+        socket.default_value = value
+    else:
+        tree.links.new(value, socket)
+
+
+def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
+    """Have a material glow as its opacity says, and do nothing else.
+
+    Parameters
+    ----------
+    material
+        Is changed, and the groups in it.
+    hard
+        Whether it glows where it is at least half opaque and is not there where it is less; if not, it glows all over,
+        as brightly as it is opaque.
+    strength
+        Called with the tree for the socket that has the strength of a hard material's glow.
+    """
+    opacity = opacity_socket(material)
+    tree = material.node_tree
+    for node in [node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial"]:
+        tree.nodes.remove(node)
+    output, glow = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    shader = glow.outputs[0]
+    if not hard:
+        _link(tree, opacity, glow.inputs["Strength"])
+    else:
+        tree.links.new(strength(tree), glow.inputs["Strength"])
+        if opacity != 1.0:
+            mix, through = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
+            _link(tree, _math(tree, "SUBTRACT", 1.0, _math(tree, "LESS_THAN", opacity, 0.5)), mix.inputs[0])
+            tree.links.new(through.outputs[0], mix.inputs[1])
+            tree.links.new(shader, mix.inputs[2])
+            shader = mix.outputs[0]
+    tree.links.new(shader, output.inputs["Surface"])

@@ -1,0 +1,178 @@
+"""Landlock: a process that reads other people's files writes nowhere but where it shall, and reads little else.
+
+Run as a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and becomes COMMAND, so that all threads
+of Blender, and what it may start, are confined from their first instruction. Needs the standard library only. Where the
+kernel has no Landlock, `confined` leaves the command as it is.
+
+References
+----------
+Landlock: unprivileged access control. The Linux Kernel documentation, userspace-api/landlock.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import struct
+import sys
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+
+CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # the numbers of these system calls on every architecture
+GET_ABI = 1  # flag of CREATE_RULESET
+NO_NEW_PRIVILEGES = 38  # of prctl
+BENEATH = 1  # type of rule: a path and what is beneath it
+EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
+REFER, TRUNCATE, IOCTL = 1 << 13, 1 << 14, 1 << 15
+FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
+SINCE = {2: REFER, 3: TRUNCATE, 5: IOCTL}
+NETWORK_ABI, TCP = 4, 3  # bind and connect
+SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
+SPECIAL = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # making devices, sockets, FIFOs and links is allowed nowhere
+OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # what can be allowed of something that is no folder
+SYSTEM = (
+    *(
+        "/usr",
+        "/bin",
+        "/sbin",
+        "/lib",
+        "/lib32",
+        "/lib64",
+        "/nix/store",
+        "/opt/rocm",
+        "/opt/intel",
+        "/run/opengl-driver",
+    ),
+    *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/alternatives", "/etc/fonts", "/etc/localtime"),
+    *("/etc/OpenCL", "/etc/vulkan", "/etc/glvnd", "/var/cache/fontconfig"),
+    *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/version", "/proc/modules", "/proc/devices"),
+    *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
+    *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),
+)
+DEVICES = ("/dev/null",)  # written to by programs of every kind
+OFF = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
+MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
+
+
+@cache
+def abi() -> int:
+    """The version of Landlock that this kernel has; 0 for none."""
+    if not sys.platform.startswith("linux"):
+        return 0
+    return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
+
+
+def unconfined() -> str:
+    """Why processes that read files from elsewhere aren't confined here; empty if they are."""
+    if not abi():
+        return "this kernel has no Landlock"
+    return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
+
+
+def confinement() -> str:
+    """What confines processes here, for records: "Landlock 4", or why nothing does."""
+    return f"none: {why}" if (why := unconfined()) else f"Landlock {abi()}"
+
+
+def confined(
+    command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
+) -> list[str]:
+    """A command that runs `command` confined; `command` itself where that is impossible or switched off.
+
+    Parameters
+    ----------
+    command
+        A program by its path, and its arguments.
+    read, write
+        Files and folders; what is not there is left out. The system's libraries, this Python and the folders that the
+        user names in ``HULLDOWN_READ`` can be read besides.
+    devices
+        Paths of devices that it shall use.
+    """
+    if unconfined():
+        return list(command)
+    # The first entry is where the running script lies, which may be anywhere.
+    packages = [path for path in sys.path[0 if sys.flags.safe_path else 1 :] if path]
+    python = [*packages, sys.prefix, sys.base_prefix, str(Path(__file__).parents[2])]
+    more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
+    program = os.path.realpath(command[0])
+    policy = {
+        "execute": [*SYSTEM, *python, *more, command[0], os.path.dirname(program)],
+        "read": [*map(str, read)],
+        "write": [*map(str, write), *DEVICES, *devices],
+    }
+    return [sys.executable, "-I", "-S", os.path.abspath(__file__), json.dumps(policy), *command]
+
+
+def asset_folders(path: Path) -> list[Path]:
+    """What may be read for the sake of an asset: its folder and the one around it, where textures and libraries are.
+
+    Not the one around it if that is the user's home, or so near to the root that it holds everything.
+    """
+    folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
+    around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
+    return list(dict.fromkeys([*folders, *around]))
+
+
+def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
+    """Whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
+    more = [folder for folder in os.environ.get(MORE, "").split(os.pathsep) if folder]
+    real = Path(os.path.realpath(path))
+    return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
+
+
+def restrict(policy: dict[str, list[str]]) -> None:
+    """Confine this process, and what it starts, for good. Threads that it has already are not confined.
+
+    Parameters
+    ----------
+    policy
+        Paths under "execute" (and read), "read" and "write" (and read).
+
+    Raises
+    ------
+    OSError
+        If the kernel refuses.
+    """
+    version = abi()
+    handled = FIRST_ABI | sum(right for since, right in SINCE.items() if version >= since)
+    # A kernel takes a larger description than it knows only if the rest is zero.
+    asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
+    ruleset = _call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
+    reading = READ_FILE | READ_FOLDER
+    rights = {"read": reading, "execute": reading | EXECUTE, "write": handled & ~(EXECUTE | SPECIAL)}
+    for kind, paths in policy.items():
+        for path in paths:
+            _allow(ruleset, path, rights[kind] & handled)
+    if ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), "prctl")
+    _call(RESTRICT_SELF, ruleset, 0)
+    os.close(ruleset)
+
+
+def _allow(ruleset: int, path: str, rights: int) -> None:
+    try:
+        opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:
+        return  # what is not there cannot be reached either
+    try:
+        if not os.path.isdir(path):
+            rights &= OF_FILES
+        _call(ADD_RULE, ruleset, BENEATH, struct.pack("=Qi", rights, opened), 0)
+    finally:
+        os.close(opened)
+
+
+def _call(number: int, *arguments: object) -> int:
+    """A system call; its result."""
+    result = int(ctypes.CDLL(None, use_errno=True).syscall(number, *arguments))
+    if result < 0:
+        raise OSError(ctypes.get_errno(), f"Landlock: {os.strerror(ctypes.get_errno())}")
+    return result
+
+
+if __name__ == "__main__":
+    restrict(json.loads(sys.argv[1]))
+    os.execv(sys.argv[2], sys.argv[2:])

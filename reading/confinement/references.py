@@ -1,0 +1,107 @@
+"""What glTF and OBJ files refer to, checked before an importer opens it: that it is a file, and that it is there."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.confinement.landlock import asset_folders, is_inside
+from hulldown.reading.formats import kind_of_file, refuse_large_json
+
+AGAIN = "export it again"
+GLB_JSON = b"JSON"
+
+
+def refuse_odd_references(path: Path, kind: str) -> None:
+    """Raise if a file of the format `kind` refers to what is no file, or to a part of itself that is not there.
+
+    Raises
+    ------
+    AssetError
+        Naming it.
+    """
+    if kind == "obj":
+        _check_obj(path)
+    elif kind == "gltf":
+        _check_gltf(path)
+
+
+def _refuse(path: Path, named: str) -> None:
+    found = kind_of_file(path.parent / named)
+    if found not in ("", "a file"):
+        raise AssetError(f"refers to {named[:200]}, which is {found}, no file", path=path, remedy=AGAIN)
+
+
+def _check_obj(path: Path) -> None:
+    for line in _lines(path, b"mtllib"):
+        material = path.parent / line
+        _refuse(path, line)
+        if kind_of_file(material) == "a file" and is_inside(material, asset_folders(path)):
+            for picture in _lines(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
+                _refuse(path, picture.split()[-1] if picture.split() else picture)
+
+
+def _lines(path: Path, *starts: bytes) -> Iterator[str]:
+    """What follows the first word of the lines that begin like this."""
+    with open(path, "rb") as file:
+        while line := file.readline(1 << 16):
+            words = line.strip().split(maxsplit=1)
+            if len(words) == 2 and words[0].lower().startswith(starts):
+                yield words[1].decode("utf-8", "surrogateescape")
+
+
+def _check_gltf(path: Path) -> None:
+    try:
+        data = json.loads(_gltf_json(path))
+    except (ValueError, RecursionError, struct.error) as error:
+        raise AssetError(f"is no glTF that can be read ({_said(error)})", path=path, remedy=AGAIN) from None
+    if not isinstance(data, dict):
+        raise AssetError("is no glTF: it is no JSON object", path=path, remedy=AGAIN)
+    for owner in ("buffers", "images"):
+        for i, entry in _entries(data, owner):
+            uri = entry.get("uri")
+            if isinstance(uri, str) and not uri.startswith("data:"):
+                _refuse(path, unquote(uri))
+                if owner == "buffers":
+                    _check_size(path, unquote(uri), entry.get("byteLength"), i)
+    # Blender's importer leaves out a mesh that isn't there, and reports all other wrong numbers itself.
+    meshes = sum(1 for _ in _entries(data, "meshes"))
+    for i, node in _entries(data, "nodes"):
+        if isinstance(mesh := node.get("mesh"), int) and not 0 <= mesh < meshes:
+            raise AssetError(f"nodes[{i}].mesh = {mesh}, but it has {meshes} meshes", path=path, remedy=AGAIN)
+
+
+def _gltf_json(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        if file.read(4) != b"glTF":
+            refuse_large_json(path, path.stat().st_size)
+            return path.read_bytes()
+        file.seek(12)
+        size, kind = struct.unpack("<I4s", file.read(8))
+        if kind != GLB_JSON:
+            raise ValueError("its first chunk is no JSON")
+        refuse_large_json(path, size)
+        return file.read(size)
+
+
+def _said(error: Exception) -> str:
+    return "it is nested too deeply" if isinstance(error, RecursionError) else str(error)[:200]
+
+
+def _entries(data: Mapping[str, Any], owner: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    entries = data.get(owner, [])
+    if isinstance(entries, list):
+        yield from ((i, entry) for i, entry in enumerate(entries) if isinstance(entry, dict))
+
+
+def _check_size(path: Path, uri: str, wanted: object, number: int) -> None:
+    file = path.parent / uri
+    if kind_of_file(file) == "a file" and isinstance(wanted, int) and file.stat().st_size < wanted:
+        there = file.stat().st_size
+        problem = f"buffers[{number}] has {wanted} bytes, but {uri[:200]} has {there}"
+        raise AssetError(problem, path=path, remedy="copy it again")

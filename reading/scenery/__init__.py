@@ -1,0 +1,1 @@
+"""What a scenery's pieces are: ground, water, obstacles, and sky."""

@@ -1,0 +1,183 @@
+"""What in a scenery's file is ground, water, obstacle or sky, and why: by the config, by name, material or shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+from hulldown.assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
+from hulldown.reading.options import Options
+from hulldown.reading.roles import Piece, Role
+from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, sheets_between
+
+LEVELS = ("object", "mesh", "collection", "material")
+VOLUME = "has volume shaders only"
+# The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
+ASKED = (
+    ("drop", "removed", "the scenery's drop"),
+    ("water", "water", "the scenery's water"),
+    ("not_ground", "obstacle", "the scenery's not_ground"),
+    ("ground", "ground", "the scenery's ground"),
+    ("exclude", "obstacle", "the config's ground.exclude"),
+    ("include", "ground", "the config's ground.include"),
+)
+_DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
+
+
+def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
+    """For each piece of a scenery file its use, and why.
+
+    The ground-plane inventory is paper, section 2.1.5.
+
+    Parameters
+    ----------
+    pieces
+        Everything that is drawn.
+    options
+        How the config says that the file is to be read.
+
+    Returns
+    -------
+    Roles with one of these uses: "ground"; "water", which hides what is below it, and nothing is placed there;
+    "obstacle"; "backdrop", in whose place the HDRI is seen; "removed", which the config drops; and "dropped", which
+    no camera sees.
+    """
+    decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
+    roles = []
+    for piece in pieces:
+        asked = (
+            *(piece.name, piece.data, piece.chain[0].collections, piece.carrier, piece.materials),
+            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen, _may_be_water(piece)),
+        )
+        if asked not in decided:
+            decided[asked] = _role(piece, options)
+        roles.append(decided[asked])
+    if not any(role.use == "ground" for role in roles):
+        open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and "config" not in role.why]
+        solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
+        for i in ground_by_shape(pieces, open_, solid):
+            roles[i] = Role("ground", "by shape: large, level, and under the rest")
+    if options.water is None:
+        ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+        open_ = [i for i, role in enumerate(roles) if role == Role("obstacle", "by default")]
+        for i in sheets_between(pieces, open_, ground):
+            roles[i] = Role("water", "by shape: a flat sheet that ground lies under and rises above")
+    return roles
+
+
+def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
+    """The first of a scenery's own keys, and of its patterns, that matches nothing; None if all match something."""
+    for key in ("drop", "water", "not_ground", "ground"):
+        for pattern in getattr(options, key) or ():
+            drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
+            if not drawn and not any(matching(piece, (pattern,)) for piece in pieces):
+                return key, pattern
+    return None
+
+
+def removed_names(pieces: Sequence[Piece], roles: Sequence[Role], options: Options) -> tuple[str, ...]:
+    """Objects that have to be hidden, so that no picture shows the pieces that are removed."""
+    gone = [piece for piece, role in zip(pieces, roles, strict=True) if role.use == "removed"]
+    return tuple(sorted({piece.name if matching(piece, options.drop) else piece.carrier for piece in gone}))
+
+
+def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
+    """The first of the patterns that names a piece: what it names, that one's name, and the pattern.
+
+    Parameters
+    ----------
+    piece
+        What is drawn.
+    patterns
+        An object's whole name, or with ``*``, ``?`` or ``[`` a glob over it, in any case. After ``mesh:``,
+        ``collection:`` or ``material:`` the name of one of those.
+    """
+    names = {
+        "object": (piece.name,),
+        "mesh": (piece.data,),
+        "collection": piece.chain[0].collections,
+        "material": piece.materials,
+    }
+    for pattern in patterns:
+        if _is(piece.name, pattern):
+            return "object", piece.name, pattern
+        level, colon, rest = pattern.partition(":")
+        if colon and level in LEVELS:
+            for name in names[level]:
+                if _is(name, rest):
+                    return level, name, pattern
+    return None
+
+
+def _is(name: str, pattern: str) -> bool:
+    name, pattern = name.lower(), pattern.lower()
+    return name == pattern or (any(c in pattern for c in "*?[") and fnmatchcase(name, pattern))
+
+
+def _role(piece: Piece, options: Options) -> Role:
+    asked = _by_config(piece, options)
+    if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen == VOLUME)):
+        return asked
+    if piece.unseen:
+        water = _water(piece) if piece.unseen == VOLUME and options.water is None else None
+        return water or Role("dropped", piece.unseen)
+    if piece.hair:
+        return Role("obstacle", "hair: it hides, and gives way to vehicles and cameras")
+    if asked:
+        return asked
+    named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
+    for level, name in named:
+        if level != "collection" and (pattern := says(name, BACKDROPS)):
+            return Role("backdrop", f"{level} {name!r} says {pattern!r}")
+    if options.water is None and (water := _water(piece)):
+        return water
+    for level, name in named:
+        # A scattered tree is no ground because the ground carries it, or because it is filed under "terrain".
+        if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
+            continue
+        if pattern := says(name, NOT_GROUND):
+            return Role("obstacle", f"{level} {name!r} says {pattern!r}")
+        if pattern := says(name, GROUND):
+            return Role("ground", f"{level} {name!r} says {pattern!r}")
+    return Role("obstacle", "by default")
+
+
+def _by_config(piece: Piece, options: Options) -> Role | None:
+    if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
+        return Role("removed", f"it is drawn by {piece.carrier!r}, which the scenery's drop of the config names")
+    for key, use, whose in ASKED:
+        if use == "ground" and piece.anonymous:
+            continue  # it has no name of its own, only that of the ground that carries it
+        if found := matching(piece, getattr(options, key) or ()):
+            level, name, pattern = found
+            return Role(use, f"{level} {name!r} matches {pattern!r} of {whose}")
+    return None
+
+
+def is_water_name(name: str) -> bool:
+    """Whether a name is one of water, and not of what stands in it or beside it."""
+    return not says(name, _DRY) and says(name, (*WATER, *WATERS)) is not None
+
+
+def _may_be_water(piece: Piece) -> bool:
+    return is_wide_and_level(piece, least=1.0)
+
+
+def _water(piece: Piece) -> Role | None:
+    """Water by name or by material: wide and level, and not called like ground, a house, a rock."""
+    if not _may_be_water(piece):
+        return None
+    own = [("object", piece.name), ("mesh", piece.data)]
+    own = own[2 * piece.anonymous :]  # which is called like what carries it
+    if any(says(name, _DRY) for _, name in own):
+        return None
+    materials = [("material", name) for name in piece.materials]
+    around = [("collection", name) for name in piece.chain[0].collections[:1] if not piece.scattered]
+    for said, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
+        for level, name in said:
+            if not says(name, _DRY) and (pattern := says(name, words)):
+                return Role("water", f"{level} {name!r} says {pattern!r}, and it is wide and level")
+    clear = piece.clear and not piece.unseen and not any(says(name, _DRY) for _, name in materials)
+    if clear and is_wide_and_level(piece, least=5.0):
+        return Role("water", "one sees through its material, and it is wide and level")
+    return None

@@ -1,0 +1,53 @@
+"""Water that is a part of the ground's mesh: faces that wear a material called like water."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.roles import Piece
+from hulldown.reading.scenery.scenery_roles import is_water_name
+from hulldown.reading.scenery.shape import is_wide_and_level, level_share
+
+NARROWEST = 1.0  # metres, as of water that is an object of its own
+
+
+def wet_slots(materials: Sequence[str]) -> list[int]:
+    """Which of a mesh's materials are called like water."""
+    return [slot for slot, name in enumerate(materials) if is_water_name(name)]
+
+
+def is_partly_water(piece: Piece, drawn: Evaluated, metres: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether the faces that wear a material called like water are water: together wide and mostly level.
+
+    Parameters
+    ----------
+    piece
+        Ground.
+    drawn
+        All that the file draws.
+    metres
+        (4, 4) affine, the file's scale and up axis.
+    """
+    if piece.mesh not in drawn.wet:
+        return False
+    part, metres_from_mesh = wet_part(piece.mesh, drawn), metres @ piece.pose
+    seen = apply(metres_from_mesh, part.vertices)
+    bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
+    return is_wide_and_level(replace(piece, bounds=bounds, level=level_share(part, metres_from_mesh)), least=NARROWEST)
+
+
+def wet_part(number: int, drawn: Evaluated) -> Mesh:
+    """The faces of a mesh that wear a material called like water."""
+    return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number]))
+
+
+def dry_part(number: int, drawn: Evaluated) -> Mesh:
+    """The other faces of a mesh."""
+    return drawn.meshes[number].of_faces(np.flatnonzero(~drawn.wet[number]))

@@ -1,0 +1,1 @@
+"""HDRIs: checked, mended, and reported."""

@@ -1,0 +1,214 @@
+"""HDRIs: read once, by Blender as it will render them, and checked; mended where that is sound, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.assets.skylight import SkyLight
+from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.export import ask_reader
+from hulldown.reading.formats import refuse_no_file
+
+MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
+MAP_ROWS = 256  # of a map: 0.7 degrees each
+CHECKED = 5  # raised whenever the same file would be judged or mended otherwise
+BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
+FEW = 1e-3  # of the pixels may be infinite: suns and their glare
+FEW_PIXELS = 4  # of a small picture
+NEGATIVE = 0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
+MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
+BATCH = 16  # pictures that one process reads, one after the other
+
+
+@dataclass(frozen=True, slots=True)
+class Hdri:
+    """An HDRI that can be rendered.
+
+    Parameters
+    ----------
+    path
+        What is rendered: the file itself, or its mended copy in the cache.
+    sha256
+        Digest of the file's bytes.
+    light
+        How it lights open land, and whether it shows any.
+    map_file
+        A small map of it in the cache, see `sky_map`.
+    mended_sha256
+        Digest of the mended copy's bytes; empty if the file is rendered as it is.
+    notes
+        What was mended, a sentence each.
+    """
+
+    path: Path
+    sha256: str
+    light: SkyLight
+    map_file: Path
+    mended_sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+    """The radiance of a sky as it can be rendered, and what was mended, a sentence each.
+
+    Parameters
+    ----------
+    pixels
+        Linear Rec. 709, equirectangular; the first row is the lowest or the highest.
+
+    Raises
+    ------
+    AssetError
+        If it is no sky: not twice as wide as high, not a number somewhere, infinite or negative in more than a few
+        places, the same everywhere, or so dark or bright that nothing can be seen by it.
+    """
+    height, width = pixels.shape[:2]
+    if width != 2 * height:
+        raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")
+    if unsaid := int(np.isnan(pixels).any(axis=2).sum()):
+        raise AssetError(f"has {unsaid} pixels that are not a number", remedy="paint over them, or leave it out")
+    notes = []
+    endless = pixels > BRIGHTEST
+    if suns := int(endless.any(axis=2).sum()):
+        if suns > max(FEW_PIXELS, FEW * height * width):
+            raise AssetError(f"has {suns} of {height * width} pixels without end, above {BRIGHTEST:g}")
+        largest = float(pixels[~endless].max(initial=0.0))
+        pixels = np.where(endless, np.float32(largest), pixels)
+        notes.append(f"{suns} pixels without end are as bright as its brightest finite one, {largest:g}")
+    light, taken = float(pixels.clip(min=0).sum(dtype=np.float64)), -float(pixels.clip(max=0).sum(dtype=np.float64))
+    if taken > 0.0:
+        if not taken <= NEGATIVE * light:
+            raise AssetError(f"is negative: {-taken:g} in all beside {light:g} of light")
+        count, percent = int((pixels < 0).any(axis=2).sum()), 100.0 * taken / light
+        notes.append(f"{count} pixels that are negative are black: they took {percent:.1f} % of all light")
+        pixels = pixels.clip(min=0)
+    if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
+        raise AssetError("is the same everywhere, which is no sky")
+    mean = mean_luminance(pixels)
+    if not MEAN[0] <= mean <= MEAN[1]:
+        allowed = f"{MEAN[0]:g} to {MEAN[1]:g}"
+        raise AssetError(f"has a mean luminance of {mean:.3g}, expected {allowed}", remedy="scale it, or leave it out")
+    return pixels, tuple(notes)
+
+
+def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
+    """Mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
+    height = len(pixels)
+    rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE
+    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
+    return float(rows @ weight / weight.sum())
+
+
+def read_hdris(
+    paths: Sequence[Path],
+    cache: Path,
+    *,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    progress: Callable[[str], None] | None = None,
+) -> list[Hdri]:
+    """Each of the pictures as it can be rendered, out of `cache` where it has been read before.
+
+    Parameters
+    ----------
+    paths
+        .exr or .hdr files.
+    cache
+        Folder for what was found, and for mended copies; made if missing.
+    limits
+        When reading is given up.
+    progress
+        Called with the path of each file that has to be read.
+
+    Raises
+    ------
+    AssetError
+        Naming the first that cannot be used, and why.
+    """
+    for path in paths:
+        refuse_no_hdri(path)
+    make_cache(cache)
+    digests = [sha256(path) for path in paths]
+    found = {digest: _entry(path, digest, cache) for path, digest in zip(paths, digests, strict=True)}
+    new = {digest: path for path, digest in zip(paths, digests, strict=True) if found[digest] is None}
+    todo = list(new.items())
+    for start in range(0, len(todo), BATCH):
+        _read(todo[start : start + BATCH], cache, limits, progress)
+    read = []
+    for path, digest in zip(paths, digests, strict=True):
+        hdri = _entry(path, digest, cache)
+        assert hdri is not None, f"{path}: what was just read cannot be read back"
+        read.append(hdri)
+    return read
+
+
+def sky_map(hdri: Hdri) -> Float[np.ndarray, "_ _ 3"]:
+    """Radiance as an equirectangular map: linear Rec. 709, the zenith in the first row, +x in the middle."""
+    return np.load(hdri.map_file, allow_pickle=False).astype(np.float64)
+
+
+def refuse_no_hdri(path: Path) -> None:
+    """Raise if a file does not begin like a picture that can be an HDRI.
+
+    Raises
+    ------
+    AssetError
+        If it is no regular file, cannot be read, or is neither OpenEXR nor Radiance.
+    """
+    refuse_no_file(path)
+    try:
+        with open(path, "rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
+    if not start.startswith(MAGIC):
+        raise AssetError("is no OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
+
+
+def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
+    entry = cache / entry_name("hdri", CHECKED, digest)
+    note = unseal(entry)
+    if note is None:
+        return None
+    light = SkyLight(tuple(note["irradiance"]), note["horizon_deg"], tuple(note["misfits"]))
+    if not note["mended_sha256"]:
+        return Hdri(path, digest, light, entry / MAP_NAME)
+    return Hdri(entry / MENDED_NAME, digest, light, entry / MAP_NAME, note["mended_sha256"], tuple(note["notes"]))
+
+
+def _read(
+    todo: Sequence[tuple[str, Path]], cache: Path, limits: ReadLimits, progress: Callable[[str], None] | None
+) -> None:
+    """Have pictures read, and keep what was found."""
+    with new_folder(cache) as folder:
+        jobs = []
+        for digest, path in todo:
+            if progress:
+                progress(str(path))
+            made = folder / digest
+            made.mkdir()
+            jobs.append(
+                {
+                    "given": str(path),
+                    "path": str(path.resolve()),
+                    "format": "hdri",
+                    "mended": str(made / MENDED_NAME),
+                    "map": str(made / MAP_NAME),
+                    "answer": str(folder / f"{digest}.json"),
+                }
+            )
+        answers = ask_reader(jobs, limits=limits)
+        for (digest, path), answer in zip(todo, answers, strict=True):
+            if "error" in answer:
+                raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
+            mended = folder / digest / MENDED_NAME
+            note = {**answer, "path": str(path), "mended_sha256": sha256(mended) if answer["notes"] else ""}
+            seal(folder / digest, cache / entry_name("hdri", CHECKED, digest), note)

@@ -1,0 +1,153 @@
+"""Which way is up in a vehicle's file: by its wheels, in any frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hulldown.reading.vehicle.solids import Solids
+
+UPS = ("z", "-z", "y", "-y", "x", "-x")
+PARALLEL = float(np.cos(np.radians(4.0)))
+LEAST_WHEELS = 4
+FLAT_WHEELS = 0.5  # centres of wheels lie in one plane, give or take this share of their radius
+CERTAIN = 6  # wheels on one plane: nothing else of a vehicle stands so
+UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
+
+
+@dataclass(frozen=True, slots=True)
+class Up:
+    """The axis of the file that points up ("z", "-y", ...), how that was found out, and the doubt about it, if any."""
+
+    axis: str
+    why: str
+    doubt: str = ""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Wheels:
+    """The wheels that a vehicle stands on.
+
+    Parameters
+    ----------
+    index
+        Of the solids.
+    up, across
+        Unit vectors: up from the ground, and along the axles.
+    level
+        Height along `up` of the ground under them.
+    """
+
+    index: Int[np.ndarray, " w"]
+    up: Float[np.ndarray, "3"]
+    across: Float[np.ndarray, "3"]
+    level: float
+    places: int = field(default=0)
+
+
+def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
+    """The turn that brings an axis of the file ("z", "y", "x", or with a minus) up to z.
+
+    About x for y and -y, about y for x and -x, and a half turn about x for -z.
+    """
+    turn = {
+        "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+        "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+        "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+        "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    }[axis]
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn
+    return matrix
+
+
+def find_wheels(solids: Solids) -> Wheels | None:
+    """The largest set of like discs that stand side by side on one plane, or None."""
+    discs = np.flatnonzero(
+        (solids.round_about >= 0)
+        & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)
+    )
+    axle, radius, centre = solids.axle[discs], solids.radius[discs], solids.centre[discs]
+    best, best_score = None, 0.0
+    left = np.ones(len(discs), bool)
+    for seed in np.argsort(-radius):
+        if not left[seed] or radius[seed] <= 0:
+            continue
+        mine = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
+        left &= ~mine
+        found = _standing(centre[mine], radius[mine], axle[seed])
+        if found is not None and found[0] > best_score:
+            best_score, best = found[0], (discs[mine][found[3]], *found[1:3])
+    if best is None:
+        return None
+    index, up, across = best
+    middle = solids.centre[index].mean(axis=0)
+    # The body is on the side where the vehicle reaches farther, floors and other sheets aside.
+    thick = solids.size[:, 2] > 0.02 * solids.size[:, 0]
+    heights = (solids.centre[thick] - middle) @ up
+    weight = solids.size[thick].prod(axis=1) ** (1 / 3)
+    if float(heights @ weight) < 0:
+        up = -up
+    level = float((solids.centre[index] @ up - solids.radius[index]).min())
+    places = len(np.unique(np.round(solids.centre[index] / (0.7 * solids.radius[index].mean())), axis=0))
+    return Wheels(index, up, across, level, places)
+
+
+def _standing(
+    centre: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
+) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
+    """Score, up (either way) and axle of discs if they are wheels, and which of them are."""
+    keep = np.ones(len(centre), bool)
+    for _ in range(3):
+        if keep.sum() < LEAST_WHEELS:
+            return None
+        off = centre[keep] - np.median(centre[keep], axis=0)
+        along_axle = off @ axle
+        flat = off - along_axle[:, None] * axle
+        _, _, directions = np.linalg.svd(flat, full_matrices=False)
+        ahead = directions[0] - (directions[0] @ axle) * axle
+        ahead /= np.linalg.norm(ahead)
+        up = np.cross(ahead, axle)
+        up /= np.linalg.norm(up)
+        lift = np.abs((centre - np.median(centre[keep], axis=0)) @ up)
+        within = lift < FLAT_WHEELS * np.median(radius)
+        if (within == keep).all():
+            break
+        keep = within
+    size = float(np.median(radius[keep])) if keep.any() else 0.0
+    if keep.sum() < LEAST_WHEELS:
+        return None
+    base, track = float(np.ptp(centre[keep] @ ahead)), float(np.ptp(centre[keep] @ axle))
+    if not (3.0 * size < base < 40.0 * size and 1.5 * size < track < base * 1.6):
+        return None
+    return base * track * size, up, axle, keep
+
+
+def find_up(wheels: Wheels | None, said: str) -> Up:
+    """The axis that is up, in the frame that the solids were found in, which has z up if the file is right.
+
+    Parameters
+    ----------
+    wheels
+        As found, in the file's own axes.
+    said
+        The axis that the file's format says is up.
+    """
+    if wheels is None:
+        return Up(said, "as the file says")
+    for axis in UPS:
+        if float(up_matrix(axis)[2, :3] @ wheels.up) > UPRIGHT:
+            if axis == said:
+                return Up(said, f"as the file says, and {wheels.places} wheels")
+            why = f"{wheels.places} wheels lie below the rest of it"
+            doubt = f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong'
+            return Up(
+                axis,
+                f"{why}, not {said} as the file says",
+                "" if wheels.places >= CERTAIN and axis != f"-{said}" else doubt,
+            )
+    return Up(said, "as the file says", "its wheels stand askew to the axes; set up, or turn it upright in Blender")

@@ -1,0 +1,270 @@
+"""Which way is ahead in a vehicle's file, once z is up: from its wheels, gun, names and shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
+
+from hulldown.assets.naming import FRONT, REAR, says
+from hulldown.reading.vehicle.axes import PARALLEL, Wheels
+from hulldown.reading.vehicle.solids import Solids
+
+SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
+SLENDER = 7.0  # a gun's barrel is longer than this many times its width
+MIRRORED = 60  # solids whose mirror plane is sought
+SYMMETRIC = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
+VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
+AXLES = 5  # of a vehicle on wheels; more are under tracks
+TUBE = 5.0  # a launching tube is longer than this many times its width
+RISE = np.radians(5.0)  # and raised by more than this
+
+
+@dataclass(frozen=True, slots=True)
+class Forward:
+    """Where the nose points once z is up.
+
+    Parameters
+    ----------
+    angle
+        Radians counter-clockwise from +x.
+    why
+        How that was found out.
+    doubt
+        What a person should look at; empty if nothing.
+    """
+
+    angle: float
+    why: str
+    doubt: str = ""
+
+
+def find_forward(
+    solids: Solids,
+    wheels: Wheels | None,
+    names: Sequence[str],
+    *,
+    gun: Sequence[bool],
+    default: float,
+) -> Forward:
+    """Where the nose points, in a frame with z up.
+
+    Parameters
+    ----------
+    solids
+        Of the vehicle without floors and the like.
+    wheels
+        In the same frame.
+    names
+        What each piece is called.
+    gun
+        For each piece whether its name says gun.
+    default
+        Radians: which of two ends to take where nothing tells.
+    """
+    line, why = _line(solids, wheels)
+    ahead = np.array([np.cos(line), np.sin(line), 0.0])
+    low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
+    middle = (low + high) / 2
+    if wheels is not None:
+        centres = solids.centre[wheels.index]
+        middle = np.array([*((centres.min(axis=0) + centres.max(axis=0)) / 2)[:2], middle[2]])
+    reach = np.abs((solids.bounds.reshape(-1, 3) - middle) @ ahead)
+    half = max(float(np.percentile(reach, 98)), 1e-12)
+    barrel = gun_barrel(solids, ahead, middle, half, gun)
+    votes = _votes(solids, names, (solids.centre - middle) @ ahead / half)
+    raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
+    shape = _shape_votes(solids, wheels, ahead, middle)
+    toward = 0.0
+    doubt = ""
+    if raised and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool)):
+        # Tubes side by side may lie behind the middle, and yet they rise ahead.
+        toward, why_sign = raised, "its tubes rise there"
+    elif barrel is not None:
+        toward = float(np.sign((solids.centre[barrel] - middle) @ ahead))
+        why_sign = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
+        if votes * toward < -VOTE:
+            doubt = "its gun points one way and what is named front the other; forward is taken from the gun"
+    elif abs(votes) >= VOTE:
+        toward, why_sign = float(np.sign(votes)), "names of what is in front and behind"
+    elif raised:
+        toward, why_sign = raised, "its gun rises there"
+    elif total := sum(shape):
+        toward, why_sign = float(np.sign(total)), "its shape"
+        # Two that tell the same are as good as a name.
+        if abs(total) < 2 or abs(total) < len(shape):
+            doubt = "nothing in it is named front or rear; its nose was found by shape alone"
+    else:
+        toward = 1.0 if np.cos(line - default) >= 0 else -1.0
+        why_sign = "which end is its nose was not found"
+        doubt = "which end is its nose was not found"
+    angle = line if toward > 0 else line + np.pi
+    angle = float(np.arctan2(np.sin(angle), np.cos(angle)))
+    angle = snapped(angle)
+    said = forward_said(angle)
+    if doubt:
+        doubt = f"{doubt}; taken as forward = {said}, set forward = {forward_said(angle + np.pi)} if it faces backwards"
+    return Forward(angle, f"{why}, {why_sign}", doubt)
+
+
+def forward_said(angle: float) -> str:
+    """An angle as the key `forward` has it."""
+    quarter = round(angle / (np.pi / 2))
+    if abs(angle - quarter * np.pi / 2) < 1e-9:
+        return '"' + ("+x", "+y", "-x", "-y")[quarter % 4] + '"'
+    return f"{np.degrees(np.arctan2(np.sin(angle), np.cos(angle))):.1f}"
+
+
+def snapped(angle: float) -> float:
+    """The angle, or the multiple of a right angle that it is close to."""
+    quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
+    return float(quarter) if abs(angle - quarter) < SNAP else angle
+
+
+def _line(solids: Solids, wheels: Wheels | None) -> tuple[float, str]:
+    """The angle of the vehicle's long axis, either way round."""
+    if wheels is not None:
+        across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
+        centre = solids.centre[wheels.index][:, :2]
+        side = centre @ across
+        # The line through the wheels of one side is better than an axle, which is short.
+        left = side > (side.min() + side.max()) / 2
+        off = np.concatenate([c - c.mean(axis=0) for c in (centre[left], centre[~left])])
+        ahead = np.linalg.svd(off, full_matrices=False)[2][0]
+        if abs(ahead @ across) > 0.1:
+            ahead = np.array([across[1], -across[0]])
+        return float(np.arctan2(ahead[1], ahead[0])), "by its wheels"
+    return _mirror_line(solids)
+
+
+def _mirror_line(solids: Solids) -> tuple[float, str]:
+    """The line of the mirror plane of the largest solids, if there is one and x is none; else x."""
+    largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
+    corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
+    cloud = (solids.centre[largest][:, None] + corners).reshape(-1, 3)
+    if len(largest) < 3:
+        return 0.0, "along x, as nothing tells"
+    tree, size = cKDTree(cloud), float(np.ptp(cloud, axis=0).max())
+
+    def gap(angle: float) -> float:
+        normal = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        side = cloud @ normal
+        flipped = cloud - 2 * (side - (side.min() + side.max()) / 2)[:, None] * normal
+        return float(np.mean(tree.query(flipped)[0])) / max(size, 1e-30)
+
+    if gap(0.0) < SYMMETRIC:
+        return 0.0, "along x, its mirror plane"
+    angles = np.radians(np.arange(0.5, 180.0, 0.5))
+    gaps = [gap(angle) for angle in angles]
+    best = int(np.argmin(gaps))
+    if gaps[best] < min(SYMMETRIC, gap(0.0) / 4):
+        return float(angles[best]), "by its mirror plane"
+    return 0.0, "along x, as nothing tells"
+
+
+def gun_barrel(
+    solids: Solids,
+    ahead: Float[np.ndarray, "3"],
+    middle: Float[np.ndarray, "3"],
+    half: float,
+    named: Sequence[bool],
+) -> int | None:
+    """The solid that is a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
+
+    Parameters
+    ----------
+    solids, ahead, middle, half
+        The vehicle's solids, the horizontal unit vector along it (either way), its middle, and half its length.
+    named
+        For each piece whether its name says gun; then it may be shorter.
+    """
+    if not len(solids):
+        return None
+    across = np.cross([0.0, 0.0, 1.0], ahead)
+    axis, length = solids.axes[:, 0], solids.size[:, 0]
+    low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
+    off = solids.centre - middle
+    sideways = off @ across
+    width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
+    is_named = np.asarray(named, bool)[solids.piece]
+    along = np.abs(axis @ ahead) > np.cos(np.radians(25.0))
+    slender = (length > SLENDER * solids.size[:, 1]) & (length > np.where(is_named, 0.25, 0.4) * half)
+    thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
+    high_up = solids.centre[:, 2] > low + 0.33 * (high - low)
+    # The free end: nothing else of the vehicle is around its outer half.
+    tip = np.abs(off @ ahead) + length / 2
+    free = (np.abs(off @ ahead) > 0.3 * half) & (tip > 0.75 * half)
+    middle_line = np.abs(sideways) < 0.2 * width
+    fits = along & slender & thick & high_up & free & middle_line
+    if not fits.any():
+        return None
+    return int(np.argmax(np.where(fits, length * (1 + is_named), 0)))
+
+
+def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
+    """How much what is named front lies ahead of what is named rear, in half lengths, the mean of all votes."""
+    votes = []
+    for piece, name in enumerate(names):
+        sign = bool(says(name, FRONT)) - bool(says(name, REAR))
+        mine = solids.piece == piece
+        if sign and mine.any():
+            extent = solids.size[mine].max(axis=1)
+            votes.append(sign * float(np.average(along[mine], weights=np.maximum(extent, 1e-12))))
+    return float(np.mean(votes)) if votes else 0.0
+
+
+def _shape_votes(
+    solids: Solids, wheels: Wheels | None, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"]
+) -> list[float]:
+    """Which way a vehicle looks by its shape, one sign for each thing that tells: lone axle, mirrors, tubes."""
+    off = solids.bounds.reshape(-1, 3) - middle
+    length = float(np.ptp(off @ ahead))
+    votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))]
+    if wheels is not None:
+        at = np.sort((solids.centre[wheels.index] - middle) @ ahead)
+        radius = float(np.median(solids.radius[wheels.index]))
+        axles = [float(c.mean()) for c in np.split(at, np.flatnonzero(np.diff(at) > radius) + 1)]
+        if len(axles) == 3:
+            first, second = np.diff(axles)
+            votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else np.sign(second - first))
+        if len(axles) <= AXLES:
+            votes.append(_mirrors(solids, ahead, middle, length))
+    return [vote for vote in votes if vote]
+
+
+def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: Bool[np.ndarray, " n"]) -> float:
+    """The end to which launching tubes rise: nobody drives with them raised over the tail. 0 if there are none.
+
+    Where no name says gun there must be two that are parallel and alike.
+    """
+    axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
+    along = axis @ ahead
+    low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)
+    tube = (solids.size[:, 0] > np.where(named, 3.0, TUBE) * solids.size[:, 1]) & (solids.size[:, 0] > 0.25 * length)
+    tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.centre[:, 2] > low + 0.33 * (high - low))
+    tube &= (axis[:, 2] > np.sin(RISE)) & (np.abs(along) > 0.3) & (np.hypot(along, axis[:, 2]) > PARALLEL)
+    if not (tube & named).any():
+        parallel = np.abs(axis @ axis.T) > PARALLEL
+        alike = np.abs(solids.size[:, None] - solids.size).max(axis=2) < 0.05 * solids.size[:, :1]
+        tube &= ((parallel & alike & tube).sum(axis=1)) > 1
+    return float(np.sign(np.sum(np.where(tube, along * solids.size[:, 0], 0.0))))
+
+
+def _mirrors(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
+    """The end at which a pair of small things sticks out farthest to the sides, high up, as mirrors do; or 0."""
+    across = np.cross([0.0, 0.0, 1.0], ahead)
+    low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
+    reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))
+    side, along = (solids.centre - middle) @ across, (solids.centre - middle) @ ahead
+    small = (solids.size[:, 0] < 0.15 * length) & (solids.centre[:, 2] > low + 0.3 * (high - low))
+    outer = np.abs(side) + reach
+    wide = small & (outer > 1.02 * outer[~small].max(initial=0.0))
+    left, right = along[wide & (side > 0)], along[wide & (side < 0)]
+    if not len(left) or not len(right) or abs(left.mean() - right.mean()) > 0.05 * length:
+        return 0.0
+    at = float((left.mean() + right.mean()) / 2)
+    return float(np.sign(at)) if abs(at) > 0.03 * length else 0.0

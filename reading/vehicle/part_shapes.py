@@ -1,0 +1,194 @@
+"""What shape and place say of a vehicle's turret and gun where names mislead or say nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.assets.naming import ARMED, BODY, FRONT, REAR, VEHICLE, says
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.vehicle.nose import gun_barrel, rising
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.vehicle.pivots import RING
+from hulldown.reading.vehicle.solids import Solids
+
+STUBBY = 2.5  # times its width; what is shorter points nowhere
+SMALL = 0.2  # of the vehicle's length: a drum, not a gun
+NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
+LOW = 0.3  # of the vehicle's height: no turret reaches below
+KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
+WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
+PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
+
+
+def screened(
+    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], turret: str | None, gun: str | None
+) -> tuple[Namer, set[str]]:
+    """A namer for which nothing is a gun that is shaped like a drum, and the names of such."""
+    no_guns: set[str] = set()
+    while True:
+        namer = Namer(chains, turret, gun, no_gun=no_guns)
+        if gun is not None:
+            return namer, no_guns
+        mine = [i for i, chain in enumerate(chains) if namer.part_of(chain) == GUN_PART]
+        rest = [points[i] for i in range(len(chains)) if i not in set(mine)]
+        if not mine or not rest:
+            return namer, no_guns
+        body = np.concatenate(rest)
+        drums: set[str] = set()
+        for group in _clusters([points[i] for i in mine]):
+            if _is_drum(np.concatenate([points[mine[k]] for k in group]), body):
+                drums |= {namer.decided(chains[mine[k]])[2] for k in group}
+        if not drums:
+            return namer, no_guns
+        no_guns |= drums
+
+
+def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[list[int]]:
+    """Which of them come close to one another, directly or by others."""
+    groups: list[list[int]] = []
+    for i, cloud in enumerate(clouds):
+        near = [g for g in groups if any(_touch(clouds[k], cloud) for k in g)]
+        groups = [g for g in groups if g not in near] + [[k for g in near for k in g] + [i]]
+    return groups
+
+
+def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
+    """Small beside the vehicle, and stubby or lying across, and behind its middle or low."""
+    low, high = body.min(axis=0), body.max(axis=0)
+    off = own - own.mean(axis=0)
+    axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
+    size = np.ptp(off @ axes.T, axis=0)
+    if not 0 < size[0] < SMALL * (high[0] - low[0]):
+        return False
+    stubby = size[0] < STUBBY * size[1:].max()
+    across = abs(axes[0, 0]) < 0.5
+    middle = (own.min(axis=0) + own.max(axis=0)) / 2
+    return bool(
+        (stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2])
+    )
+
+
+def _touch(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
+    """Whether the boxes around both come close."""
+    slack = 0.05 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
+    return bool((a.min(axis=0) < b.max(axis=0) + slack).all() and (a.max(axis=0) > b.min(axis=0) - slack).all())
+
+
+def by_shape(
+    pieces: Sequence[Piece],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    solids: Solids,
+    part_of: Sequence[str | None],
+    *,
+    turret_asked: bool,
+) -> tuple[dict[Key, tuple[str, str]], list[str]]:
+    """What is gun, and turret if none is named, by a barrel's shape and by what it hangs from; and doubts."""
+    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
+    body = bounds[wide] if wide.any() else bounds
+    middle = (body[:, 0].min(axis=0) + body[:, 1].max(axis=0)) / 2
+    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2, [False] * len(pieces))
+    if barrel is None:
+        return {}, []
+    piece = int(solids.piece[barrel])
+    name = pieces[piece].name
+    one = float(np.ptp(points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
+    if not one:
+        doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
+        return {}, [doubt + ("" if TURRET_PART in part_of else ' and turret = ""')]
+    carried: dict[Key, list[int]] = {}
+    for i, p in enumerate(pieces):
+        for link in p.chain:
+            carried.setdefault(key_of(link), []).append(i)
+
+    def extent(link: Link) -> Float[np.ndarray, "2 3"]:
+        some = bounds[carried[key_of(link)]]
+        return np.array([some[:, 0].min(axis=0), some[:, 1].max(axis=0)])
+
+    chain = pieces[piece].chain
+    narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < NARROW * (high - low)[1]]
+    gun = narrow[-1] if narrow else chain[0]
+    marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
+    taken = f"{gun.name!r} is taken for the gun by its shape"
+    if TURRET_PART not in part_of and not turret_asked:
+        upper = [
+            k
+            for k in chain
+            if extent(k)[0, 2] > low[2] + LOW * (high - low)[2] and len(carried[key_of(k)]) > len(carried[key_of(gun)])
+        ]
+        if not upper:
+            return {}, [f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does']
+        marks[key_of(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
+        taken += f", and {upper[-1].name!r} for the turret, which it hangs from"
+    return marks, [f"{taken}; set gun and turret if that is wrong"]
+
+
+def riding(
+    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
+) -> list[int]:
+    """What stands on a turret that nothing hangs from: its author has left out the hierarchy."""
+    mine = [i for i, part in enumerate(part_of) if part == TURRET_PART]
+    if not mine or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in mine):
+        return []
+    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in mine}
+    parents = [key_of(chains[i][1]) if len(chains[i]) > 1 else None for i in range(len(chains))]
+    if len(roots) > 1 or len({parents[i] for i in mine}) > 1:
+        return []
+    if len(mine) > PREFIXED:
+        return []
+    turret = np.concatenate([points[i] for i in mine])
+    low, high = turret.min(axis=0), turret.max(axis=0)
+    slack = 0.15 * (high - low)
+    found = []
+    for i, part in enumerate(part_of):
+        if part is not None or parents[i] != parents[mine[0]]:
+            continue
+        own_low, own_high = points[i].min(axis=0), points[i].max(axis=0)
+        middle = (own_low + own_high) / 2
+        over = bool(((middle > low - slack) & (middle < high + slack))[:2].all()) and middle[2] > low[2] + slack[2]
+        if over and own_low[2] > low[2] and (own_high - own_low)[1] < 1.3 * (high - low)[1]:
+            found.append(i)
+    return found
+
+
+def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids: Solids) -> list[str]:
+    """A doubt where something may aim: by what it hangs from, by a name, or by shape where names say nothing at all.
+
+    Shape tells by a ring or tubes that rise; a truck of numbered objects has neither, and nothing is asked about it.
+    """
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    carried: dict[Key, list[int]] = {}
+    names: dict[Key, str] = {}
+    for i, piece in enumerate(pieces):
+        for link in piece.chain:
+            carried.setdefault(key_of(link), []).append(i)
+            names[key_of(link)] = link.name
+    upper = [
+        key
+        for key, some in carried.items()
+        if 1 < len(some) < len(pieces) and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+    ]
+    if upper:
+        most = max(upper, key=lambda key: len(carried[key]))
+        return [
+            f"{len(carried[most])} objects hang from {names[most]!r} above the rest; if it turns, set turret to it, "
+            f'and gun to what rises; if nothing does, set turret = ""'
+        ]
+    if armed := next((p.name for p in pieces if says(p.name, ARMED)), None):
+        return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
+    known = any(says(n, KNOWN) for p in pieces for n in (p.name, p.data))
+    if len(pieces) > 1 and not known and _may_aim(solids, low, high):
+        return ['its names say nothing; set turret and gun if it has any, or turret = ""']
+    return []
+
+
+def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
+    """Whether there are tubes that rise, or a level ring in the upper part, as turrets stand on."""
+    size = high - low
+    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
+    ring &= solids.centre[:, 2] > low[2] + LOW * size[2]
+    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0], np.zeros(len(solids), bool)))

@@ -1,0 +1,318 @@
+"""About what a turret and a gun turn: the origin of an object where that can be, else what their shape says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial.distance import pdist
+
+from hulldown.assets.naming import PIVOT, says, words
+from hulldown.geometry.transforms import apply
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.vehicle.solids import Solids
+
+BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
+REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
+RING = 0.24  # a turret's ring is wider than this share of the hull's width
+RADIUS = 0.3  # a ring's radius, of the hull's width
+BASE = 0.3  # and lies in this lowest share of the turret's height
+THICK = 1.5  # a mantlet is wider than the barrel by this factor
+INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
+ALIKE = 0.8  # of the longest barrel's length: another barrel
+TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
+ASIDE = 1.5  # times as wide as long: it points to a side
+PLATE = 0.3  # thickness of a plate that holds a gun, in its height
+BEARING = 0.25  # and how far below its top the bearing is
+MIDDLE = 0.01  # an origin this close to the middle of its mesh, in shares of its longest side, was put there by a click
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Node:
+    """An object of a part, as a place to turn about."""
+
+    link: Link
+    topmost: bool  # what it hangs from is another part
+    named: bool  # its own name says the part, not only its collection
+    faces: int  # triangles of the part that it carries, itself included
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pivot:
+    """A point on the axis, where it comes from, and whether that is no more than a guess."""
+
+    at: Float[np.ndarray, "3"]
+    why: str
+    guessed: bool = False
+
+
+def nodes_of(
+    pieces: Sequence[Piece],
+    markers: Sequence[tuple[Link, ...]],
+    mine: Bool[np.ndarray, " _"],
+    namer: Namer,
+    part: str,
+) -> list[Node]:
+    """The objects that a part consists of and hangs from."""
+    links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
+    faces: dict[tuple[str, bytes], int] = {}
+    carried = [(p.chain, p.faces) for p, m in zip(pieces, mine, strict=True) if m]
+    for chain, count in [*carried, *((m, 0) for m in markers)]:
+        for i, link in enumerate(chain):
+            if namer.part_of(chain[i:]) != part:
+                break
+            key = key_of(link)
+            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
+            faces[key] = faces.get(key, 0) + count
+    return [
+        Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
+    ]
+
+
+def find_pivot(
+    nodes: list[Node],
+    own: Float[np.ndarray, "n 3"],
+    part: str,
+    *,
+    guess: Pivot,
+    behind: Float[np.ndarray, "3"],
+    middles: Mapping[Key, Float[np.ndarray, "3"]],
+    resting: Float[np.ndarray, "k 3"],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
+) -> Pivot:
+    """The pivot of a part: of an object named so, of an empty, of the part's mesh, or the guess.
+
+    Parameters
+    ----------
+    nodes
+        The part's objects.
+    own
+        Its points.
+    part
+        "turret" or "gun".
+    guess
+        What the shape says.
+    behind
+        A point behind a gun: the turret's pivot, or the vehicle's middle.
+    middles
+        Of the boxes around the meshes of objects: an origin there was put there by a click.
+    resting
+        Origins of the hull's objects: what most of them share is where the file was begun, and no pivot.
+    vehicle_from_file
+        From the file to the frame of all other arguments.
+    """
+    size = float(np.ptp(own, axis=0).max())
+    low, high = own.min(axis=0), own.max(axis=0)
+
+    def origin(node: Node) -> Float[np.ndarray, "3"]:
+        return apply(vehicle_from_file, node.link.pose[:3, 3][None])[0]
+
+    def believed(node: Node) -> bool:
+        # Origins at the file's zero, or where those of the hull lie, were left there.
+        at_zero = not np.abs(node.link.pose[:3, 3]).max() > 1e-6 * size / max(_scale(vehicle_from_file), 1e-30)
+        near = np.linalg.norm(resting - origin(node), axis=1) < 1e-4 * size if len(resting) else np.zeros(0, bool)
+        return not ((at_zero and near.any()) or (len(near) > 2 and near.mean() > 0.5))
+
+    def rank(node: Node) -> tuple[bool, bool, int]:
+        bare = tuple(w for w in words(node.link.name) if not w.isdigit())
+        return (not node.topmost, bare != (part,), -node.faces)
+
+    def first(some: list[Node]) -> Node | None:
+        return min(some, key=rank, default=None)
+
+    if node := first([n for n in nodes if says(n.link.name, PIVOT) and believed(n)]):
+        return Pivot(origin(node), f"origin of {node.link.name!r}, named pivot")
+    if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
+        return Pivot(origin(node), f"origin of the empty {node.link.name!r}")
+    total = sum(n.faces for n in nodes if n.topmost)
+    node = (
+        first([n for n in nodes if n.named])
+        or first([n for n in nodes if n.link.kind == "EMPTY" and 2 * n.faces > total])
+        or min(nodes, key=lambda n: (n.link.kind == "EMPTY", -n.faces))
+    )
+    at = origin(node)
+    if node.link.kind == "EMPTY" and believed(node):
+        return Pivot(at, f"origin of the empty {node.link.name!r}")
+    slack = BELIEVED * size
+    wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
+    middle = middles.get(key_of(node.link))
+    centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
+    if part == GUN_PART:
+        rear, front = gun_ends(own, behind)
+        wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
+    elif centred and guess.guessed and not wrong:
+        return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
+    wrong |= centred
+    if not wrong:
+        return Pivot(at, f"origin of {node.link.name!r}")
+    return Pivot(
+        guess.at, f"{guess.why}, since the origin of {node.link.name!r} is not where a {part} turns", guess.guessed
+    )
+
+
+def _scale(matrix: Float[np.ndarray, "4 4"]) -> float:
+    return float(abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+
+
+def turret_guess(
+    own: Float[np.ndarray, "n 3"],
+    hull: Float[np.ndarray, "m 3"],
+    mine: Solids,
+    others: Solids,
+    *,
+    trunnions: Float[np.ndarray, "3"] | None,
+) -> Pivot:
+    """Where a turret turns by its shape: the middle of its ring, of the turret or of the hull under it.
+
+    Parameters
+    ----------
+    own, hull
+        Points of the turret and of the hull.
+    mine, others
+        Solids of the turret and of the hull.
+    trunnions
+        Where its gun turns; None if it has none.
+    """
+    low, high = own.min(axis=0), own.max(axis=0)
+    width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
+    height = float(high[2] - low[2])
+    for solids, base, what in (
+        (mine, low[2] + BASE * height, "its ring"),
+        (others, low[2] + 0.1 * height, "the ring that it stands on"),
+    ):
+        if not len(solids):
+            continue
+        upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
+        level = solids.bounds[:, 0, 2] if solids is mine else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
+        inside = ((solids.centre > low) & (solids.centre < high))[:, :2].all(axis=1)
+        rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
+        if len(rings):
+            ring = rings[np.argmax(solids.radius[rings])]
+            return Pivot(
+                np.array([*solids.centre[ring, :2], low[2]]),
+                f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
+            )
+    # Nothing round: the middle of its body, and a ring's radius behind the trunnions, which are over the ring's edge.
+    weight = mine.size.prod(axis=1)
+    body = (low + high) / 2 if not weight.sum() > 0 else np.average(mine.bounds.mean(axis=1), axis=0, weights=weight)
+    at, why = np.array([body[0], body[1], low[2]]), "the middle of its body"
+    if trunnions is not None and 0 < trunnions[0] - at[0] < width:
+        at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
+        why = "the middle of its body and the distance from its gun"
+    centre = (hull[:, 1].min() + hull[:, 1].max()) / 2 if len(hull) else at[1]
+    at[1] = centre if abs(at[1] - centre) < 0.05 * width else at[1]
+    return Pivot(at, why, guessed=True)
+
+
+def cheeks(
+    own: Float[np.ndarray, "n 3"], mount: Float[np.ndarray, "m 3"], others: Solids
+) -> Float[np.ndarray, "3"] | None:
+    """The axis between two upright plates that hold a gun from both sides; None if there are no such plates.
+
+    A bearing sits near the top of its plate, in the middle of what is level there.
+
+    Parameters
+    ----------
+    own
+        Points of the gun.
+    mount, others
+        Points and solids of what carries it.
+    """
+    low, high = own.min(axis=0), own.max(axis=0)
+    middle = (low + high) / 2
+    plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
+    beside = np.abs(others.centre[:, 1] - middle[1]) < 0.55 * (high - low)[1]
+    meets = (others.bounds[:, 0, ::2] < high[::2]).all(axis=1) & (others.bounds[:, 1, ::2] > low[::2]).all(axis=1)
+    best, largest = None, 0.0
+    for i in np.flatnonzero(plate & beside & meets & (others.centre[:, 1] > middle[1])):
+        mirrored = others.centre[i] * [1, -1, 1] + [0, 2 * middle[1], 0]
+        size = others.size[i]
+        twin = np.linalg.norm(others.centre - mirrored, axis=1) < 0.1 * size[1]
+        twin &= np.abs(others.size - size).max(axis=1) < 0.05 * size[0]
+        if not twin.any() or size[0] * size[1] <= largest:
+            continue
+        box = others.bounds[i]
+        inside = mount[((mount > box[0] - 1e-6) & (mount < box[1] + 1e-6)).all(axis=1)]
+        tall = box[1, 2] - box[0, 2]
+        top = inside[inside[:, 2] > box[1, 2] - BEARING * tall]
+        if len(top):
+            largest = size[0] * size[1]
+            best = np.array([(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING * tall])
+    return best
+
+
+def gun_guess(
+    own: Float[np.ndarray, "n 3"],
+    behind: Float[np.ndarray, "3"],
+    mine: Solids,
+    *,
+    held: Float[np.ndarray, "3"] | None = None,
+) -> Pivot:
+    """Where a gun turns by its shape: at its trunnions, in its mantlet, or at its rear end.
+
+    Parameters
+    ----------
+    own
+        Its points.
+    behind
+        A point behind it: the turret's pivot, or the vehicle's middle.
+    mine
+        Its solids.
+    held
+        The axis of the plates that hold it, if there are any.
+    """
+    rear, front = gun_ends(own, behind)
+    length = float(np.linalg.norm(front - rear))
+    if not len(mine) or length <= 0:
+        return Pivot(rear, "the middle of its rear end", guessed=True)
+    ahead = (front - rear) / length
+    along = (mine.centre - rear) @ ahead
+    cross = (mine.round_about == 0) & (np.abs(mine.axle[:, 1]) > 0.97) & (along < 0.5 * length)
+    trunnions = np.flatnonzero(cross & (mine.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
+    if len(trunnions):
+        at = mine.centre[trunnions[np.argmax(mine.size[trunnions, 0])]]
+        return Pivot(at, "the middle of its trunnions")
+    barrel = int(np.argmax(mine.size[:, 0]))
+    line = mine.axes[barrel, 0] * np.sign(mine.axes[barrel, 0] @ ahead or 1.0)
+    start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
+    slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
+    tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
+    beside = pdist(tubes.centre - np.outer(tubes.centre @ line, line)).max(initial=0.0)
+    if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
+        if held is not None:
+            return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
+        low, high = own.min(axis=0), own.max(axis=0)
+        at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
+        return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
+    if not slender:
+        return Pivot(rear, "the middle of its rear end", guessed=True)
+    reach = (mine.bounds[:, 0] - start) @ line, (mine.bounds[:, 1] - start) @ line
+    nearest, farthest = np.minimum(*reach), np.maximum(*reach)
+    thick = (mine.size[:, 1] > THICK * mine.size[barrel, 1]) & (nearest < 0.1 * mine.size[barrel, 0])
+    thick &= (farthest < 0.5 * mine.size[barrel, 0]) & (
+        np.linalg.norm(np.cross(mine.centre - start, line), axis=1) < mine.size[:, 1]
+    )
+    if thick.any():
+        mantlet = np.flatnonzero(thick)[np.argmax(mine.size[thick].prod(axis=1))]
+        into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
+        return Pivot(start + into * line, "the rear of its mantlet")
+    return Pivot(start, "the rear end of its barrel", guessed=True)
+
+
+def gun_ends(
+    own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    # Tubes side by side are often wider than long.
+    axis = int((high - low)[1] > ASIDE * (high - low)[0])
+    rear, front = (low + high) / 2, (low + high) / 2
+    forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
+    rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
+    return rear, front
+
+
+PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}

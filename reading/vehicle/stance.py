@@ -1,0 +1,145 @@
+"""A vehicle's pieces stood upright and turned ahead: from the file's axes to metres, x forward, z up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
+from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.roles import Piece
+from hulldown.reading.vehicle.axes import Up, Wheels, find_up, find_wheels, up_matrix
+from hulldown.reading.vehicle.nose import Forward, find_forward
+from hulldown.reading.vehicle.solids import Solids, find_solids
+
+NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Upright:
+    """Pieces in metres with z up.
+
+    Parameters
+    ----------
+    pieces
+        With their bounds in that frame.
+    metres
+        (4, 4) from the file to it.
+    up
+        Which axis of the file points up.
+    solids
+        Of all pieces, in that frame.
+    """
+
+    pieces: list[Piece]
+    metres: Float[np.ndarray, "4 4"]
+    up: Up
+    solids: Solids
+
+
+def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Upright:
+    """What is drawn, upright.
+
+    Parameters
+    ----------
+    drawn
+        Its bounds are those with `said` up.
+    unit
+        Metres to one unit of the file.
+    said
+        The axis that the file says is up.
+    up
+        The axis that the config says is up; found by the wheels if None.
+    """
+    metres = metres_from_file(unit, said)
+    points = [apply(metres @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
+    solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
+    # As the file says, z is up in this frame.
+    found = Up(up, "as the config says") if up else _in_file(find_up(find_wheels(solids), "z"), said)
+    if found.axis == said:
+        return Upright(list(drawn.pieces), metres, found, solids)
+    upright = metres_from_file(unit, found.axis)
+    turn = (upright @ np.linalg.inv(metres))[:3, :3]
+    pieces = []
+    for piece, own in zip(drawn.pieces, points, strict=True):
+        used = np.unique(drawn.meshes[piece.mesh].faces)
+        turned = own[used] @ turn.T
+        pieces.append(replace(piece, bounds=np.stack([turned.min(axis=0), turned.max(axis=0)])))
+    return Upright(pieces, upright, found, solids.turned(turn))
+
+
+def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
+    """From a file's coordinates to metres, z up; where the origin is stays."""
+    return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
+
+
+def _in_file(found: Up, said: str) -> Up:
+    """The axis of the file that is an axis of the frame in which `said` is up."""
+    if said == "z":
+        return found
+    for axis in ("z", "-z", "y", "-y", "x", "-x"):
+        if np.allclose(up_matrix(axis)[2, :3], up_matrix(found.axis)[2, :3] @ up_matrix(said)[:3, :3]):
+            # Such a file does not say which axis is up, as OBJ: "y" is a habit, and no doubt where wheels tell.
+            why = found.why.replace("not z as the file says", f"not {said} as is usual")
+            return Up(axis, why, "" if " is taken to be up" in found.doubt else found.doubt)
+    raise AssertionError(f"{found.axis} is no axis")
+
+
+def heading(
+    upright: Upright, kept: Sequence[int], *, forward: str | float | tuple[float, ...] | None, yaw_deg: float
+) -> tuple[Forward, Solids, Wheels | None]:
+    """Where the nose of the kept pieces points, their solids numbered like `kept`, and their wheels; z up.
+
+    Parameters
+    ----------
+    upright
+        All pieces.
+    kept
+        Those that are the vehicle.
+    forward
+        What the config says: an axis, degrees from +x, or a vector, once z is up; found by shape if None.
+    yaw_deg
+        Degrees counter-clockwise from there to where the nose really points.
+    """
+    place = np.full(len(upright.pieces), -1)
+    place[list(kept)] = np.arange(len(kept))
+    mine = upright.solids.where(place[upright.solids.piece] >= 0)
+    solids = replace(mine, piece=place[mine.piece])
+    wheels = find_wheels(solids)
+    if wheels is not None and wheels.up[2] < 0.9:
+        wheels = None
+    if forward is None:
+        names = [upright.pieces[i].name for i in kept]
+        gun = [_named_gun(upright.pieces[i]) for i in kept]
+        found = find_forward(solids, wheels, names, gun=gun, default=0.0)
+    else:
+        found = Forward(_angle(forward), "as the config says")
+    if yaw_deg:
+        found = replace(found, angle=found.angle + np.radians(yaw_deg), why=f"{found.why}, and yaw_deg")
+    return found, solids, wheels
+
+
+def _angle(forward: str | float | tuple[float, ...]) -> float:
+    if isinstance(forward, str):
+        return NOSE[forward]
+    if isinstance(forward, tuple):
+        return float(np.arctan2(forward[1], forward[0]))
+    return float(np.radians(forward))
+
+
+def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
+    """The turn about z that brings a nose at `angle` to +x; exact for multiples of a right angle."""
+    turned = np.eye(4)
+    rotation = rotation_z(-angle)
+    quarter = abs(angle / (np.pi / 2) - np.round(angle / (np.pi / 2))) < 1e-12
+    turned[:3, :3] = np.round(rotation, 12) + 0.0 if quarter else rotation
+    return turned
+
+
+def _named_gun(piece: Piece) -> bool:
+    names = [link.name for link in piece.chain]
+    return any((says(n, GUN) or hints(n, GUN_HINTS)) and not says(n, NOT_GUN) for n in names)

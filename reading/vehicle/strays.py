@@ -1,0 +1,222 @@
+"""What is kept of a vehicle's file and may be no part of it: hidden from its author, unedited, or below the wheels."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.assets.naming import FIGURES, STAGES, says, words
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
+from hulldown.reading.vehicle.axes import Wheels
+
+# What Blender calls a new mesh, and how many vertices it has, None for any.
+PRIMITIVES = {
+    "cube": 8, "plane": 4, "sphere": None, "icosphere": None, "cylinder": None, "cone": None, "torus": None,
+    "suzanne": None, "monkey": None, "circle": None, "grid": None,
+}  # fmt: skip
+BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
+OUT = 0.1  # of the length of the rest
+APART = 0.02  # of the length of the rest: so much air around it
+BESIDE = (*STAGES, *FIGURES)  # and not "plane", which armour plates are called too
+FAR = 0.08  # and so much where it cannot belong to the rest
+SMALL = 0.75  # diagonal of what may stand beside a vehicle, in the diagonal of the rest: a trailer is as long
+FLAT = 1e-4  # of its longest side: a sheet without thickness
+NAMES = 6  # that a sentence lists
+
+
+@dataclass(frozen=True, slots=True)
+class Strays:
+    """What is left out of the kept pieces, by its place among them -> why; and doubts about that and about the rest."""
+
+    out: dict[int, str]
+    out_doubts: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def find_strays(
+    pieces: Sequence[Piece],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    meshes: Sequence[Mesh],
+    wheels: Wheels | None,
+    *,
+    wheeled: Collection[int],
+    wanted: Collection[int],
+) -> Strays:
+    """What of the kept pieces is no part of the vehicle, and what may be none.
+
+    One sign is a doubt, since parts of vehicles show each of them; two that do not follow from each other leave a thing
+    out: no part is both an untouched cube and below the wheels, or both hidden and a sheet that sticks out.
+
+    Parameters
+    ----------
+    pieces
+        What is kept.
+    points
+        For each its vertices, x forward, z up.
+    meshes
+        The file's unique meshes.
+    wheels
+        Upright too.
+    wheeled
+        Pieces that wheels are part of, and so no strays.
+    wanted
+        Pieces that the config keeps.
+    """
+    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
+    height = float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
+    loose = [i for i in range(len(pieces)) if i not in wheeled]
+    hidden = [i for i, p in enumerate(pieces) if p.hidden]
+    low = [] if wheels is None else [i for i, b in enumerate(bounds) if b[0, 2] < wheels.level - BELOW * height]
+    # If much hangs below, the wheels are not what it stands on: tracks around them, or skirts.
+    low = low if len(low) <= max(2, len(pieces) // 10) else []
+    regular = [i for i in loose if _is_regular(pieces[i], points[i])]
+    unedited = [i for i, p in enumerate(pieces) if _is_primitive(p, meshes[p.mesh])]
+    apart = [i for i in loose if _is_apart(i, bounds)]
+    sheets = [i for i in loose if _is_sheet_beyond(i, bounds)]
+    beyond = [i for i in loose if i in sheets or _is_bulk(i, bounds)]
+    signs = {
+        "hidden from the viewport, but rendered": hidden,
+        "reaching below the wheels": low,
+        "a new mesh of Blender's, as it comes": unedited,
+        "not touching the rest": apart,
+        "a flat sheet or a bulk that sticks out of the rest": beyond,
+    }
+    told = {i for some in (*signs.values(), regular) for i in some}
+    backdrops = [i for i in beyond if _is_backdrop(i, points, meshes[pieces[i].mesh], bounds, told)]
+    out = dict.fromkeys(backdrops, "a sheet that lies under the rest and rises beside it")
+    out |= {
+        i: "named as what stands beside a vehicle, and not touching it" for i in apart if says(pieces[i].name, BESIDE)
+    }
+    out |= {i: "hidden from the viewport, and a regular primitive" for i in regular if i in hidden}
+    out |= {i: "hidden from the viewport, and a sheet that sticks out" for i in sheets if i in hidden}
+    ground = None if wheels is None else wheels.level + BELOW * height
+    under = [i for i in loose if ground is not None and _is_under(bounds[i], bounds[sorted(wheeled)], ground)]
+    out |= dict.fromkeys(under, "under all of the wheels")
+    sure = set(out)
+    out |= {i: "far from the rest" for i in apart if _is_far(i, bounds) and i not in sure}
+    out |= {i: "a regular primitive that reaches below the wheels" for i in regular if i in low and i not in sure}
+    out |= {i: "a sheet that reaches below the wheels and out" for i in sheets if i in low and i not in sure}
+    out = {i: why for i, why in out.items() if i not in wanted}
+    out_doubts = tuple(
+        f"{pieces[i].name!r}: {why}; left out, set keep = {_listed(pieces, [i])} if it is part of it"
+        for i, why in out.items()
+        if i not in sure
+    )
+    doubts = []
+    seen = set(out)
+    for what, some in signs.items():
+        if new := [i for i in some if i not in seen]:
+            doubts.append(f"{_said(pieces, new)}: {what}; set drop = {_listed(pieces, new)} if that is no part of it")
+        seen |= set(some)
+    return Strays(out, out_doubts, tuple(doubts))
+
+
+def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
+    """Called like a new cube or sphere, and still as wide as it is high, however it is turned and scaled."""
+    kind = _kind(piece)
+    off = points - points.mean(axis=0)
+    moments = np.linalg.eigvalsh(off.T @ off)
+    alike = bool(moments[0] > 0.9 * moments[2] > 0)
+    return alike and ((kind == "cube" and len(points) in (8, 24)) or kind in ("sphere", "icosphere"))
+
+
+def _is_primitive(piece: Piece, mesh: Mesh) -> bool:
+    """Called like a new mesh, of its shape and size, and not stretched into a part of something."""
+    kind = _kind(piece)
+    if kind not in PRIMITIVES:
+        return False
+    count = PRIMITIVES[kind]
+    scale = np.linalg.norm(piece.pose[:3, :3], axis=0)
+    size = np.ptp(mesh.vertices, axis=0)
+    whole = np.abs(size[size > 0] - 2.0).max() < 1e-3
+    return bool((count is None or len(mesh.vertices) == count) and whole and np.ptp(scale) < 1e-3 * scale.max())
+
+
+def _kind(piece: Piece) -> str:
+    """The one word of its name; "" if there are more."""
+    found = [word for word in words(piece.name) if not word.isdigit()]
+    return found[0] if len(found) == 1 else ""
+
+
+def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
+    """A sheet without thickness that reaches beyond the rest."""
+    size = bounds[i, 1] - bounds[i, 0]
+    if len(bounds) < 2 or size.min() > FLAT * size.max():
+        return False
+    low, high = _around(np.delete(bounds, i, axis=0))
+    return bool(np.maximum(low - bounds[i, 0], bounds[i, 1] - high).max() > OUT * (high - low).max())
+
+
+def _is_bulk(i: int, bounds: np.ndarray) -> bool:
+    """Larger than all the rest, in two directions."""
+    if len(bounds) < 2:
+        return False
+    low, high = _around(np.delete(bounds, i, axis=0))
+    return int((bounds[i, 1] - bounds[i, 0] > 1.3 * (high - low)).sum()) >= 2
+
+
+def _is_backdrop(
+    i: int, points: Sequence[Float[np.ndarray, "_ 3"]], mesh: Mesh, bounds: np.ndarray, told: Collection[int]
+) -> bool:
+    """A studio's backdrop: under all of the rest and level there, wider on all sides, with nothing above the rest.
+
+    A hull under a turret is wider too, but reaches lower than the turret does; a body around its seats has a roof.
+    """
+    sure = [k for k in range(len(bounds)) if k not in told]
+    if not sure:
+        return False
+    low, high = _around(bounds[sure])
+    slack = UNDERSIDE * (high - low)[2]
+    wider = (bounds[i, 0] < low)[:2].all() and (bounds[i, 1] > high)[:2].all()
+    larger = np.prod((bounds[i, 1] - bounds[i, 0])[:2]) > MUCH_LARGER * np.prod((high - low)[:2])
+    if not (wider and larger and abs(bounds[i, 0, 2] - low[2]) < slack):
+        return False
+    corners = points[i][mesh.faces]
+    near = ((corners.min(axis=1) < high) & (corners.max(axis=1) > low))[:, :2].all(axis=1)
+    return bool(near.any() and (corners[near][..., 2] < low[2] + slack).all())
+
+
+def _is_under(own: Float[np.ndarray, "2 3"], wheels: Float[np.ndarray, "n 2 3"], ground: float) -> bool:
+    """What the wheels stand on, and nothing that hangs between them: it reaches out from under all of them."""
+    low, high = _around(wheels)
+    return bool(own[1, 2] < ground and ((own[0] < low) & (own[1] > high))[:2].all())
+
+
+def _is_far(i: int, bounds: np.ndarray) -> bool:
+    """Much smaller than the rest, and more air around it than a part has that is drawn a little off its place."""
+    low, high = _around(np.delete(bounds, i, axis=0))
+    slack = FAR * float((high - low).max())
+    near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
+    small = np.linalg.norm(bounds[i, 1] - bounds[i, 0]) < SMALL * np.linalg.norm(high - low)
+    return bool(small and near.all(axis=1).sum() == 1)
+
+
+def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+
+
+def _is_apart(i: int, bounds: np.ndarray) -> bool:
+    """Whether its box is clear of the boxes of all others."""
+    if len(bounds) < 2:
+        return False
+    rest = np.delete(bounds, i, axis=0)
+    slack = APART * float((rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)).max())
+    near = (rest[:, 0] < bounds[i, 1] + slack) & (rest[:, 1] > bounds[i, 0] - slack)
+    return not near.all(axis=1).any()
+
+
+def _said(pieces: Sequence[Piece], some: Sequence[int]) -> str:
+    names = list(dict.fromkeys(pieces[i].name for i in some))
+    more = f" and {len(names) - NAMES} more" if len(names) > NAMES else ""
+    return ", ".join(map(repr, names[:NAMES])) + more
+
+
+def _listed(pieces: Sequence[Piece], some: Sequence[int]) -> str:
+    """As the config takes them."""
+    names = list(dict.fromkeys(pieces[i].name for i in some))
+    return json.dumps(names[:NAMES], ensure_ascii=False)

@@ -1,0 +1,1 @@
+"""Rows rendered by a Dask cluster."""

@@ -1,0 +1,259 @@
+"""The files that a plan is rendered from: which of the client's files a worker needs, and where it keeps its copies.
+
+A worker uses an asset in place if the client's paths lead to the same contents on the worker's machine. Otherwise it
+keeps each content once, by its SHA-256, and links to it from a folder per plan, at the client's path below that folder.
+Relative paths in .blend files then hold. Absolute paths are made relative in the copies.
+"""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import mmap
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.blocks import PATH, blocks, named_files, unpacked
+from hulldown.reading.cache import sha256
+from hulldown.reading.confinement.landlock import is_inside
+from hulldown.render.jobs import RenderAssets
+
+CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
+TILES = ("<UDIM>", "<UVTILE>")  # stand for a number in the names of textures
+LONGEST = 1023  # bytes of a path in a .blend, which has room for one more
+
+
+@dataclass(frozen=True, slots=True)
+class FileNote:
+    """A file by its absolute path on the client's machine, its content, and its size in bytes."""
+
+    path: str
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class AssetNote:
+    """A file that jobs name, the files that it refers to, and the folders that Blender may read for its sake."""
+
+    file: FileNote
+    references: tuple[FileNote, ...] = ()
+    folders: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[FileNote, ...]:
+        """The file and those that it refers to."""
+        return (self.file, *self.references)
+
+
+class ClientFiles:
+    """The files of this machine that a plan is rendered from.
+
+    Parameters
+    ----------
+    assets
+        The plan's.
+
+    Attributes
+    ----------
+    key
+        Equal for the same contents at the same paths.
+    """
+
+    def __init__(self, assets: RenderAssets) -> None:
+        self._notes: dict[Path, FileNote] = {}
+        self._assets: dict[str, AssetNote] = {}
+        named: list[tuple[Path, Sequence[str], list[Path]]] = []
+        named += [(file.tidy, file.files, file.readable) for file in assets.vehicles.values()]
+        named += [(file.path, file.files, file.readable) for file in assets.sceneries.values()]
+        named += [(path, (), []) for path in assets.hdris.values()]
+        for path, files, folders in named:
+            path = path.resolve()
+            found = references(files, path, assets.readable)
+            self._assets[str(path)] = AssetNote(
+                self._note(path), tuple(map(self._note, found)), tuple(map(str, folders))
+            )
+        self._by_hash = {note.sha256: note for note in self._notes.values()}
+        listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
+        self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
+
+    def asset(self, path: str) -> AssetNote:
+        """What a worker needs for a file that a job names."""
+        return self._assets[path]
+
+    def content(self, digest: str) -> bytes:
+        """The bytes of a file that a worker was told of."""
+        return Path(self._by_hash[digest].path).read_bytes()
+
+    def _note(self, path: Path) -> FileNote:
+        if path not in self._notes:
+            self._notes[path] = FileNote(str(path), sha256(path), path.stat().st_size)
+        return self._notes[path]
+
+
+def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> list[Path]:
+    """The files that an asset refers to and may read, each once, by paths without detours.
+
+    Parameters
+    ----------
+    paths
+        As the asset names them, absolute; a texture of tiles names them all.
+    asset
+        Its own file.
+    readable
+        Folders that a render on this machine may read; ``HULLDOWN_READ`` adds to them.
+    """
+    found: dict[Path, None] = {}
+    for named in paths:
+        path = Path(os.path.normpath(named))
+        if not is_inside(path.parent, readable):
+            continue  # not even its folder is listed
+        tiles = next((token for token in TILES if token in path.name), None)
+        several = path.parent.glob(glob.escape(path.name).replace(tiles, "*")) if tiles else [path]
+        for one in sorted(several):
+            if one != asset and one.is_file() and os.access(one, os.R_OK) and is_inside(one, readable):
+                found[one] = None
+    return list(found)
+
+
+def cache_folder() -> Path:
+    """Where a worker keeps the files that it was sent."""
+    if named := os.environ.get(CACHE_VARIABLE):
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hulldown" / "sent"
+
+
+class AssetCache:
+    """A worker's copies of the client's files.
+
+    Parameters
+    ----------
+    folder
+        Of the copies.
+    key
+        `ClientFiles.key`, which names the folder below it that Blender may read.
+    """
+
+    def __init__(self, folder: Path, key: str) -> None:
+        self.contents, self.tree = folder, folder / "plans" / key
+        self.tree.mkdir(parents=True, exist_ok=True)
+        self._hashes: dict[tuple[str, int, int], str] = {}  # by path, size and time of the last change
+
+    def keep(self, content: bytes) -> str:
+        """Add a content; its SHA-256."""
+        digest = hashlib.sha256(content).hexdigest()
+        with self._replacing(self.contents / digest) as made:
+            made.write_bytes(content)
+        return digest
+
+    def is_in_place(self, asset: AssetNote) -> bool:
+        """Whether this machine has all of an asset's files where the client has them."""
+        return all(self._is(Path(file.path), file) for file in asset.files)
+
+    def lacking(self, asset: AssetNote) -> list[str]:
+        """The contents, by their SHA-256, that this machine must be sent before it can use an asset."""
+        if self.is_in_place(asset):
+            return []
+        return [file.sha256 for file in asset.files if self._source(file) is None]
+
+    def readable(self, asset: AssetNote) -> list[Path]:
+        """What Blender must be able to read to use an asset where `place` has it."""
+        if not self.is_in_place(asset):
+            return [self.tree]
+        folders = [Path(folder) for folder in asset.folders]
+        files = [Path(file.path) for file in asset.files]
+        return [*folders, *(file for file in files if not any(map(file.is_relative_to, folders)))]
+
+    def place(self, asset: AssetNote) -> Path:
+        """The path at which this machine has an asset that lacks nothing.
+
+        Raises
+        ------
+        AssetError
+            If a path in a .blend gets too long when it is made relative.
+        """
+        if self.is_in_place(asset):
+            return Path(asset.file.path)
+        for file in asset.files:
+            self._lay_out(file)
+        return self._place(asset.file)
+
+    def _place(self, file: FileNote) -> Path:
+        place = self.tree / file.path.lstrip("/")
+        if ".." in place.parts:
+            raise ValueError(f"path: expected an absolute path without detours, got {file.path!r}")
+        return place
+
+    def _lay_out(self, file: FileNote) -> None:
+        place, source = self._place(file), self._source(file)
+        if source is None or self._is(place, file):
+            return
+        rewritten = any(_is_absolute(name) for _, name in named_files(source))
+        if rewritten and place.is_file():
+            return
+        with self._replacing(place) as made:
+            if rewritten:
+                _make_relative(source, made, file.path)
+            else:
+                _link(source, made)
+
+    def _source(self, file: FileNote) -> Path | None:
+        """A file of this machine with this content; None if there is none."""
+        return next((path for path in (self.contents / file.sha256, Path(file.path)) if self._is(path, file)), None)
+
+    def _is(self, path: Path, file: FileNote) -> bool:
+        """Whether a path leads to a file's content, which is hashed anew if size or time have changed."""
+        try:
+            stat = path.stat()
+            if stat.st_size != file.size or not path.is_file():
+                return False
+            key = (str(path), stat.st_size, stat.st_mtime_ns)
+            if key not in self._hashes:
+                self._hashes[key] = sha256(path)
+        except OSError:
+            return False
+        return self._hashes[key] == file.sha256
+
+    @contextmanager
+    def _replacing(self, path: Path) -> Iterator[Path]:
+        """A path to write to, which takes the place of `path` when it's complete."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".", dir=path.parent) as folder:
+            made = Path(folder) / path.name
+            yield made
+            os.replace(made, path)
+
+
+def _link(source: Path, made: Path) -> None:
+    try:
+        os.link(source, made)
+    except OSError:  # a disk without hard links, or another disk
+        shutil.copyfile(source, made)
+
+
+def _is_absolute(name: str) -> bool:
+    return name.startswith("/") and not name.startswith("//")  # which means the folder of the .blend
+
+
+def _make_relative(source: Path, made: Path, path: str) -> None:
+    """Copy a .blend, which the client has at `path`, with relative paths in place of absolute ones."""
+    with source.open("rb") as raw, unpacked(raw) as packed, made.open("wb") as out:
+        shutil.copyfileobj(packed, out)
+    with made.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:
+        for _, start, data in blocks(file):
+            for found in PATH.finditer(data):
+                name = os.fsdecode(found[1])
+                if not _is_absolute(name):
+                    continue
+                relative = os.fsencode("//" + os.path.relpath(name, os.path.dirname(path)))
+                if len(relative) > LONGEST:
+                    raise AssetError(f"names {name}, which is too far away for a relative path", path=path)
+                at = start + found.start(1)
+                length = max(len(relative), len(found[1]))
+                content[at : at + length] = relative.ljust(length, b"\0")

@@ -1,0 +1,335 @@
+"""RF-DETR through its own training stack, with the file of draws as its data and the budget as its clock.
+
+Its LightningModule and `build_trainer` are used as they are. What they would do against a fixed budget of draws is
+set otherwise: learning rates follow the steps of the budget and not epochs, its data module neither shuffles nor
+fills up, its own augmentation is off, and the result is the averaged weights at the end, whatever validation says.
+
+References
+----------
+Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package, rfdetr, Apache-2.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+from torch.optim.lr_scheduler import LambdaLR
+from torch.utils.data import DataLoader
+
+from hulldown.training.data import Example, network_pictures
+from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.extra import quiet
+from hulldown.training.settings import Settings, rate_factor
+
+with quiet():  # it warns of what its own dependencies will lose
+    import rfdetr.config as rf_config
+    from rfdetr import RFDETR
+    from rfdetr.assets.coco_classes import COCO_CLASSES
+    from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
+    from rfdetr.models.weights import load_pretrain_weights
+    from rfdetr.training.callbacks.best_model import BestModelCallback
+    from rfdetr.training.callbacks.ema import RFDETREMACallback
+    from rfdetr.training.module_data import RFDETRDataModule
+    from rfdetr.training.module_model import RFDETRModelModule
+
+CONFIGS = {
+    "nano": rf_config.RFDETRNanoConfig,
+    "rf-small": rf_config.RFDETRSmallConfig,
+    "medium": rf_config.RFDETRMediumConfig,
+    "large": rf_config.RFDETRLargeConfig,
+}
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as RF-DETR has it
+COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
+
+
+def starting_weights(settings: Settings) -> Path | None:
+    """The file that training starts from; fetched if it is RF-DETR's own and not here yet.
+
+    Raises
+    ------
+    DetectorError
+        If there is no such file, or it cannot be downloaded, saying where it belongs.
+    """
+    if settings.weights == "none":
+        return None
+    if settings.weights is not None:
+        path = Path(settings.weights)
+        read_weights(path)
+        return path
+    name = str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
+    path = Path(get_model_cache_dir()) / name
+    if path.is_file():
+        return path
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        download_pretrain_weights(str(path))
+    except (OSError, ValueError, RuntimeError) as error:  # no network, no room, a proxy's page
+        reason = f"{type(error).__name__}: {first_line(error)}"[:120]
+    else:
+        reason = "nothing came"
+    if not path.is_file():
+        raise DetectorError(
+            f"the pre-trained weights of {settings.model} cannot be downloaded ({reason})",
+            remedy=f"put {name} into {path.parent}, or give --weights FILE or --weights none",
+        )
+    return path
+
+
+def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> None:
+    """Refuse weights that don't fit the network that the settings ask for, by fitting them into one.
+
+    Raises
+    ------
+    DetectorError
+        If they are of another model, or a part of them has another shape.
+    """
+    _check_kind(path, read_weights(path))
+    cpu = torch.device("cpu")
+    with quiet():
+        # The network is built without the file first: what goes wrong then isn't the file's fault.
+        bare, full = (
+            detr_configs(settings, classes, 1, weights=weights, device=cpu, folder=path.parent)
+            for weights in (None, path)
+        )
+        network = detr_module(*bare).model
+        try:
+            load_pretrain_weights(network, full[0])
+        except DAMAGED as error:
+            raise DetectorError(
+                f"does not fit {settings.model} ({first_line(error)})", path=path, remedy="name weights of that model"
+            ) from None
+
+
+def _check_kind(path: Path, found: dict[str, Any]) -> None:
+    """Refuse a file of tensors that isn't RF-DETR's."""
+    state = found.get("model", found.get("state_dict"))
+    if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
+        raise DetectorError("holds no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
+
+
+def check_resolution(settings: Settings) -> None:
+    """Refuse a resolution that the network cannot be built for.
+
+    Raises
+    ------
+    DetectorError
+        Naming the nearest that it can.
+    """
+    fields = CONFIGS[settings.model].model_fields
+    step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
+    assert settings.resolution is not None
+    if settings.resolution % step:
+        near = max(step, round(settings.resolution / step) * step)
+        raise DetectorError(
+            f"resolution = {settings.resolution}: expected a multiple of {step} for {settings.model}",
+            remedy=f"take {near}",
+        )
+
+
+def detr_configs(
+    settings: Settings, classes: Sequence[str], steps: int, *, weights: Path | None, device: torch.device, folder: Path
+) -> tuple[Any, Any]:
+    """RF-DETR's own two configs for a run."""
+    model = CONFIGS[settings.model](
+        num_classes=len(classes),
+        resolution=settings.resolution,
+        pretrain_weights=None if weights is None else str(weights),
+        device=device.type,
+        **({"num_queries": settings.queries, "num_select": settings.queries} if settings.queries else {}),
+        **({"group_detr": settings.groups} if settings.groups else {}),
+    )
+    train = rf_config.TrainConfig(
+        lr=settings.learning_rate,
+        lr_encoder=1.5 * (settings.learning_rate or 0.0),  # RF-DETR's own ratio
+        weight_decay=settings.weight_decay,
+        lr_scheduler=partial(LambdaLR, lr_lambda=partial(rate_factor, settings=settings, steps=steps)),
+        lr_scheduler_interval="step",
+        batch_size=settings.batch,
+        grad_accum_steps=settings.accumulate,
+        epochs=1,  # the whole budget
+        warmup_epochs=0.0,
+        multi_scale="per-batch" if settings.multi_scale else False,
+        use_ema=True,
+        class_names=list(classes),
+        dataset_dir=str(folder),
+        output_dir=str(folder),
+        accelerator="gpu" if device.type == "cuda" else device.type,
+        seed=settings.seed,
+        tensorboard=False,
+        progress_bar=None,
+    )
+    return model, train
+
+
+class DrawnData(RFDETRDataModule):
+    """RF-DETR's data module with draws in their order in place of a data set to be shuffled.
+
+    Parameters
+    ----------
+    model_config, train_config
+        RF-DETR's.
+    loader
+        Makes the loader, given what collates a batch.
+    """
+
+    def __init__(
+        self, model_config: Any, train_config: Any, loader: Callable[[Callable[[Any], Any]], DataLoader[Example]]
+    ) -> None:
+        super().__init__(model_config, train_config)
+        self._loader = loader
+
+    def setup(self, stage: str) -> None:
+        """Nothing is to be read: the draws are given."""
+
+    def train_dataloader(self) -> DataLoader[Example]:
+        """The draws, in order."""
+        return self._loader(partial(_collated, collate=self._collate_fn_train))
+
+
+def _collated(batch: list[Example], *, collate: Callable[[Any], Any]) -> Any:
+    return collate([_target(k, example) for k, example in enumerate(batch)])
+
+
+def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
+    """An example as RF-DETR's data sets give it: boxes as centre and size, in shares of the picture."""
+    height, width = example.picture.shape[1:]
+    corners = example.xyxy
+    sizes = corners[:, 2:] - corners[:, :2]
+    boxes = torch.cat((corners[:, :2] + sizes / 2, sizes), dim=1) / torch.tensor([width, height] * 2)
+    target = {
+        "boxes": boxes,
+        "labels": example.label,
+        "image_id": torch.tensor([k]),
+        "area": sizes.prod(dim=1),
+        "iscrowd": torch.zeros(len(corners), dtype=torch.int64),
+        "orig_size": torch.tensor([height, width]),
+        "size": torch.tensor([height, width]),
+    }
+    return normalised(example.picture), target
+
+
+def normalised(pictures: Tensor) -> Tensor:
+    """Pictures (..., 3, h, w) of 0 to 255 as RF-DETR wants them."""
+    mean, std = (torch.tensor(n, device=pictures.device).view(3, 1, 1) for n in (MEAN, STD))
+    return (pictures.float() / 255 - mean) / std
+
+
+def detr_module(model_config: Any, train_config: Any) -> RFDETRModelModule:
+    """RF-DETR's LightningModule, its head numbered as the classes are."""
+    return RFDETRModelModule(model_config, train_config)
+
+
+def averaging(train_config: Any) -> RFDETREMACallback:
+    """RF-DETR's average of the weights, which it leaves in the module at the end."""
+    return RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau)
+
+
+def save_detr(module: RFDETRModelModule, classes: Sequence[str]) -> dict[str, Any]:
+    """What a weights file holds: a checkpoint that `rfdetr.RFDETR.from_checkpoint` opens too."""
+    state = {key: value.detach().cpu() for key, value in module.model.state_dict().items()}
+    config = BestModelCallback._serialize_model_config(module, state)
+    name = type(module.model_config).__name__.removesuffix("Config")
+    args = {"class_names": list(classes), "num_classes": len(classes), "pretrain_weights": None}
+    return {
+        "model": state,
+        "args": args,
+        "model_name": name,
+        "model_config": {**(config or {}), "pretrain_weights": None},
+    }
+
+
+class DetrDetector:
+    """RF-DETR as a detector; see `training.detectors.detector.Detector`.
+
+    Parameters
+    ----------
+    network
+        RF-DETR's, with weights.
+    postprocess
+        RF-DETR's.
+    names
+        Index of a logit -> name of its class; what has none, such as the last one, which stands for nothing, is left
+        out.
+    resolution
+        Pixels of a side that the network sees.
+    """
+
+    def __init__(
+        self, network: Any, postprocess: Any, names: dict[int, str], resolution: int, device: torch.device
+    ) -> None:
+        self.classes = tuple(names.values())
+        self._network, self._postprocess = network.to(device).eval(), postprocess
+        self._size, self._device = (resolution, resolution), device
+        self._index = {logit: i for i, logit in enumerate(names)}
+
+    @torch.inference_mode()
+    def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
+        """What is in each of some RGB pictures."""
+        if not images:
+            return []
+        pictures = normalised(network_pictures(images, self._size).to(self._device))
+        sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
+        return [self._detections(found) for found in self._postprocess(self._network(pictures), sizes)]
+
+    def _detections(self, found: dict[str, Tensor]) -> Detections:
+        label = found["labels"].cpu().numpy()
+        order = found["scores"].argsort(descending=True, stable=True)
+        rows = [row for row in order.tolist() if int(label[row]) in self._index]
+        corners = found["boxes"].cpu().double().numpy()[rows]
+        return Detections(
+            np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1).reshape(-1, 4),
+            found["scores"].cpu().double().numpy()[rows],
+            np.array([self._index[int(label[row])] for row in rows], dtype=np.int64),
+        )
+
+
+def detector_of(module: RFDETRModelModule, classes: Sequence[str], device: torch.device) -> DetrDetector:
+    """The detector that a module is in the midst of training, or at the end."""
+    names = dict(enumerate(classes))
+    return DetrDetector(module.model, module.postprocess, names, module.model_config.resolution, device)
+
+
+def averaged_detector(
+    module: RFDETRModelModule, average: RFDETREMACallback, classes: Sequence[str], device: torch.device
+) -> DetrDetector:
+    """The detector of the averaged weights in the midst of training, a copy that changes nothing of the module."""
+    network = deepcopy(module.model)
+    if (state := average.get_ema_model_state_dict()) is not None:
+        network.load_state_dict(state)
+    return DetrDetector(network, module.postprocess, dict(enumerate(classes)), module.model_config.resolution, device)
+
+
+def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
+    """The detector of an RF-DETR checkpoint, ours or anybody's.
+
+    Raises
+    ------
+    DetectorError
+        If the file is none.
+    """
+    if not path.is_file():
+        raise DetectorError("no such run folder or checkpoint", path=path, remedy="name one")
+    _check_kind(path, read_weights(path))
+    try:
+        with quiet():
+            model = RFDETR.from_checkpoint(str(path), device=device.type)
+    except (RuntimeError, ValueError, KeyError) as error:  # a shape or an entry of the file
+        raise DetectorError(
+            f"is no checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
+        ) from None
+    context = model.model
+    logits = int(context.model.class_embed.weight.shape[0])
+    names = context.class_names
+    if not names and logits == COCO_LOGITS:
+        named = dict(COCO_CLASSES)
+    else:
+        named = dict(enumerate(list(names or [str(i) for i in range(logits - 1)])[: logits - 1]))
+    return DetrDetector(context.model, context.postprocess, named, int(model.model_config.resolution), device)

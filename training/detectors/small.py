@@ -1,0 +1,138 @@
+"""A small detector that learns from random weights on a CPU in minutes: a centre-point network of our own layers.
+
+It is what tests, demos and studies use where there are neither weights to start from nor a GPU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+from torch.optim.lr_scheduler import LambdaLR
+
+from hulldown.training.data import Example, network_pictures
+from hulldown.training.detectors.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
+from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.settings import Settings, rate_factor
+
+RESOLUTION = 256  # pixels of the longer side
+ASPECT = 9 / 16
+STEP = 16  # pixels: sides are multiples of it
+MOST = 100  # objects found in a picture
+MIN_SCORE = 0.01
+WEIGHTS_KIND = "centre points"  # what a weights file says that it holds
+
+
+def small_size(resolution: int = RESOLUTION) -> tuple[int, int]:
+    """Width and height that the network sees.
+
+    Examples
+    --------
+    >>> small_size()
+    (256, 144)
+    """
+    return resolution, max(STEP, round(resolution * ASPECT / STEP) * STEP)
+
+
+class SmallDetector:
+    """The small network as a detector; see `training.detectors.detector.Detector`."""
+
+    def __init__(
+        self, network: CentreNetwork, classes: tuple[str, ...], size: tuple[int, int], device: torch.device
+    ) -> None:
+        self.classes, self._size = classes, size
+        self._network = network.to(device, memory_format=torch.channels_last).eval()
+        self._device = device
+
+    @torch.inference_mode()
+    def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
+        """What is in each of some RGB pictures."""
+        if not images:
+            return []
+        found = peaks(self._network(network_pictures(images, self._size).to(self._device)), MOST)
+        return [self._detections(found, i, image.shape[1], image.shape[0]) for i, image in enumerate(images)]
+
+    def _detections(self, found: Peaks, i: int, width: int, height: int) -> Detections:
+        """What was found in a picture, cut to it."""
+        kept = found.score[i] >= MIN_SCORE
+        corners = found.xyxy[i][kept].cpu().double().numpy() * ([width / self._size[0], height / self._size[1]] * 2)
+        corners = corners.clip(0.0, [width, height] * 2)
+        return Detections(
+            np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1),
+            found.score[i][kept].cpu().double().numpy(),
+            found.label[i][kept].cpu().numpy(),
+        )
+
+
+def save_small(network: CentreNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
+    """What a weights file holds."""
+    state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
+    return {"hulldown": WEIGHTS_KIND, "classes": list(classes), "size": list(size), "model": state}
+
+
+def load_small(path: Path, *, device: torch.device) -> SmallDetector:
+    """The detector of a weights file.
+
+    Raises
+    ------
+    DetectorError
+        If it holds none.
+    """
+    found = read_weights(path)
+    if found.get("hulldown") != WEIGHTS_KIND:
+        raise DetectorError(
+            "holds no small model of this version of hulldown", path=path, remedy="train again in another folder"
+        )
+    try:
+        (width, height), classes = found["size"], tuple(found["classes"])
+        network = CentreNetwork(len(classes))
+        network.load_state_dict(found["model"])
+    except DAMAGED as error:
+        raise DetectorError(
+            f"does not fit the small model ({first_line(error)})", path=path, remedy="train again in another folder"
+        ) from None
+    return SmallDetector(network, classes, (width, height), device)
+
+
+class SmallModule(pl.LightningModule):
+    """The small network as Lightning trains it.
+
+    Parameters
+    ----------
+    network
+        To be trained.
+    settings
+        Completed.
+    steps
+        Of the whole run.
+    """
+
+    def __init__(self, network: CentreNetwork, settings: Settings, steps: int) -> None:
+        super().__init__()
+        self.network = network.to(memory_format=torch.channels_last)
+        self._settings, self._steps = settings, steps
+
+    def transfer_batch_to_device(
+        self, batch: list[Example], device: torch.device, dataloader_idx: int
+    ) -> list[Example]:
+        """Leave it to the step, which makes tensors of it."""
+        return batch
+
+    def training_step(self, batch: list[Example], batch_idx: int) -> Tensor:
+        """The loss of a batch."""
+        truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
+        pictures = torch.stack([example.picture for example in batch]).to(self.device)
+        return centre_loss(self.network(pictures), Truth(*(part.to(self.device) for part in truth)))
+
+    def configure_optimizers(self) -> dict[str, object]:
+        """AdamW with the run's schedule."""
+        settings = self._settings
+        optimizer = torch.optim.AdamW(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=self._steps))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}

@@ -1,0 +1,1 @@
+"""Evaluate detections: matching, metrics, intervals, and the report."""

@@ -1,0 +1,216 @@
+"""Bins of what is known about labels, such as size or weather; what was found in each, and the worst in words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
+from hulldown.training.evaluation.contrast import measured_contrast
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.matching import Matching
+from hulldown.training.evaluation.metrics import Outcomes, ratio
+from hulldown.training.evaluation.predictions import Predictions
+
+MOST_NAMES = 30  # bins of a field of names, the most frequent; the others share one
+ENOUGH = 10  # labels in a bin before it is called one of the worst
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Field:
+    """Bins of one thing that is known about labels.
+
+    Parameters
+    ----------
+    name, title
+        What it is called in files, and for readers.
+    bins
+        b names, in their order.
+    of_label
+        (g,) the bin of each label; -1 where it is not known.
+    of_detection
+        (d,) the same of detections, where it does not take a label to know it; else None: precision is not defined.
+    """
+
+    name: str
+    title: str
+    bins: tuple[str, ...]
+    of_label: Int[np.ndarray, " g"]
+    of_detection: Int[np.ndarray, " d"] | None
+
+
+def fields(labels: Labels, predictions: Predictions) -> list[Field]:
+    """Everything that labels can be put into bins by; what no label knows is left out, as are empty bins.
+
+    What is stored comes first; distance, elevation, side and slope are else derived from stored poses, and contrast
+    is measured in the pictures.
+    """
+    numbers = numbers_of(labels.annotations, labels.images, labels.image)
+    if (unknown := np.isnan(numbers["contrast"])).any():
+        numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
+    found = [
+        Field("class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label),
+        Field(
+            SIZE.name,
+            SIZE.title,
+            SIZE.bins,
+            bins_of(_side_length(labels), SIZE),
+            bins_of(_side_length(predictions), SIZE),
+        ),
+    ]
+    found += [Field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES]
+    found.append(Field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None))
+    found.append(_named("vehicle", "vehicle", [name_of(box.get("vehicle")) for box in labels.annotations], None))
+    for key, title, of in (
+        ("weather", "weather", weather_of),
+        ("scenery", "scenery", name_of),
+        ("hdri", "HDRI", name_of),
+    ):
+        values = [of(image.get(key)) if key in image else None for image in labels.images]
+        names = [values[i] for i in labels.image.tolist()]
+        found.append(_named(key, title, names, [values[i] for i in predictions.image.tolist()]))
+    return [_without_empty(field) for field in found if (np.where(labels.crowd, -1, field.of_label) >= 0).any()]
+
+
+def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
+    return np.sqrt(np.abs(boxes.xywh[:, 2] * boxes.xywh[:, 3]))
+
+
+def _named(
+    name: str,
+    title: str,
+    of_label: Sequence[str | None],
+    of_detection: Sequence[str | None] | None,
+) -> Field:
+    """Bins by name; those beyond the thirty most frequent share one."""
+    known = [one for one in of_label if one is not None]
+    names = sorted(set(known) | {one for one in of_detection or () if one is not None})
+    if len(names) > MOST_NAMES:
+        counts = Counter(known)
+        kept = sorted(sorted(names, key=lambda one: -counts[one])[:MOST_NAMES])
+        names = [*kept, f"{len(names) - MOST_NAMES} others"]
+    index: dict[str, int] = {one: i for i, one in enumerate(names)}
+
+    def numbers(values: Sequence[str | None]) -> Int[np.ndarray, " n"]:
+        return np.array([-1 if one is None else index.get(one, len(names) - 1) for one in values], dtype=np.int64)
+
+    return Field(name, title, tuple(names), numbers(of_label), None if of_detection is None else numbers(of_detection))
+
+
+def _without_empty(field: Field) -> Field:
+    used = [field.of_label] if field.of_detection is None else [field.of_label, field.of_detection]
+    there = np.bincount(np.concatenate([one[one >= 0] for one in used]), minlength=len(field.bins)) > 0
+    new = np.append(np.cumsum(there) - 1, -1)
+    return Field(
+        field.name,
+        field.title,
+        tuple(name for name, kept in zip(field.bins, there, strict=True) if kept),
+        new[field.of_label],
+        None if field.of_detection is None else new[field.of_detection],
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BinFigures:
+    """What was found in the b bins of a field.
+
+    Parameters
+    ----------
+    field
+        The field.
+    labels, found
+        (b,) how many there are, and how many were found.
+    recall, recall_interval
+        (b,), (2, b) with the 95 % interval; nan with too few positions to tell.
+    precision, precision_interval
+        The same of the detections in a bin; nan where that is not defined.
+    detections
+        (b,) how many there are above the threshold; -1 where that is not defined.
+    mean_iou
+        (b,) of the matches.
+    """
+
+    field: Field
+    labels: Int[np.ndarray, " b"]
+    found: Int[np.ndarray, " b"]
+    recall: Float[np.ndarray, " b"]
+    recall_interval: Float[np.ndarray, "2 b"]
+    detections: Int[np.ndarray, " b"]
+    precision: Float[np.ndarray, " b"]
+    precision_interval: Float[np.ndarray, "2 b"]
+    mean_iou: Float[np.ndarray, " b"]
+
+
+def figures_of(
+    field: Field, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
+    position: Int[np.ndarray, " n"],
+) -> BinFigures:  # fmt: skip
+    """Recall, precision where it is defined, and mean IoU in every bin; `position` is that of each image."""
+    n = len(field.bins)
+    positions = int(position.max()) + 1 if len(position) else 0
+
+    def count(group: np.ndarray, image: np.ndarray, among: np.ndarray) -> Float[np.ndarray, "positions b"]:
+        kept = among & (group >= 0)
+        cell = position[image[kept]] * n + group[kept]
+        return np.bincount(cell, minlength=positions * n).reshape(positions, n).astype(np.float64)
+
+    there = count(field.of_label, labels.image, ~labels.crowd)
+    found = count(field.of_label, labels.image, seen.found)
+    overlap = np.zeros(len(labels.label))
+    overlap[seen.found] = matching.iou[matching.detection[seen.found]]
+    known = field.of_label >= 0
+    total = np.bincount(field.of_label[known], weights=overlap[known], minlength=n)
+    if field.of_detection is None:
+        detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
+    else:
+        counted = count(field.of_detection, predictions.image, seen.true | seen.false)
+        true = count(field.of_detection, predictions.image, seen.true)
+        detections = counted.sum(axis=0).astype(np.int64)
+        precision, ends = _share(true, counted)
+    recall, recall_ends = _share(found, there)
+    return BinFigures(
+        field=field,
+        labels=there.sum(axis=0).astype(np.int64),
+        found=found.sum(axis=0).astype(np.int64),
+        recall=recall,
+        recall_interval=recall_ends,
+        detections=detections,
+        precision=precision,
+        precision_interval=ends,
+        mean_iou=ratio(total, found.sum(axis=0)),
+    )
+
+
+def _share(
+    part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
+) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2 b"]]:
+    """A ratio of sums over positions, with its interval."""
+    value, trials = ratio(part.sum(axis=0), whole.sum(axis=0)), whole.sum(axis=0)
+    return value, share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
+
+
+def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) -> list[str]:
+    """The bins of the lowest recall, in words: those whose interval ends lowest, one a field.
+
+    Bins of fewer labels than `enough`, and those whose recall is not below that of all, are not among them.
+    """
+    rows = []
+    for one in found:
+        total = float(ratio(one.found.sum(), one.labels.sum()))
+        told = (one.labels >= enough) & (one.recall < total) & ~np.isnan(one.recall_interval[0])
+        for b in np.flatnonzero(told):
+            low, high = one.recall_interval[:, b]
+            words = (
+                f"{one.field.title} {one.field.bins[b]}: {one.found[b]} of {one.labels[b]} found, recall "
+                f"{one.recall[b]:.2f} ({low:.2f} to {high:.2f}), against {total:.2f} of all"
+            )
+            rows.append((float(high), float(low), one.field.name, words))
+    picked: dict[str, str] = {}
+    for _, _, name, words in sorted(rows):
+        picked.setdefault(name, words)
+    return list(picked.values())[:count]

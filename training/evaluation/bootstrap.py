@@ -1,0 +1,177 @@
+"""Intervals: resample the positions of a test set, and turn the spread into an interval that covers.
+
+Shots of one position show one vehicle on one piece of ground, and are found or missed together, so they are resampled
+together. A photograph is a position of its own. Percentiles of few resampled positions cover far too little (five
+labels, all found, would give 1.000 to 1.000), so an interval is Wilson's with as many trials as the resampled spread
+shows the test set to be worth, and with Student's quantile. docs/evaluation.md has the measured coverage.
+
+References
+----------
+Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapters 6 and 8.
+Wilson, Probable inference, the law of succession, and statistical inference, JASA 1927.
+Korn and Graubard, Confidence intervals for proportions with small expected number of positive counts estimated from
+survey data, Survey Methodology 1998: the effective number of trials.
+Bonett and Price, Adjusted Wald confidence interval for a difference of binomial proportions based on paired data,
+Journal of Educational and Behavioral Statistics 2012.
+Satterthwaite, An approximate distribution of estimates of variance components, Biometrics Bulletin 1946.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+from scipy.special import stdtrit
+
+from hulldown.training.evaluation.metrics import SHARES, denominators, figures, ratio
+
+RESAMPLES = 2000
+LEVEL = 0.95
+FEWEST = 5  # positions: with fewer, no coverage has been measured, and there is no interval
+DRAWN_AT_ONCE = 1 << 22
+
+
+def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator[Float[np.ndarray, "r groups"]]:
+    """How often each group is in each of `times` resamples of as many as there are; some resamples at a time."""
+    random = np.random.default_rng(seed)
+    rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
+    for start in range(0, times, rows):
+        now = min(rows, times - start)
+        chosen = random.integers(0, groups, (now, groups)) + np.arange(now)[:, None] * groups
+        yield np.bincount(chosen.ravel(), minlength=now * groups).reshape(now, groups).astype(np.float64)
+
+
+def resampled_sums(
+    sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES, seed: int = 0
+) -> Float[np.ndarray, "r *columns"]:
+    """Sums over the groups of each resample; with one seed and number of groups the resamples are the same."""
+    if not len(sums):
+        return np.zeros((times, *sums.shape[1:]))
+    flat = sums.reshape(len(sums), -1)
+    return np.concatenate([weights @ flat for weights in resamples(len(sums), times=times, seed=seed)]).reshape(
+        times, *sums.shape[1:]
+    )
+
+
+def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
+    """The standard error that resamples show; nan with fewer groups than `FEWEST`, or where most define nothing.
+
+    Parameters
+    ----------
+    resampled
+        A figure of every resample.
+    groups
+        How many groups bear on it. Resampling n of them shows (n - 1) / n of the variance.
+    """
+    groups = np.asarray(groups, dtype=np.float64)
+    known = ~np.isnan(resampled)
+    count = known.sum(axis=0)
+    mean = np.where(known, resampled, 0.0).sum(axis=0) / np.maximum(count, 1)
+    variance = (np.where(known, resampled - mean, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
+    enough = (groups >= FEWEST) & (2 * count > len(resampled))
+    return np.where(enough, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
+
+
+def ratio_error(
+    part: Float[np.ndarray, "groups *shape"], whole: Float[np.ndarray, "groups *shape"]
+) -> Float[np.ndarray, "*shape"]:
+    """The same of a ratio of sums, without resampling: by the delta method."""
+    groups = (whole > 0).sum(axis=0)
+    total = whole.sum(axis=0)
+    off = part - ratio(part.sum(axis=0), total) * whole
+    variance = ratio((off**2).sum(axis=0), total**2)
+    return np.where(groups >= FEWEST, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
+
+
+def share_interval(
+    value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, trials: ArrayLike = np.inf
+) -> Float[np.ndarray, "2 *shape"]:
+    """Lower and upper end of the 95 % interval of a figure between 0 and 1; nan where `error` is.
+
+    It is Wilson's interval with the number of trials that `error` stands for.
+
+    Parameters
+    ----------
+    value, error
+        The figure and its standard error.
+    freedom
+        Degrees of freedom of the error. Where the error is 0, the trials are one more than these: if all that was seen
+        agrees, positions count and not labels.
+    trials
+        The most that the figure can be worth: labels of a recall, detections of a precision.
+
+    Examples
+    --------
+    Five photographs with one label each, all found:
+
+    >>> share_interval(1.0, 0.0, freedom=4).round(2).tolist()
+    [0.39, 1.0]
+    """
+    value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
+    spread = value * (1.0 - value)
+    worth = np.where((error > 0) & (spread > 0), ratio(spread, error**2), freedom + 1.0)
+    scale = ratio(_quantile(freedom) ** 2, np.minimum(worth, trials))
+    middle = (value + scale / 2.0) / (1.0 + scale)
+    reach = np.sqrt(np.maximum(spread * scale + scale * scale / 4.0, 0.0)) / (1.0 + scale)
+    ends = np.clip(np.stack([middle - reach, middle + reach]), 0.0, 1.0)
+    return np.where(np.isnan(error), np.nan, ends)
+
+
+def difference_interval(
+    value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, labels: ArrayLike
+) -> Float[np.ndarray, "2 *shape"]:
+    """Lower and upper end of the 95 % interval of a paired difference; nan where `error` is.
+
+    Two labels more are counted, one gained and one lost, since few changes show too little of their own spread.
+
+    Parameters
+    ----------
+    value, error
+        The difference and its standard error.
+    freedom
+        Degrees of freedom of the error.
+    labels
+        How many labels there are.
+    """
+    value, error, labels = (np.asarray(n, dtype=np.float64) for n in (value, error, labels))
+    middle = value * labels / (labels + 2.0)
+    reach = _quantile(freedom) * np.sqrt(error**2 + 2.0 / (labels + 2.0) ** 2)
+    return np.clip(np.stack([middle - reach, middle + reach]), -1.0, 1.0)
+
+
+def combined_error(
+    tests: ArrayLike, seeds: ArrayLike, *, test_freedom: ArrayLike, seed_freedom: ArrayLike
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Standard error from test pictures and from seeds together, and its degrees of freedom (Satterthwaite)."""
+    first, second = np.asarray(tests, dtype=np.float64) ** 2, np.asarray(seeds, dtype=np.float64) ** 2
+    both = first + second
+    shrink = ratio(first**2, test_freedom) + np.where(second > 0, ratio(second**2, seed_freedom), 0.0)
+    return np.sqrt(both), np.where(shrink > 0, ratio(both**2, shrink), test_freedom)
+
+
+def figure_intervals(
+    sums: Float[np.ndarray, "groups 6"], resampled: Float[np.ndarray, "r 6"]
+) -> dict[str, Float[np.ndarray, "2"]]:
+    """Intervals of all figures.
+
+    Parameters
+    ----------
+    sums
+        `metrics.SUMS` of each group.
+    resampled
+        The same of every resample of the groups.
+    """
+    whole, again = figures(sums.sum(axis=0)), figures(resampled)
+    found = {}
+    for key, each in denominators(sums).items():
+        groups = int((each > 0).sum())
+        error = standard_error(again[key], groups)
+        trials = each.sum() if key in SHARES else np.inf
+        found[key] = share_interval(whole[key], error, freedom=groups - 1, trials=trials)
+    return found
+
+
+def _quantile(freedom: ArrayLike) -> Float[np.ndarray, "..."]:
+    return np.asarray(stdtrit(np.maximum(freedom, 1.0), 0.5 + LEVEL / 2))

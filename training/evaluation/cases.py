@@ -1,0 +1,184 @@
+"""What misses, false alarms and finds look like: the worst of each, cut out of their pictures."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image, ImageDraw
+
+from hulldown.annotate.drawing import BACKGROUND, contact_sheet
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.dataset.reports.page import Facet, Tile
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.evaluation.evaluate import Evaluation
+from hulldown.training.evaluation.tide import CAUSES
+
+OUTCOMES = ("missed", "false alarm", "found")
+MOST = 60  # of each outcome
+SHEET = 24  # of these on a sheet
+TILE = (320, 240)
+AROUND = 2.4  # widths of a box that its picture shows
+LEAST = 96  # pixels that a picture shows at least, so that one sees where it is
+LABEL_COLOUR, FOUND_COLOUR = (0, 200, 120), (255, 120, 0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """One box worth a look.
+
+    Parameters
+    ----------
+    outcome
+        One of `OUTCOMES`.
+    image
+        Index of its image.
+    xywh
+        The label's box, or the false alarm's.
+    caption
+        Lines about it.
+    values
+        What it is in each facet.
+    """
+
+    outcome: str
+    image: int
+    xywh: Float[np.ndarray, "4"]
+    caption: tuple[str, ...]
+    values: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cases:
+    """The cases of an evaluation with their pictures.
+
+    Parameters
+    ----------
+    cases, pictures
+        One a case.
+    unread
+        Why the first picture that could not be read was not; empty if all were.
+    """
+
+    cases: list[Case]
+    pictures: list[Image.Image]
+    unread: str
+
+    def tiles(self) -> list[Tile]:
+        """As thumbnails of a page."""
+        return [
+            Tile(_jpeg(picture), case.caption, case.values)
+            for case, picture in zip(self.cases, self.pictures, strict=True)
+        ]
+
+    def sheet(self, outcome: str) -> Image.Image | None:
+        """The first of one outcome, side by side; None if there is none."""
+        chosen = [k for k, case in enumerate(self.cases) if case.outcome == outcome][:SHEET]
+        if not chosen:
+            return None
+        captions = [", ".join(self.cases[k].caption[:2]) for k in chosen]
+        return contact_sheet([self.pictures[k] for k in chosen], columns=6, tile_width=TILE[0], captions=captions)
+
+
+def facets(one: Evaluation) -> list[Facet]:
+    """What cases are filtered by: outcome, class, cause, and every field of bins."""
+    causes = Facet("cause", "cause", [name for name in CAUSES if name != "missed"])
+    bins = [Facet(found.field.name, found.field.title, found.field.bins) for found in one.bins]
+    return [Facet("outcome", "outcome", OUTCOMES), *bins[:1], causes, *bins[1:]]
+
+
+def cases(one: Evaluation, *, most: int = MOST) -> Cases:
+    """The worst misses (the largest and most visible), the most confident false alarms, the worst-placed finds."""
+    visible = np.array([_share(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
+    size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
+    overlap = np.zeros(len(one.labels.label))
+    overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
+    found = [
+        *(_label_case(one, k, "missed") for k in _first(one.seen.missed, -size, most)),
+        *(_false_alarm(one, k) for k in _first(one.seen.false, -one.predictions.score, most)),
+        *(_label_case(one, k, "found") for k in _first(one.seen.found, overlap, most)),
+    ]
+    pictures: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(found)
+    unread = ""
+    for image in sorted({case.image for case in found}):
+        name = one.labels.images[image]["file_name"]
+        try:
+            whole = Image.fromarray(read_pixels(one.labels.folder / name))
+        except DatasetError as error:
+            unread = unread or f"{name} {error.problem}"
+            continue
+        for k, case in enumerate(found):
+            if case.image == image:
+                pictures[k] = _cut(one, case, whole)
+    return Cases(found, pictures, unread)
+
+
+def _first(among: np.ndarray, order: np.ndarray, most: int) -> list[int]:
+    rows = np.flatnonzero(among)
+    return rows[np.argsort(order[rows], kind="stable")][:most].tolist()
+
+
+def _label_case(one: Evaluation, k: int, outcome: str) -> Case:
+    image, xywh = int(one.labels.image[k]), one.labels.xywh[k]
+    name = one.labels.class_names[one.labels.label[k]]
+    lines = [f"{name} {outcome}", f"{xywh[2]:.0f} x {xywh[3]:.0f} px", str(one.labels.images[image]["file_name"])]
+    if outcome == "found":
+        d = int(one.matching.detection[k])
+        lines.insert(1, f"confidence {one.predictions.score[d]:.2f}, IoU {one.matching.iou[d]:.2f}")
+    values = {f.field.name: f.field.bins[f.field.of_label[k]] for f in one.bins if f.field.of_label[k] >= 0}
+    return Case(outcome, image, xywh, tuple(lines), {"outcome": outcome, **values})
+
+
+def _false_alarm(one: Evaluation, d: int) -> Case:
+    image, xywh = int(one.predictions.image[d]), one.predictions.xywh[d]
+    cause = CAUSES[one.errors.cause[d]] if one.errors.cause[d] >= 0 else ""
+    name = one.predictions.class_names[one.predictions.label[d]]
+    lines = (
+        f"{name} {one.predictions.score[d]:.2f}, false",
+        *([f"cause: {cause}"] if cause else []),
+        str(one.labels.images[image]["file_name"]),
+    )
+    values = {
+        f.field.name: f.field.bins[f.field.of_detection[d]]
+        for f in one.bins
+        if f.field.of_detection is not None and f.field.of_detection[d] >= 0
+    }
+    return Case(
+        "false alarm", image, xywh, lines, {"outcome": "false alarm", **({"cause": cause} if cause else {}), **values}
+    )
+
+
+def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
+    """The surroundings of a case, as large as a tile, with the boxes of all labels and counted detections in it."""
+    centre = case.xywh[:2] + case.xywh[2:] / 2.0
+    ratio = TILE[0] / TILE[1]
+    width = max(AROUND * case.xywh[2], AROUND * case.xywh[3] * ratio, LEAST)
+    size = np.minimum([width, width / ratio], whole.size)
+    low = np.clip(centre - size / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
+    scale = min(TILE[0] / size[0], TILE[1] / size[1])
+    inner = tuple(max(1, round(n * scale)) for n in size.tolist())
+    cut = whole.resize((inner[0], inner[1]), Image.Resampling.BICUBIC, box=(*low, *np.minimum(low + size, whole.size)))
+    pen = ImageDraw.Draw(cut)
+    labels = one.labels.xywh[(one.labels.image == case.image) & ~one.labels.crowd]
+    counted = (one.seen.true | one.seen.false) & (one.predictions.image == case.image)
+    for boxes, colour in ((labels, LABEL_COLOUR), (one.predictions.xywh[counted], FOUND_COLOUR)):
+        for xywh in boxes:
+            start, stop = (xywh[:2] - low) * scale, (xywh[:2] + xywh[2:] - low) * scale
+            line = 3 if np.array_equal(xywh, case.xywh) else 2
+            corners = (*(start - line), *np.maximum(stop + line - 1, start - line))
+            pen.rectangle(tuple(float(n) for n in corners), outline=colour, width=line)
+    tile = Image.new("RGB", TILE, BACKGROUND)
+    tile.paste(cut, ((TILE[0] - cut.width) // 2, (TILE[1] - cut.height) // 2))
+    return tile
+
+
+def _share(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and 0.0 <= value <= 1.0 else 1.0
+
+
+def _jpeg(picture: Image.Image) -> bytes:
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=82)
+    return file.getvalue()

@@ -1,0 +1,66 @@
+"""Charts of an evaluation, as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hulldown.dataset.reports.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
+from hulldown.training.evaluation.bins import BinFigures
+from hulldown.training.evaluation.evaluate import Evaluation
+
+
+def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
+    """Precision over recall, with the operating points."""
+    figure, axes = axes_of(5.4, 3.6)
+    for one, colour in zip(evaluations, colours(len(evaluations)), strict=True):
+        name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
+        axes.plot(one.curves.recall, one.curves.precision, color=colour, label=name)
+        if len(evaluations) == 1:
+            for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
+                colour_c = COLOURS[(c + 1) % len(COLOURS)]
+                axes.plot(curve.recall, curve.precision, color=colour_c, linewidth=0.9, label=short(label))
+        at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
+        if at >= 0:
+            axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=colour)
+    axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02), title="precision over recall")
+    axes.legend(fontsize=7, loc="lower left")
+    return svg(figure)
+
+
+def over_thresholds(one: Evaluation) -> bytes:
+    """Precision, recall and F1 over the confidence from which detections count."""
+    figure, axes = axes_of(5.4, 3.6)
+    for key, colour in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
+        axes.plot(one.curves.threshold, getattr(one.curves, key), color=colour, label="F1" if key == "f1" else key)
+    axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="threshold of confidence", ylim=(0, 1.02), title="over the threshold (dotted: as evaluated)")
+    axes.legend(fontsize=7, loc="lower center")
+    return svg(figure)
+
+
+def losses(loss: Mapping[str, float]) -> bytes:
+    """What fixing each cause alone would bring."""
+    figure, axes = axes_of(5.4, 2.4)
+    names = list(loss)[::-1]
+    axes.barh(names, [100.0 * loss[name] for name in names], color=RED, height=0.6)
+    axes.set(xlabel="points of AP50 that fixing it alone would bring", title="why AP50 is lost")
+    return svg(figure)
+
+
+def recall_bins(found: BinFigures, overall: float) -> bytes:
+    """Recall in the bins of a field, with its interval and how many labels there are."""
+    rows = np.flatnonzero(found.labels > 0)[::-1]
+    figure, axes = axes_of(3.75, 0.7 + 0.24 * len(rows))
+    places = np.arange(len(rows))
+    recall, ends = found.recall[rows], found.recall_interval[:, rows]
+    axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
+    axes.errorbar(
+        recall, places, xerr=np.clip(np.stack([recall - ends[0], ends[1] - recall]), 0, None),
+        fmt="none", ecolor=INK, elinewidth=1, capsize=2,
+    )  # fmt: skip
+    axes.axvline(overall, color=RED, linewidth=0.9, linestyle="--")
+    axes.set_yticks(places, [f"{short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
+    axes.set(xlim=(0, 1.02), title=f"recall by {found.field.title}")
+    return svg(figure)

@@ -1,0 +1,258 @@
+"""An evaluation for people: report.html and what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hulldown.dataset.reports.charts import LONGEST, differences, svg
+from hulldown.dataset.reports.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
+from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.cases import MOST, Cases, facets
+from hulldown.training.evaluation.evaluate import Comparison, Evaluation
+from hulldown.training.evaluation.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
+from hulldown.training.evaluation.tide import CAUSES
+
+FIGURES = {
+    "tp": "true positives (TP)",
+    "fp": "false positives (FP)",
+    "fn": "false negatives (FN)",
+    "precision": "precision",
+    "recall": "recall",
+    "f1": "F1",
+    "mean_iou": "mean IoU of matches",
+    "mean_confidence": "mean confidence",
+    "mean_confidence_tp": "mean confidence of TP",
+    "mean_confidence_fp": "mean confidence of FP",
+    "ap": "AP (IoU 0.50 to 0.95)",
+    "ap50": "AP50",
+    "ap75": "AP75",
+}
+COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
+MEANINGS = {
+    "class": "in the right place, of the wrong class",
+    "localisation": "of the right class, overlapping too little",
+    "both": "of the wrong class, and overlapping too little",
+    "duplicate": "of a label that a more confident one has found",
+    "background": "where there is nothing",
+    "missed": "labels that no detection was for",
+}
+SOURCES = {
+    "given": "as given",
+    "validation": "of the best F1 on the validation set",
+    "test": "of the best F1 on this very set",
+}
+FLATTERS = (
+    "The threshold was chosen on the set that it is judged by, so precision, recall and F1 flatter: "
+    "choose it on a validation set."
+)
+CONFUSION = (
+    "Rows are what is there, columns what was detected. The row of the background holds false alarms, its column "
+    "misses. What matching within classes leaves is matched across classes."
+)
+
+
+def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) -> str:
+    """The page about one file of detections.
+
+    Parameters
+    ----------
+    one, report
+        The evaluation, and what `report_files.report` says of it.
+    looks
+        Its cases.
+    """
+    sections = [
+        Section("What it looks like", _looks(one, looks)),
+        Section("How well", [_figures(report), Words(_sure(one))]),
+        Section(
+            "At other thresholds",
+            [
+                Charts(
+                    [
+                        Chart(precision_recall([one]), "precision over recall"),
+                        Chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence"),
+                    ]
+                )
+            ],
+        ),
+        Section("What was taken for what", [Words(CONFUSION), _confusion(report)]),
+        Section("Why", _why(one, report)),
+        Section("Where", _where(one, report)),
+    ]
+    return page(f"{one.predictions.name} on {one.labels.path}", sections, above=operating_point(one))
+
+
+def comparison_page(
+    evaluations: Sequence[Evaluation],
+    reports: Mapping[str, Mapping[str, Any]],
+    compared: Sequence[Comparison],
+    folders: Mapping[str, str],
+) -> str:
+    """The page about several files of detections of one dataset; `folders` is where each one's own page is."""
+    first = evaluations[0]
+    rows = [
+        [_title(key, *reports.values()), *(_with_interval(one["overall"], key) for one in reports.values())]
+        for key in FIGURES
+    ]
+    changes = [
+        (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.interval[key].tolist())
+        for one in compared
+        for key in COMPARED
+    ]
+    cells = [[name, _signed(value), _ends(low, high)] for name, value, low, high in changes]
+    chart = differences(f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals", changes)
+    sections = [
+        Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
+        Section("How well", [Table(["", *reports], rows), Words(_sure(first))]),
+        Section(
+            "How they differ",
+            [
+                Words(
+                    "Both were resampled with the same drawings of positions, so that what is hard for both cancels "
+                    "out. An interval that holds 0 shows no difference."
+                ),
+                Chart(svg(chart), "differences with their intervals"),
+                Table([f"minus {compared[0].first}", "difference", "95 % interval"], cells),
+            ],
+        ),
+        Section("Each by itself", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
+    ]
+    above = [paragraph for one in evaluations for paragraph in operating_point(one)]
+    return page(f"{len(evaluations)} detectors on {first.labels.path}", sections, above=above)
+
+
+def operating_point(one: Evaluation) -> list[Block]:
+    """What counts as found, in words."""
+    source = one.threshold.source
+    labels = int((~one.labels.crowd).sum())
+    text = (
+        f"{one.predictions.name}: {len(one.labels.images)} images, {labels} labels. A detection counts from a "
+        f"confidence of {one.threshold.value:.4g} on ({SOURCES[source]}); it is true if it overlaps a label of its "
+        f"class with an IoU of at least {one.matching.iou_threshold:g}."
+    )
+    return [Words(text), *([Words(FLATTERS, warning=True)] if source == "test" else [])]
+
+
+def _figures(report: Mapping[str, Any]) -> Table:
+    columns = {"all classes": report["overall"], **report["per_class"]}
+    rows = [[_title(key, report), *(_with_interval(one, key) for one in columns.values())] for key in FIGURES]
+    return Table(["", *columns], rows)
+
+
+def _sure(one: Evaluation) -> str:
+    apart = "one an image" if one.positions == len(one.labels.images) else "shots of one place are drawn together"
+    return (
+        f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They hold what another "
+        "test set of this size and kind would give, not what another training would."
+    )
+
+
+def _confusion(report: Mapping[str, Any]) -> Table:
+    names, counts = report["confusion"]["classes"], report["confusion"]["counts"]
+    shades = [[n / max(sum(row), 1) for n in row] for row in counts]
+    shades[-1] = [0.0] * len(names)
+    return Table(["", *names], [[name, *map(str, row)] for name, row in zip(names, counts, strict=True)], shades=shades)
+
+
+def _why(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
+    rows = [
+        [f"{name}: {MEANINGS[name]}", str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
+        for name in CAUSES
+    ]
+    drawn = [Chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
+    return [
+        Words(
+            "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
+            "AP50 are what fixing that cause alone would bring, over all confidences."
+        ),
+        Table(["cause", "count", "AP50 points"], rows),
+        *drawn,
+    ]
+
+
+def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
+    overall = float(report["overall"]["recall"] or 0.0)
+    told = report["worst_bins"]
+    parts: list[Block] = [
+        Items([f"Worst: {line}." for line in told])
+        if told
+        else Words("No bin with ten labels or more lies below the whole."),
+        Words(
+            "Whiskers are 95 % intervals; a bin seen in fewer than five positions has none. The dashed line is the "
+            "recall of all. A click on a bin's name in a table shows its thumbnails."
+        ),
+        Charts(
+            [
+                Chart(recall_bins(found, overall), f"recall by {found.field.title}")
+                for found in one.bins
+                if (found.labels > 0).sum() > 1  # one bin says no more than the whole
+            ]
+        ),
+    ]
+    for found in one.bins:
+        rows = [
+            [
+                row["bin"],
+                str(row["labels"]),
+                str(row["found"]),
+                ranged(row["recall"], row["recall_interval"]),
+                ranged(row["precision"], row["precision_interval"]),
+                number(row["mean_iou"]),
+            ]
+            for row in report["bins"][found.field.name]
+        ]
+        choose = [{found.field.name: row[0]} for row in rows]
+        header = [found.field.title, "labels", "found", "recall", "precision", "mean IoU"]
+        parts.append(Table(header, rows, f"by {found.field.title}", choose=choose))
+    return parts
+
+
+def _looks(one: Evaluation, looks: Cases) -> list[Block]:
+    parts: list[Block] = [
+        Words(
+            f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false alarms, "
+            "the worst-placed finds. Green: labels. Orange: detections that count."
+        )
+    ]
+    if looks.unread:
+        parts.append(Words(f"Pictures are missing that could not be read: {looks.unread}", warning=True))
+    return [*parts, Gallery(looks.tiles(), facets(one)) if looks.cases else Words("There is nothing to show.")]
+
+
+def _title(key: str, *reports: Mapping[str, Any]) -> str:
+    """What a figure is called; it carries its own warning where the threshold was chosen on the set itself."""
+    chosen = key not in AVERAGES and any(one["threshold_source"] == "test" for one in reports)
+    return f"{FIGURES[key]}, at a threshold chosen on this set" if chosen else FIGURES[key]
+
+
+def _with_interval(record: Mapping[str, Any], key: str) -> str:
+    return ranged(record[key], record["intervals"].get(key))
+
+
+def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
+    """Say a figure with its interval, where it has one; `sign` is ``"+"`` for differences."""
+    if ends is None or value is None:
+        return number(value, sign=sign)
+    if None in ends:
+        return f"{number(value, sign=sign)} (too few positions to tell)"
+    return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
+
+
+def number(value: float | int | None, *, sign: str = "") -> str:
+    """Say a count, or a figure with three decimals."""
+    return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
+
+
+def _points(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.1f}"
+
+
+def _signed(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:+.3f}"
+
+
+def _ends(low: float, high: float) -> str:
+    return "–" if np.isnan(low) else f"{low:+.3f} to {high:+.3f}"

@@ -1,0 +1,139 @@
+"""What a detector should have found: a COCO dataset's labels as arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hulldown.dataset.exports.split import group_of
+from hulldown.dataset.records import read_usable
+from hulldown.geometry.errors import DatasetError
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Labels:
+    """The labels of n images: g boxes of c classes, images and classes in the order of their ids.
+
+    Parameters
+    ----------
+    path
+        The dataset as the user named it, for errors.
+    folder
+        Where its pictures are.
+    image_id
+        (n,) ascending.
+    class_id
+        (c,) ascending.
+    class_names
+        Of each.
+    image, label
+        (g,) of each box, which image and which class, as indices.
+    xywh
+        (g, 4) pixels.
+    area
+        (g,) pixels: the record's, of a mask where there is one; else the box's.
+    crowd
+        (g,) whether it is a region of many (COCO's ``iscrowd``): found or not, it counts for nothing.
+    images, annotations
+        The records themselves, in the same order.
+    """
+
+    path: Path
+    folder: Path
+    image_id: Int[np.ndarray, " n"]
+    class_id: Int[np.ndarray, " c"]
+    class_names: tuple[str, ...]
+    image: Int[np.ndarray, " g"]
+    label: Int[np.ndarray, " g"]
+    xywh: Float[np.ndarray, "g 4"]
+    area: Float[np.ndarray, " g"]
+    crowd: Bool[np.ndarray, " g"]
+    images: Sequence[Mapping[str, Any]]
+    annotations: Sequence[Mapping[str, Any]]
+
+    def positions(self) -> Int[np.ndarray, " n"]:
+        """(n,) number of the position that each image shows; one of its own for an image that knows no position."""
+        boxes_of: list[list[Mapping[str, Any]]] = [[] for _ in self.images]
+        for image, record in zip(self.image.tolist(), self.annotations, strict=True):
+            boxes_of[image].append(record)
+        names = [group_of(record, boxes) for record, boxes in zip(self.images, boxes_of, strict=True)]
+        return np.unique(names, return_inverse=True)[1].astype(np.int64) if names else np.zeros(0, dtype=np.int64)
+
+
+def read_labels(path: Path | str) -> Labels:
+    """The labels of a dataset.
+
+    Parameters
+    ----------
+    path
+        Its folder, with ``annotations.json`` or ``_annotations.coco.json``, or a COCO file beside its pictures.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or naming the first record that cannot be used.
+    """
+    path = Path(path)
+    return labels_of(read_usable(path), path=path, folder=path if path.is_dir() else path.parent)
+
+
+def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
+    """The same of a COCO dictionary whose records have been checked.
+
+    Raises
+    ------
+    DatasetError
+        If an id is there twice, a box belongs to no image, or an area is no number, or a size is negative.
+    """
+    for kind, records in (("image", coco["images"]), ("category", coco["categories"])):
+        doubled = [i for i, times in Counter(record["id"] for record in records).items() if times > 1]
+        if doubled:
+            raise DatasetError(
+                f"{kind} {doubled[0]} is there twice", path=path, remedy="check it with `hulldown verify`"
+            )
+    images = sorted(coco["images"], key=lambda image: image["id"])
+    categories = sorted(coco["categories"], key=lambda category: category["id"])
+    index = {image["id"]: i for i, image in enumerate(images)}
+    class_index = {category["id"]: i for i, category in enumerate(categories)}
+    # By image, in the order of the file within each: the order of images in the file changes nothing.
+    annotations = sorted(coco["annotations"], key=lambda record: index.get(record["image_id"], -1))
+    if annotations and annotations[0]["image_id"] not in index:
+        lost = annotations[0]
+        raise DatasetError(
+            f"annotation {lost['id']}: image {lost['image_id']} does not exist",
+            path=path,
+            remedy="check it with `hulldown verify`",
+        )
+    xywh = np.array([record["bbox"] for record in annotations], dtype=np.float64).reshape(-1, 4)
+    if negative := [str(annotations[k]["id"]) for k in np.flatnonzero((xywh[:, 2:] < 0).any(axis=1))]:
+        more = f" and {len(negative) - 10} more" if len(negative) > 10 else ""
+        problem = f"boxes have a negative width or height: annotation {', '.join(negative[:10])}{more}"
+        raise DatasetError(problem, path=path, remedy="correct them")
+    try:
+        areas = [record.get("area") for record in annotations]
+        area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        wrong = next(record for record in annotations if not isinstance(record.get("area", 0.0), int | float))
+        raise DatasetError(
+            f"annotation {wrong['id']}: area {wrong['area']!r} is no number", path=path, remedy="correct or remove it"
+        ) from None
+    return Labels(
+        path=path,
+        folder=folder,
+        image_id=np.array([image["id"] for image in images], dtype=np.int64),
+        class_id=np.array([category["id"] for category in categories], dtype=np.int64),
+        class_names=tuple(category["name"] for category in categories),
+        image=np.array([index[record["image_id"]] for record in annotations], dtype=np.int64),
+        label=np.array([class_index[record["category_id"]] for record in annotations], dtype=np.int64),
+        xywh=xywh,
+        area=np.where(np.isnan(area), xywh[:, 2] * xywh[:, 3], area),
+        crowd=np.array([bool(record.get("iscrowd")) for record in annotations], dtype=bool),
+        images=images,
+        annotations=annotations,
+    )

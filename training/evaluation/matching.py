@@ -1,0 +1,215 @@
+"""Which detection has found which label: COCO's matching, of all images at once.
+
+COCO takes the detections of a class in an image by falling score; each gets the free label with the highest overlap, if
+that is at least the threshold. Images and classes do not touch each other, so the n-th detections of all of them are
+decided together, in one step on arrays.
+
+References
+----------
+Lin et al., Microsoft COCO, ECCV 2014; pycocotools 2.0, `COCOeval.evaluateImg`, whose every decision is reproduced.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.predictions import Predictions
+
+MAX_DETECTIONS = 100  # of a class in an image: COCO looks at no more
+PAIRS_AT_ONCE = 1 << 21
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pairs:
+    """Detections and labels that overlap, sorted by detection.
+
+    Parameters
+    ----------
+    detection, box
+        (p,) indices of a detection and of a label.
+    iou
+        (p,) their intersection over union; over the detection's area where the label is a crowd.
+    """
+
+    detection: Int[np.ndarray, " p"]
+    box: Int[np.ndarray, " p"]
+    iou: Float[np.ndarray, " p"]
+
+    def where(self, keep: Bool[np.ndarray, " p"]) -> Pairs:
+        """Some of them."""
+        return Pairs(self.detection[keep], self.box[keep], self.iou[keep])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Matching:
+    """What became of d detections and g labels.
+
+    Parameters
+    ----------
+    iou_threshold
+        The least overlap of a match.
+    box
+        (d,) the label that a detection has found; -1 if none.
+    iou
+        (d,) its overlap; nan if none.
+    ignored
+        (d,) whether the detection counts for nothing: it lies in a crowd, or a hundred others stand before it.
+    detection
+        (g,) the detection that has found a label; -1 if none; always -1 for crowds.
+    """
+
+    iou_threshold: float
+    box: Int[np.ndarray, " d"]
+    iou: Float[np.ndarray, " d"]
+    ignored: Bool[np.ndarray, " d"]
+    detection: Int[np.ndarray, " g"]
+
+
+def overlaps(
+    found: Float[np.ndarray, "p 4"], true: Float[np.ndarray, "p 4"], crowd: Bool[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """Intersection over union of boxes, pair by pair, to the bit as pycocotools has it.
+
+    Parameters
+    ----------
+    found, true
+        xywh of detections and labels.
+    crowd
+        Where the label is a crowd, the detection's area takes the place of the union.
+    """
+    ends = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
+    size = ends - np.maximum(found[:, :2], true[:, :2])
+    meets = (size > 0.0).all(axis=1)
+    shared = np.where(meets, size[:, 0] * size[:, 1], 0.0)
+    own = found[:, 2] * found[:, 3]
+    union = np.where(crowd, own, own + true[:, 2] * true[:, 3] - shared)
+    return np.divide(shared, union, out=np.zeros(len(shared)), where=meets)
+
+
+def overlapping(
+    labels: Labels, predictions: Predictions, *, at_least: float = 0.1, max_detections: int = MAX_DETECTIONS
+) -> Pairs:
+    """Every detection with every label of its image, whatever its class, that it overlaps enough.
+
+    Detections beyond the first `max_detections` of their class and image have no pairs.
+    """
+    order = np.argsort(labels.image, kind="stable")
+    first = np.searchsorted(labels.image[order], np.arange(len(labels.images) + 1))
+    counts = np.diff(first)[predictions.image]
+    counts[~leading(predictions, max_detections)] = 0
+    parts = [_no_pairs()]
+    ends = np.cumsum(counts)
+    for start, stop in _chunks(ends):
+        each = counts[start:stop]
+        detection = np.repeat(np.arange(start, stop), each)
+        within = np.arange(len(detection)) - np.repeat(np.cumsum(each) - each, each)
+        box = order[first[predictions.image[detection]] + within]
+        iou = overlaps(predictions.xywh[detection], labels.xywh[box], labels.crowd[box])
+        parts.append(Pairs(detection, box, iou).where(iou >= at_least))
+    return Pairs(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))
+
+
+def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float = 0.5) -> Matching:
+    """Match detections with labels of their class as COCO does.
+
+    Of a label that stands below the threshold of confidence nothing is lost by matching all: the matches of the
+    confident are decided first.
+
+    Parameters
+    ----------
+    labels, predictions
+        Of one dataset.
+    pairs
+        What overlaps, at least as much as `iou`, from `overlapping`.
+    iou
+        The least overlap.
+    """
+    same = labels.label[pairs.box] == predictions.label[pairs.detection]
+    keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
+    chosen = greedy(pairs.where(keep), -predictions.score, _groups(predictions), labels.crowd)
+    box = np.full(len(predictions.score), -1, dtype=np.int64)
+    overlap = np.full(len(predictions.score), np.nan)
+    box[chosen.detection], overlap[chosen.detection] = chosen.box, chosen.iou
+    in_crowd = np.zeros(len(box), dtype=bool)
+    in_crowd[chosen.detection] = labels.crowd[chosen.box]
+    detection = np.full(len(labels.label), -1, dtype=np.int64)
+    real = chosen.where(~labels.crowd[chosen.box])
+    detection[real.box] = real.detection
+    return Matching(iou, box, overlap, in_crowd | ~leading(predictions, MAX_DETECTIONS), detection)
+
+
+def greedy(
+    pairs: Pairs, order: Float[np.ndarray, " d"], group: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]
+) -> Pairs:
+    """Each detection's label, where those that come first choose first.
+
+    Parameters
+    ----------
+    pairs
+        Who may have whom; no label is wanted from two groups.
+    order
+        (d,) lowest first; the earlier detection where equal.
+    group
+        (d,) which detections stand in each other's way.
+    crowd
+        (g,) labels that serve any number of detections, and only those that find no other.
+
+    Returns
+    -------
+    The chosen pairs, one a detection at most.
+    """
+    if not len(pairs.box):
+        return pairs
+    among, where = np.unique(pairs.detection, return_inverse=True)
+    line = np.lexsort((among, order[among], group[among]))
+    begins = np.concatenate([[True], np.diff(group[among[line]]) != 0])
+    place = np.arange(len(line)) - np.maximum.accumulate(np.where(begins, np.arange(len(line)), 0))
+    turn = np.empty(len(line), dtype=np.int64)
+    turn[line] = place
+    turns = turn[where]
+    # Of equal overlaps the last label wins, as in COCO's loop.
+    best_first = np.lexsort((-pairs.box, -pairs.iou, crowd[pairs.box], pairs.detection, turns))
+    starts = np.searchsorted(turns[best_first], np.arange(turns.max() + 2))
+    taken = np.zeros(len(crowd), dtype=bool)
+    chosen = []
+    for start, stop in itertools.pairwise(starts):
+        rows = best_first[start:stop]
+        rows = rows[~taken[pairs.box[rows]]]
+        detection = pairs.detection[rows]
+        rows = rows[np.concatenate([[True], detection[1:] != detection[:-1]])] if len(rows) else rows
+        taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
+        chosen.append(rows)
+    rows = np.sort(np.concatenate(chosen))
+    return Pairs(pairs.detection[rows], pairs.box[rows], pairs.iou[rows])
+
+
+def leading(predictions: Predictions, most: int) -> Bool[np.ndarray, " d"]:
+    """Which detections are among the first `most` of their class and image, by score."""
+    group = _groups(predictions)
+    order = np.lexsort((-predictions.score, group))
+    sorted_group = group[order]
+    starts = np.searchsorted(sorted_group, sorted_group)
+    first = np.empty(len(group), dtype=bool)
+    first[order] = np.arange(len(group)) - starts < most
+    return first
+
+
+def _groups(predictions: Predictions) -> Int[np.ndarray, " d"]:
+    return predictions.image * len(predictions.class_names) + predictions.label
+
+
+def _chunks(ends: Int[np.ndarray, " d"]) -> list[tuple[int, int]]:
+    """Runs of detections with about `PAIRS_AT_ONCE` pairs each; `ends` are the sums so far."""
+    total = int(ends[-1]) if len(ends) else 0
+    cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, total, PAIRS_AT_ONCE), side="left") + 1
+    bounds = np.unique(np.concatenate([[0], cuts, [len(ends)]])).tolist()
+    return list(itertools.pairwise(bounds))
+
+
+def _no_pairs() -> Pairs:
+    return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))

@@ -1,0 +1,176 @@
+"""What a detector has found: a file of COCO results as arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from jaxtyping import Float, Int
+
+from hulldown.dataset.store.entries import is_box
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.evaluation.labels import Labels
+
+INFO_SUFFIX = ".info.json"  # beside a file of results: which images were looked at, and by what
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Predictions:
+    """d detections in the images of a dataset, in an order of their own: by image, class, falling score, and box.
+
+    So equal scores do not leave the result to the order of the file.
+
+    Parameters
+    ----------
+    name
+        What to call them, unique among those that are compared.
+    class_id, class_names
+        Of c classes: the dataset's, in its order, and after them those that only the detections have.
+    image, label
+        (d,) of each detection, which image and which class, as indices.
+    xywh
+        (d, 4) pixels.
+    score
+        (d,) confidence.
+    """
+
+    name: str
+    class_id: Int[np.ndarray, " c"]
+    class_names: tuple[str, ...]
+    image: Int[np.ndarray, " d"]
+    label: Int[np.ndarray, " d"]
+    xywh: Float[np.ndarray, "d 4"]
+    score: Float[np.ndarray, " d"]
+
+    def take(self, rows: np.ndarray) -> Predictions:
+        """Some of them: `rows` are indices or a mask."""
+        arrays = {key: getattr(self, key)[rows] for key in ("image", "label", "xywh", "score")}
+        return replace(self, **arrays)
+
+
+def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
+    """Detections from a file of COCO results: a list, or the ``annotations`` of an object.
+
+    Parameters
+    ----------
+    path
+        The file. If it lists its images (``images`` of the object, or of ``PATH.info.json`` beside it), they must be
+        those of the dataset: images without detections are part of a result.
+    labels
+        The dataset that they are about.
+    name
+        What to call them; None: the file's name without its ending.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read, or naming the first detection that cannot be used.
+    """
+    path = Path(path)
+    found, names = _read(path), {}
+    if isinstance(found, dict):
+        _check_images(path, found.get("images"), labels)
+        names, found = _names(found), found.get("annotations")
+    info = path.with_name(path.name + INFO_SUFFIX)
+    if info.exists() and isinstance(listed := _read(info), dict):
+        _check_images(info, listed.get("images"), labels)
+        names |= _names(listed)
+    if not isinstance(found, list):
+        raise DatasetError(
+            "is no COCO result: expected a list of detections", path=path, remedy="name a file of detections"
+        )
+    return predictions_of(found, labels, path=path, name=name or path.stem, names=names)
+
+
+def predictions_of(
+    found: list[Any], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
+) -> Predictions:
+    """The same from the list itself; `names` are those of categories that the dataset lacks.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first detection that cannot be used.
+    """
+    index = {image: i for i, image in enumerate(labels.image_id.tolist())}
+    for i, one in enumerate(found):
+        if problem := _problem(one, index):
+            raise DatasetError(f"detection {i}: {problem}", path=path, remedy=f"give results of {labels.path}")
+    known = labels.class_id.tolist()
+    others = sorted({one["category_id"] for one in found} - set(known))
+    class_index = {category: i for i, category in enumerate([*known, *others])}
+    image = np.array([index[one["image_id"]] for one in found], dtype=np.int64)
+    label = np.array([class_index[one["category_id"]] for one in found], dtype=np.int64)
+    xywh = np.array([one["bbox"] for one in found], dtype=np.float64).reshape(-1, 4)
+    score = np.array([one["score"] for one in found], dtype=np.float64)
+    called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
+    order = np.lexsort((*xywh.T[::-1], -score, label, image))
+    return Predictions(name, np.array([*known, *others], dtype=np.int64), called, image, label, xywh, score).take(order)
+
+
+def _problem(one: Any, index: Mapping[int, int]) -> str | None:
+    """What is wrong with a detection, in words; None if nothing is."""
+    if not isinstance(one, dict):
+        return f"is {one!r:.60}, not an object"
+    image, score = one.get("image_id"), one.get("score")
+    if type(image) is not int or image not in index:
+        return f"image {image!r} is not in the dataset"
+    where = f"of image {image}: "
+    if type(one.get("category_id")) is not int:
+        return f"{where}category_id is {one.get('category_id')!r}, expected a whole number"
+    box = one.get("bbox")
+    if not is_box(box) or box[2] < 0 or box[3] < 0:
+        return f"{where}bbox is {box!r:.80}, expected [x, y, width, height]"
+    if isinstance(score, bool) or not isinstance(score, int | float) or not math.isfinite(score):
+        return f"{where}score is {score!r}, expected a number"
+    if not 0.0 <= score <= 1.0:
+        return f"{where}score is {score!r}, expected a confidence from 0 to 1"
+    return None
+
+
+def _names(beside: Mapping[str, Any]) -> dict[int, str]:
+    """Names of categories by id, as far as they are listed."""
+    listed = beside.get("categories")
+    records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    return {
+        one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)
+    }
+
+
+def _check_images(path: Path, listed: Any, labels: Labels) -> None:
+    """Refuse a list of images, if there is one, that is not the dataset's."""
+    if listed is None:
+        return
+    found = [one.get("id") if isinstance(one, dict) else one for one in listed] if isinstance(listed, list) else [None]
+    theirs = {one for one in found if isinstance(one, int)}
+    if not all(isinstance(one, int) for one in found):
+        raise DatasetError("'images' is no list of image ids", path=path, remedy="repair or remove it")
+    known = set(labels.image_id.tolist())
+    if lost := sorted(known - theirs):
+        raise DatasetError(
+            f"image {lost[0]} of {labels.path} is not among its images ({len(lost)} are missing)",
+            path=path,
+            remedy="predict the whole dataset",
+        )
+    if strays := sorted(theirs - known):
+        raise DatasetError(
+            f"image {strays[0]} is not in {labels.path} ({len(strays)} are not)",
+            path=path,
+            remedy="evaluate against the dataset that was predicted",
+        )
+
+
+def _read(path: Path) -> Any:
+    try:
+        return orjson.loads(path.read_bytes())
+    except OSError as error:
+        raise DatasetError(
+            f"cannot be read ({error.strerror})", path=path, remedy="name a file of COCO results"
+        ) from None
+    except orjson.JSONDecodeError as error:
+        raise DatasetError(f"is not valid JSON ({error})", path=path, remedy="predict again") from None

@@ -1,0 +1,160 @@
+"""From files to files: a dataset and the detections in it become a report."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.geometry.files import replace_file, replacing
+from hulldown.training.evaluation.cases import cases
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare, evaluate
+from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
+from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.evaluation.predictions import Predictions, read_predictions
+from hulldown.training.evaluation.report_files import comparison_record, metrics_csv, report
+
+SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
+
+
+def evaluate_files(
+    dataset: Path | str,
+    predictions: Sequence[Path | str],
+    output: Path | str,
+    *,
+    threshold: float | str = 0.5,
+    iou: float = 0.5,
+    validation: Sequence[Path | str] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Judge one or several files of detections in a dataset, and write the report.
+
+    Parameters
+    ----------
+    dataset
+        See `training.evaluation.labels.read_labels`.
+    predictions
+        Files of COCO results. With several, the others are compared with the first.
+    output
+        Folder of the report, made if it is not there: ``report.html``, ``report.json``, ``metrics.csv``, sheets of
+        pictures; with several, a folder for each file of detections too.
+    threshold
+        The confidence from which detections count; ``"best"``: that of the highest F1 on the dataset itself.
+    iou
+        The overlap from which a detection has found a label.
+    validation
+        Another dataset and, for each of `predictions`, the same detector's detections in it: the threshold is then
+        that of the highest F1 there.
+    progress
+        Told (done, all) after each step.
+
+    Returns
+    -------
+    What ``report.json`` holds.
+
+    Raises
+    ------
+    DatasetError
+        If a file cannot be read or does not fit the dataset, or nothing gives a threshold. Nothing is written then.
+    """
+    output = Path(output)
+    paths = [Path(path) for path in predictions]
+    if validation and len(validation) != len(paths) + 1:
+        raise HulldownError(
+            f"--validation names {len(validation) - 1} files of detections where {len(paths)} are evaluated",
+            remedy="name a dataset and then the detections of each detector in it",
+        )
+    steps, done = 3 * len(paths), 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, steps)
+
+    labels = read_labels(dataset)
+    found = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
+    valid = read_labels(validation[0]) if validation else None
+    thresholds = []
+    for k, detections in enumerate(found):
+        thresholds.append(
+            _threshold(labels, detections, threshold, iou, valid, Path(validation[k + 1]) if valid else None)
+        )
+        step()
+    evaluations = []
+    for detections, at in zip(found, thresholds, strict=True):
+        evaluations.append(evaluate(labels, detections, threshold=at, iou=iou))
+        step()
+    _make_folder(output)
+    reports = {one.predictions.name: report(one) for one in evaluations}
+    folders = {name: name if len(evaluations) > 1 else "" for name in reports}
+    for one, name in zip(evaluations, reports, strict=True):
+        _write(one, reports[name], output / folders[name])
+        step()
+    if len(evaluations) == 1:
+        return next(iter(reports.values()))
+    compared = [compare(evaluations[0], other) for other in evaluations[1:]]
+    written = {"runs": reports, "comparisons": [comparison_record(one) for one in compared]}
+    page = comparison_page(evaluations, reports, compared, folders)
+    _write_report(output, metrics_csv(reports), written, page)
+    return written
+
+
+def _threshold(
+    labels: Labels, predictions: Predictions, wanted: float | str, iou: float, valid: Labels | None, path: Path | None
+) -> Threshold:
+    if valid is not None and path is not None:
+        source, best = "validation", best_threshold(valid, read_predictions(path, valid), iou=iou)
+    elif isinstance(wanted, str):
+        source, best = "test", best_threshold(labels, predictions, iou=iou)
+    else:
+        return Threshold(float(wanted), "given")
+    if best is None:
+        where = path if path is not None else predictions.name
+        raise DatasetError("has nothing to choose a threshold from", path=where, remedy="give one with --threshold")
+    return Threshold(best, source)
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """What to call files of detections: as the file, with its folder where that tells them apart, else numbered."""
+    for names in (
+        [path.stem for path in paths],
+        [path.resolve().parent.name or path.stem for path in paths],
+        [f"{path.resolve().parent.name}-{path.stem}" for path in paths],
+    ):
+        if max(Counter(name.casefold() for name in names).values()) == 1:
+            return names
+    return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
+
+
+def _write(one: Evaluation, written: Mapping[str, Any], folder: Path) -> None:
+    _make_folder(folder)
+    looks = cases(one)
+    for outcome, name in SHEETS.items():
+        sheet = looks.sheet(outcome)
+        if sheet is None:
+            (folder / name).unlink(missing_ok=True)  # of an earlier report
+        else:
+            with replacing(folder / name) as file:
+                sheet.save(file, "PNG")
+    page = evaluation_page(one, written, looks)
+    _write_report(folder, metrics_csv({one.predictions.name: written}), written, page)
+
+
+def _write_report(folder: Path, metrics: str, written: Mapping[str, Any], page: str) -> None:
+    replace_file(folder / "metrics.csv", metrics.encode())
+    replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
+    replace_file(folder / "report.html", page.encode())
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(
+            f"cannot be written ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
+        ) from None

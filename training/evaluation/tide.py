@@ -1,0 +1,165 @@
+"""Why average precision is lost: each false detection and each miss gets one cause, and a cause its share of AP.
+
+References
+----------
+Bolya, Foley, Hays and Hoffman, TIDE: A General Toolbox for Identifying Object Detection Errors, ECCV 2020, section 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hulldown.training.evaluation.average_precision import weighted_averages
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.matching import Matching, Pairs
+from hulldown.training.evaluation.predictions import Predictions
+
+BACKGROUND = 0.1  # the overlap below which a detection has to do with nothing
+CAUSES = ("class", "localisation", "both", "duplicate", "background", "missed")
+NONE = -1
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Errors:
+    """The cause of every error.
+
+    Parameters
+    ----------
+    cause
+        (d,) of each detection, an index into `CAUSES`; -1 if it is true or ignored.
+    meant
+        (d,) the label that a detection of the wrong class or place was for; -1 if none.
+    missed
+        (g,) labels that no detection was for.
+    loss
+        For each of `CAUSES` the AP50 that fixing it alone would bring; nan without labels.
+    """
+
+    cause: Int[np.ndarray, " d"]
+    meant: Int[np.ndarray, " d"]
+    missed: Bool[np.ndarray, " g"]
+    loss: dict[str, float]
+
+
+def errors(labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching) -> Errors:
+    """Decompose the errors of all detections, whatever their score.
+
+    Parameters
+    ----------
+    labels, predictions
+        Of one dataset.
+    pairs
+        All that overlap by `BACKGROUND` or more, whatever the class, from `overlapping`.
+    matching
+        Of a foreground threshold, which the paper has at an IoU of 0.5.
+    """
+    cause, meant = _causes(labels, predictions, pairs, matching)
+    free = (matching.detection < 0) & ~labels.crowd
+    named = np.zeros(len(labels.label), dtype=bool)
+    named[meant[meant >= 0]] = True
+    missed = free & ~named
+    loss = _losses(labels, predictions, matching, cause, meant, missed)
+    return Errors(cause, meant, missed, loss)
+
+
+def _causes(
+    labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching
+) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]:
+    """Cause of each false detection, and the label it was for, in the order in which the paper's program asks."""
+    pairs = pairs.where(~labels.crowd[pairs.box])
+    same = predictions.label[pairs.detection] == labels.label[pairs.box]
+    foreground = pairs.iou >= matching.iou_threshold
+    place, other, doubled, anything = (
+        _best(pairs, among, len(predictions.score))
+        for among in (same & ~foreground, ~same & foreground, same & foreground, pairs.iou >= BACKGROUND)
+    )
+    # The paper's program asks for the best overlap with the class: one in the foreground is no error of place.
+    place = np.where(doubled >= 0, NONE, place)
+    false = (matching.box < 0) & ~matching.ignored
+    asked = [place >= 0, other >= 0, doubled >= 0, anything < 0]
+    names = ["localisation", "class", "duplicate", "background"]
+    cause = np.select(asked, [CAUSES.index(name) for name in names], CAUSES.index("both"))
+    cause = np.where(false, cause, NONE)
+    meant = np.where(cause == CAUSES.index("localisation"), place, NONE)
+    return cause, np.where(cause == CAUSES.index("class"), other, meant)
+
+
+def _best(pairs: Pairs, among: Bool[np.ndarray, " p"], detections: int) -> Int[np.ndarray, " d"]:
+    """(d,) the label that each detection overlaps most, of some pairs; -1 if none."""
+    some = pairs.where(among)
+    order = np.lexsort((some.iou, some.detection))
+    best = np.full(detections, NONE, dtype=np.int64)
+    best[some.detection[order]] = some.box[order]  # the last assignment stays: the highest overlap
+    return best
+
+
+def _losses(
+    labels: Labels,
+    predictions: Predictions,
+    matching: Matching,
+    cause: Int[np.ndarray, " d"],
+    meant: Int[np.ndarray, " d"],
+    missed: Bool[np.ndarray, " g"],
+) -> dict[str, float]:
+    classes = len(predictions.class_names)
+    counted, true = ~matching.ignored, matching.box >= 0
+    wanted = np.bincount(labels.label[~labels.crowd], minlength=classes)
+    before = mean_ap(predictions.score, predictions.label, true, counted, wanted)
+    loss = {}
+    for number, name in enumerate(CAUSES):
+        kept, right, label, left = counted.copy(), true.copy(), predictions.label.copy(), wanted
+        if name == "missed":
+            left = wanted - np.bincount(labels.label[missed], minlength=classes)
+        else:
+            kept[cause == number] = False
+        if name in ("class", "localisation"):
+            rows = np.flatnonzero(cause == number)
+            free = rows[matching.detection[meant[rows]] < 0]  # what is for a found label would be a duplicate of it
+            mended = _first_for_each(meant, predictions.score, free)
+            kept[mended], right[mended], label[mended] = True, True, labels.label[meant[mended]]
+        loss[name] = mean_ap(predictions.score, label, right, kept, left, classes=wanted > 0) - before
+    return loss
+
+
+def _first_for_each(
+    meant: Int[np.ndarray, " d"], score: Float[np.ndarray, " d"], rows: Int[np.ndarray, " r"]
+) -> Int[np.ndarray, " m"]:
+    """Of the detections that were for one label, the most confident: the others would be duplicates of it."""
+    rows = rows[np.argsort(-score[rows], kind="stable")]
+    return rows[np.unique(meant[rows], return_index=True)[1]]
+
+
+def mean_ap(
+    score: Float[np.ndarray, " d"],
+    label: Int[np.ndarray, " d"],
+    true: Bool[np.ndarray, " d"],
+    counted: Bool[np.ndarray, " d"],
+    wanted: Int[np.ndarray, " c"],
+    *,
+    classes: Bool[np.ndarray, " c"] | None = None,
+) -> float:
+    """AP at one IoU, the mean over classes that have labels; nan if none has.
+
+    Parameters
+    ----------
+    score, label, true
+        (d,) of the detections, in the order in which COCO takes equal scores.
+    counted
+        (d,) which of them count.
+    wanted
+        (c,) labels of each class.
+    classes
+        (c,) the classes that count, None: those with labels. One that counts and has no labels left is perfect if
+        nothing false is left in it either.
+    """
+    order = np.argsort(-score, kind="stable")
+    order = order[counted[order]]
+    each = []
+    for c in np.flatnonzero(wanted > 0 if classes is None else classes):
+        right = true[order][label[order] == c][None]
+        once, labels = np.ones(right.shape), np.array([float(wanted[c])])
+        each.append(weighted_averages(right, once > 0, once, labels)[0, 0] if wanted[c] > 0 else float(right.all()))
+    return float(np.mean(each)) if each else float("nan")
