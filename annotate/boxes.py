@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.clipping import Frustum, extremes_of_mesh
+from hulldown.annotate.clipping import extremes_of_mesh
 from hulldown.annotate.clusters import ClusteredSurface
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.camera.intrinsics import Lenses, Optics, lenses
+from hulldown.camera.frustum import Frustum
+from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.arrays import checked
 
@@ -81,7 +82,7 @@ def surface_box(
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
-    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(camera.intrinsics, frame=frame)))
+    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(lenses(camera.intrinsics), frame=frame)))
 
 
 class VehicleBoxes:
@@ -145,7 +146,7 @@ class VehicleBoxes:
         hull = self._hull(camera_from_parts, lenses([camera.intrinsics]))
         if hull.framed[0]:
             return _xywh(hull.extremes[0])
-        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(camera.intrinsics, frame=frame)))
+        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(lenses(camera.intrinsics), frame=frame)))
 
     def boxes(
         self,
@@ -168,8 +169,8 @@ class VehicleBoxes:
         vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
         cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
         n = len(vehicles)
-        one = lenses(intrinsics)
-        each = Lenses(np.full(n, one.f), np.tile(one.size, (n, 1))) if one.f.ndim == 0 else one
+        lens = lenses(intrinsics)
+        each = lens.spread(n) if lens.f.ndim == 0 else lens
         turned = [{}] * n if articulations is None else articulations
         for name, given in (("world_from_camera", cameras), ("intrinsics", each.f), ("articulations", turned)):
             if len(given) != n:
@@ -179,12 +180,12 @@ class VehicleBoxes:
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
-            hull = self._hull(camera_from_parts, Lenses(each.f[rows], each.size[rows]))
+            hull = self._hull(camera_from_parts, each.rows(np.arange(n)[rows]))
             boxes = np.concatenate([hull.extremes[:, :2], hull.extremes[:, 2:] - hull.extremes[:, :2]], axis=1)
             xywh[rows][hull.framed], amodal[rows][hull.in_front] = boxes[hull.framed], boxes[hull.in_front]
             for out, frame, known in ((xywh, True, hull.framed | hull.out), (amodal, False, hull.in_front)):
                 for i in np.flatnonzero(~known & ~hull.behind).tolist():
-                    frustum = Frustum.of_each(each, start + i, frame=frame)
+                    frustum = Frustum.of(each.rows(np.array(start + i)), frame=frame)
                     found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if found is None else found
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
@@ -204,8 +205,7 @@ class VehicleBoxes:
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, found in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = found
-        extremes *= lens.f[:, None]
-        extremes += np.stack([width, height, width, height], axis=1) / 2.0
+        extremes = lens.pixels(extremes.reshape(n, 2, 2)).reshape(n, 4)
         u0, v0, u1, v1 = extremes.T
         in_front = nearest >= NEAR
         return _Hull(

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from hulldown.annotate.clipping import Frustum, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
+from hulldown.annotate.clipping import extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
 from hulldown.annotate.posing import PosedParts, move
+from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
 
 SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
@@ -116,7 +117,7 @@ class _Bounds:
         which: Int[np.ndarray, " m"],
     ) -> Float[np.ndarray, "4 m"]:
         """At least how far what is in front of the near plane reaches beyond each side of the best box, scaled."""
-        sides = _sides(best, frustum)
+        sides = frustum.beyond(best)
         reach = self.reach(sides, camera_from_parts, which)
         # Where depth takes away, the near plane is as good as it gets: this is what bounds boxes that lie across it.
         falling = sides[:, 2] < 0.0
@@ -143,28 +144,6 @@ class _Bounds:
             greatest[:, place] += np.einsum("hj,jm->hm", np.abs(turned), self._half[:, which[place]])
             greatest[:, place] += (apart + SLACK * rounding)[:, None]
         return greatest
-
-
-def _sides(best: Float[np.ndarray, "4"], frustum: Frustum) -> Float[np.ndarray, "4 4"]:
-    """Linear functions that are positive, in front of the camera, at what lies beyond each side of a box.
-
-    Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
-    """
-    f, width, height = frustum.f_px, frustum.width, frustum.height
-    if np.isinf(best).any():
-        best = np.array([width, height, 0.0, 0.0])
-    u0, v0, u1, v1 = best
-    rows = np.array(
-        [
-            [-f, 0.0, u0 - width / 2.0, 0.0],
-            [0.0, -f, v0 - height / 2.0, 0.0],
-            [f, 0.0, width / 2.0 - u1, 0.0],
-            [0.0, f, height / 2.0 - v1, 0.0],
-        ]
-    )
-    if frustum.frame:
-        rows[[u0 <= 0.0, v0 <= 0.0, u1 >= width, v1 >= height]] = 0.0
-    return rows
 
 
 def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k leaf 3"]:

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
-from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.lenses import Lenses
 from hulldown.camera.projection import NEAR, Camera, directions
 from hulldown.camera.target import PosedVehicle
 from hulldown.camera.visibility import TOUCHING

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.intrinsics import Lenses, Optics, lenses
+from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.projection import directions, project
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import exp, hypot, log

@@ -1,17 +1,18 @@
-"""A pinhole camera's inside: image size, field of view, and the distance at which a size fills a share of it."""
+"""A pinhole camera's intrinsics: image size, field of view, and the distance at which a size fills a share of it.
+
+Other folders ask cameras for pixels, rays, and bounds. Only `camera/` computes with fields of view and focal lengths.
+This module runs in Blender too, which may have numpy only.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
-
-from hulldown.geometry.arrays import checked
-from hulldown.geometry.portable import hypot, sin_cos, tan
 
 WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
 
@@ -55,6 +56,15 @@ class Intrinsics:
         if not 0.0 < self.fov_x < math.pi:
             raise ValueError(f"fov_x: expected radians between 0 and pi, got {self.fov_x!r}")
 
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> Intrinsics:
+        """The intrinsics that a row or an image record states in `width`, `height`, and `fov_x_deg`."""
+        return cls(record["width"], record["height"], math.radians(record["fov_x_deg"]))
+
+    def resized(self, width: int, height: int) -> Intrinsics:
+        """The same view in an image of another size."""
+        return replace(self, width=width, height=height)
+
     @property
     def aspect(self) -> float:
         """Width over height (eq 2)."""
@@ -63,26 +73,34 @@ class Intrinsics:
     @property
     def fov_y(self) -> float:
         """Vertical field of view in radians (eq 3)."""
-        return 2.0 * math.atan(math.tan(self.fov_x / 2.0) / self.aspect)
+        return 2.0 * math.atan(self.half_tangents[1])
+
+    @property
+    def half_tangents(self) -> tuple[float, float]:
+        """Half the image's width and height at unit depth."""
+        half = math.tan(self.fov_x / 2.0)
+        return half, half * self.height / self.width
 
     @property
     def f_px(self) -> float:
         """Focal length in pixels (eq 4)."""
+        from hulldown.geometry.portable import tan  # needs more than numpy
+
         # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
         return self.width / 2.0 / tan(self.fov_x / 2.0)
 
     @property
-    def centre(self) -> Float[np.ndarray, "2"]:
-        """The principal point in pixels."""
+    def centre(self) -> np.ndarray:
+        """(2,) the principal point in pixels."""
         return np.array([self.width / 2.0, self.height / 2.0])
 
     @property
-    def matrix(self) -> Float[np.ndarray, "3 3"]:
-        """K: takes camera coordinates (x right, y down, z forward) to homogeneous pixels."""
+    def matrix(self) -> np.ndarray:
+        """K (3, 3): takes camera coordinates (x right, y down, z forward) to homogeneous pixels."""
         f = self.f_px
         return np.array([[f, 0.0, self.width / 2.0], [0.0, f, self.height / 2.0], [0.0, 0.0, 1.0]])
 
-    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
+    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
         """Distance at which an upright, face-on `size` fills `target_fraction` of the image height (eqs 5 and 6).
 
         Parameters
@@ -96,61 +114,6 @@ class Intrinsics:
         -------
         (...) metres along the optical axis; the leading axes broadcast.
         """
+        from hulldown.camera.lenses import lenses  # needs more than numpy
+
         return lenses(self).distance_for(size, target_fraction)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Lenses:
-    """What projecting takes of one camera's intrinsics, or of m cameras', as arrays.
-
-    Parameters
-    ----------
-    f
-        () or (m,) focal length in pixels.
-    size
-        (2,) or (m, 2) width and height in pixels.
-    """
-
-    f: Float[np.ndarray, "..."]
-    size: Float[np.ndarray, "... 2"]
-
-    def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
-        """Those of some of the cameras; the same where one stands for all."""
-        return self if self.f.ndim == 0 else Lenses(self.f[index], self.size[index])
-
-    @classmethod
-    def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
-        """Cameras of one image size with these horizontal fields of view in radians."""
-        sine, cosine = sin_cos(fov_x / 2.0)
-        return cls(width / 2.0 / (sine / cosine), np.tile([float(width), float(height)], (len(fov_x), 1)))
-
-    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
-        """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
-        metres, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
-        return np.asarray(metres * self.f / (self.size[..., 1] * fraction))
-
-    @property
-    def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:
-        """Sine of half the horizontal field of view."""
-        half = self.size[..., 0] / 2.0
-        return np.asarray(half / hypot(half, self.f))
-
-
-Optics = Intrinsics | Sequence[Intrinsics] | Lenses
-
-
-def lenses(intrinsics: Optics) -> Lenses:
-    """One camera's intrinsics or a row of them, as arrays."""
-    if isinstance(intrinsics, Lenses):
-        return intrinsics
-    if isinstance(intrinsics, Intrinsics):
-        return Lenses(np.asarray(intrinsics.f_px), np.array([intrinsics.width, intrinsics.height], dtype=np.float64))
-    sizes = np.array([(i.width, i.height) for i in intrinsics], dtype=np.float64).reshape(-1, 2)
-    return Lenses(np.array([i.f_px for i in intrinsics], dtype=np.float64), sizes)
-
-
-def _positive(value: ArrayLike, name: str) -> np.ndarray:
-    array = checked(value, name, ("...",))
-    if (array <= 0.0).any():
-        raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
-    return array

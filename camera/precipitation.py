@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hulldown.camera.fog import extinction
+from hulldown.camera.intrinsics import Intrinsics
 
 EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
 RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up
@@ -120,10 +121,10 @@ class Streaks:
     gain: np.ndarray
 
 
-def view_of(world_from_camera: np.ndarray, fov_x: float, width: int, height: int, exposure_s: float) -> View:
-    """The view of a pinhole camera with an image of `width` x `height` pixels; `fov_x` in radians."""
-    half = math.tan(fov_x / 2.0)
-    return View(world_from_camera[:3, :3], (half, half * height / width), 2.0 * half / width, exposure_s)
+def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
+    """What a pinhole camera sees while its shutter is open."""
+    half = intrinsics.half_tangents
+    return View(world_from_camera[:3, :3], half, 2.0 * half[0] / intrinsics.width, exposure_s)
 
 
 def rain_sizes(rate_mm_h: float) -> Sizes:

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.intrinsics import Intrinsics, Optics, lenses
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.lenses import Optics, lenses
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid, rotate
 
@@ -50,17 +51,15 @@ def project_camera(intrinsics: Optics, points_camera: ArrayLike) -> Projected:
     depth = points[..., 2]
     ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
     # Just in front of the plane the quotient may overflow to infinity, which is where such a point projects to.
-    lens = lenses(intrinsics)
     with np.errstate(over="ignore"):
-        return Projected(points[..., :2] / ahead * lens.f[..., None, None] + lens.size[..., None, :] / 2.0, depth)
+        return Projected(lenses(intrinsics).pixels(points[..., :2] / ahead), depth)
 
 
 def directions(intrinsics: Optics, pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Camera-frame directions (..., n, 3) through pixels (..., n, 2), with z = 1: depth times them is the point."""
     uv = checked(pixels, "pixels", ("...", "n", 2), finite=False)
     through = np.ones((*uv.shape[:-1], 3))
-    lens = lenses(intrinsics)
-    through[..., :2] = (uv - lens.size[..., None, :] / 2.0) / lens.f[..., None, None]
+    through[..., :2] = lenses(intrinsics).at_unit_depth(uv)
     return through
 
 

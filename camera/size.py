@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.intrinsics import Optics, lenses
+from hulldown.camera.lenses import Optics, lenses
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.transforms import rotate

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.assets.vehicle import Articulation
-from hulldown.camera.intrinsics import Optics, lenses
+from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.pencils import Pencils, box_at_unit_depth
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import BATCH, World
@@ -163,12 +163,11 @@ def visibility_of(
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
     pattern = jittered(rays, rng=np.random.default_rng(seed))
-    lens = lenses(intrinsics)
-    f, size = np.broadcast_to(lens.f, (n,)), np.broadcast_to(lens.size, (n, 2))
+    lens = lenses(intrinsics).spread(n)
     counts, area = np.zeros((n, 5)), np.zeros(n)
 
     def work(index: Int[np.ndarray, " k"]) -> None:
-        views = _Views(poses[index], f[index], size[index], pattern)
+        views = _Views(poses[index], lens.rows(index), pattern)
         counts[index], area[index] = views.count([subject.rows(index) for subject in subjects], world.rows(index))
 
     blocks = list(_blocks(n, max(1, BLOCK // rays)))
@@ -208,18 +207,16 @@ class _Views:
     def __init__(
         self,
         world_from_camera: Float[np.ndarray, "n 4 4"],
-        f: Float[np.ndarray, " n"],
-        size: Float[np.ndarray, "n 2"],
+        lens: Lenses,
         pattern: Float[np.ndarray, "r 2"],
     ) -> None:
-        self.world_from_camera, self.f, self.pattern = world_from_camera, f, pattern
-        self.edge = size / 2.0 / f[:, None]
+        self.world_from_camera, self.lens, self.pattern = world_from_camera, lens, pattern
 
     def count(
         self, subjects: list[PosedVehicle], world: World
     ) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
         """For each camera: rays on its subject, visible, hidden by ground, obstacles, vehicles; their area."""
-        n, r = len(self.f), len(self.pattern)
+        n, r = len(self.world_from_camera), len(self.pattern)
         low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
         parts = []
         for subject in subjects:
@@ -229,7 +226,8 @@ class _Views:
                 low[camera] = np.minimum(low[camera], box[:, 0])
                 high[camera] = np.maximum(high[camera], box[:, 1])
                 parts.append((part, pose, box, camera))
-        low, high = np.maximum(low, -self.edge), np.minimum(high, self.edge)
+        edge = self.lens.half_extent
+        low, high = np.maximum(low, -edge), np.minimum(high, edge)
         extent = np.clip(high - low, 0.0, None)
         in_frame = (extent > 0.0).all(axis=1)
         pencils = Pencils(low, extent, self.pattern)
@@ -247,4 +245,4 @@ class _Views:
         passed = world.passed(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
         counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
-        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.f**2
+        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.lens.f**2

@@ -12,7 +12,6 @@ from PIL import Image
 from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.library import Assets
-from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.target import PosedVehicle
@@ -153,7 +152,7 @@ class Artist:
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Colours from 0 to 1, without boxes."""
-        camera = Camera(Intrinsics(width, height, row.intrinsics.fov_x), row.world_from_camera)
+        camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
         colours = look(

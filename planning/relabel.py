@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
+from hulldown.camera.lenses import lenses
 from hulldown.placement.settle import gap_and_penetration
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, Row, rounded
@@ -60,8 +61,8 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     )
     # All of each vehicle's row but the vehicle itself, and the target of a picture without one.
     one, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
-    cameras = no_views(k)
-    cameras.world_from_camera[:], cameras.fov_x[:] = row.world_from_camera, np.radians(row.fov_x_deg)
+    cameras = dataclasses.replace(no_views(k), lens=lenses(row.intrinsics).spread(k))
+    cameras.world_from_camera[:] = row.world_from_camera
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=one)
     views, pixels = views_of_others(site, vehicles, others, cameras=cameras, visibility_m=visibility, config=config)

@@ -6,7 +6,6 @@ with them all follow from the types below. A new field is one line here, and one
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -214,7 +213,7 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
     @property
     def intrinsics(self) -> Intrinsics:
         """Image size and field of view."""
-        return Intrinsics(self.width, self.height, math.radians(self.fov_x_deg))
+        return Intrinsics.of_record({"width": self.width, "height": self.height, "fov_x_deg": self.fov_x_deg})
 
     @property
     def camera(self) -> Camera:

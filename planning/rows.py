@@ -46,7 +46,7 @@ def rows_of(
         "file_name": [picture_name(i) for i in image.tolist()],
         "shot": block.shot.tolist(),
         "world_from_camera": views.world_from_camera,
-        "fov_x_deg": rounded("fov_x_deg", np.degrees(views.fov_x)).tolist(),
+        "fov_x_deg": rounded("fov_x_deg", views.lens.fov_x_deg).tolist(),
         "hdri": hdris,
         "hdri_yaw_deg": rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
         "strength": strength.tolist(),

@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 
 import hulldown.annotate.clusters
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.annotate.clipping import Frustum, extremes_of_clipped, extremes_of_mesh
+from hulldown.annotate.clipping import extremes_of_clipped, extremes_of_mesh
 from hulldown.annotate.masks import mask_box, vehicle_mask
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
@@ -300,7 +302,7 @@ def test_triangles_in_any_order_and_winding_give_the_same_box(seed: int) -> None
 @given(st.integers(0, 2**32), st.booleans())
 def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bool) -> None:
     shape, pose, camera, _ = random_view(seed)
-    frustum = Frustum.of(camera.intrinsics, frame=frame)
+    frustum = Frustum.of(lenses(camera.intrinsics), frame=frame)
     points = np.ascontiguousarray(apply(camera.camera_from_world @ pose, shape.mesh.vertices).T)
     each = extremes_of_clipped(points[:, shape.mesh.faces], frustum)
     assert np.array_equal(extremes_of_mesh(points, shape.mesh.faces, frustum), each)

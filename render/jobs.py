@@ -239,9 +239,7 @@ def _scenery(row: Row, assets: RenderAssets) -> SceneryInput:
 def _camera(row: Row) -> CameraInput:
     return CameraInput(
         world_from_camera=row.world_from_camera.tolist(),
-        fov_x=row.intrinsics.fov_x,
-        width=row.width,
-        height=row.height,
+        intrinsics=row.intrinsics,
         near=NEAR,
         exposure=row.exposure_ev,
         white_balance=row.white_balance_k,

@@ -5,10 +5,11 @@ Read on both sides, so it needs numpy only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather_kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
@@ -89,10 +90,8 @@ class CameraInput:
     ----------
     world_from_camera
         (4, 4) rigid, metres; x right, y down, z forward.
-    fov_x
-        Horizontal field of view in radians.
-    width, height
-        Of the picture, in pixels.
+    intrinsics
+        Image size and field of view.
     near
         Metres along the optical axis; nothing closer is seen.
     exposure
@@ -102,9 +101,7 @@ class CameraInput:
     """
 
     world_from_camera: Matrix
-    fov_x: float
-    width: int
-    height: int
+    intrinsics: Intrinsics
     near: float
     exposure: float
     white_balance: float
@@ -177,9 +174,15 @@ class StartJob:
 
 Job = StartJob | RenderJob | MaskJob
 KINDS: Mapping[str, type[Job]] = {"start": StartJob, "render": RenderJob, "mask": MaskJob}
-PARTS: Mapping[str, Any] = {
+
+
+def _camera_input(intrinsics: Mapping[str, Any], **others: Any) -> CameraInput:
+    return CameraInput(intrinsics=Intrinsics(**intrinsics), **others)
+
+
+PARTS: Mapping[str, Callable[..., Any]] = {
     "scenery": SceneryInput,
-    "camera": CameraInput,
+    "camera": _camera_input,
     "light": LightInput,
     "weather": Weather,
     "settings": Settings,

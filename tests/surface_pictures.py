@@ -194,13 +194,13 @@ def looking_down(x, y, z, width):
     """A camera that sees `width` metres of what is at z = 0."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x, y, z
-    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / z), 64, 64, 0.01, 0.0, 0.0)
+    return CameraInput(pose.tolist(), Intrinsics(64, 64, 2 * math.atan(width / 2 / z)), 0.01, 0.0, 0.0)
 
 
 def looking_along_x(x, y, z, width, distance):
     """A level camera that sees `width` metres at a distance."""
     pose = np.array([[0.0, 0, 1, x], [-1, 0, 0, y], [0, -1, 0, z], [0, 0, 0, 1]])
-    return CameraInput(pose.tolist(), 2 * math.atan(width / 2 / distance), 64, 64, 0.01, 0.0, 0.0)
+    return CameraInput(pose.tolist(), Intrinsics(64, 64, 2 * math.atan(width / 2 / distance)), 0.01, 0.0, 0.0)
 
 
 class Studio:

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from hulldown.camera.fog import DUST_ALBEDO, even_sky, extinction
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
 from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
 from hulldown.dataset.verification.sky import displayed
@@ -69,7 +70,7 @@ class Studio:
         job = RenderJob(
             scenery=SceneryInput(str(self.folder / f"{world}.blend"), IDENTITY, [], []),
             vehicles=[],
-            camera=CameraInput(pose, math.radians(fov_x_deg), width, width * 9 // 16, 0.1, 0.0, 0.0),
+            camera=CameraInput(pose, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), 0.1, 0.0, 0.0),
             light=LightInput(str(self.folder / f"{sky}.exr"), 0.0, 1.0, None),
             weather=weather,
             seed=seed,
@@ -174,7 +175,7 @@ def moved(drops, view, width, *, times=96, fine=3):
 def test_streaks_are_those_of_the_drops_that_fall(studio):
     """Before a dark wall, a picture's brightness is what the moving drops hide of it."""
     found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
-    view = view_of(np.array(AHEAD), math.radians(25.0), 192, 108, RAIN.exposure_s)
+    view = view_of(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
     expected = moved(drops, view, 192)
     bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * KINDS["rain"].share_of_sky)

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.intrinsics import Intrinsics, lenses
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.lenses import lenses
 
 
 def test_equations_2_to_6_on_the_papers_image() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.fog import extinction
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.precipitation import (
     FARTHEST,
     MOST,
@@ -23,7 +24,7 @@ AHEAD = np.array([[0.0, 0.0, 1.0, 5.0], [-1.0, 0.0, 0.0, 6.0], [0.0, -1.0, 0.0, 
 
 
 def view(width=1280, exposure_s=0.004, fov_x_deg=50.0):
-    return view_of(AHEAD, math.radians(fov_x_deg), width, width * 9 // 16, exposure_s)
+    return view_of(AHEAD, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), exposure_s)
 
 
 def drawn(sizes, seen, wind=(0.0, 0.0), seed=3):

@@ -96,7 +96,7 @@ class SkyCheck:
 
     def _sky(self, image: Mapping[str, Any], height: int) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
         """Directions of the rays of the small picture, and which of them meet neither ground nor obstacles."""
-        intrinsics = Intrinsics(WIDTH, height, math.radians(image["fov_x_deg"]))
+        intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
         camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
         x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))

@@ -13,12 +13,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.framing import frame_target
-from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 from hulldown.camera.visibility import visibility_of
 from hulldown.camera.weather import air_contrast
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.config.schema import CameraSection, Config, RenderSection
+from hulldown.planning.config.schema import CameraSection, Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.draws import Draws, Purpose, RowStreams, between
@@ -38,8 +38,8 @@ class Views:
     ----------
     world_from_camera
         (n, 4, 4) poses.
-    fov_x
-        (n,) horizontal field of view, radians.
+    lens
+        Their intrinsics.
     bbox, bbox_amodal
         (n, 4) boxes; nan where nothing of the vehicle is in the frame, or in front of the camera.
     truncated_fraction, visible_fraction
@@ -51,7 +51,7 @@ class Views:
     """
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
-    fov_x: Float[np.ndarray, " n"]
+    lens: Lenses
     bbox: Float[np.ndarray, "n 4"]
     bbox_amodal: Float[np.ndarray, "n 4"]
     truncated_fraction: Float[np.ndarray, " n"]
@@ -65,7 +65,7 @@ def no_views(n: int) -> Views:
     nan = np.nan
     return Views(
         np.full((n, 4, 4), nan),
-        np.full(n, nan),
+        Lenses(np.full(n, nan), np.full((n, 2), nan)),
         np.full((n, 4), nan),
         np.full((n, 4), nan),
         np.full(n, nan),
@@ -95,7 +95,9 @@ def try_cameras(
     views = no_views(n)
     rng = RowStreams(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
-    views.fov_x[:] = np.radians(rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0])))
+    fov_x = np.radians(rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0])))
+    lens = Lenses.of(render.width, render.height, fov_x)
+    put(views.lens, np.arange(n), lens)
     fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
@@ -104,7 +106,6 @@ def try_cameras(
     def framing(rows: Int[np.ndarray, " k"]) -> RowStreams:
         return RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows])
 
-    lens = lenses_of(render, views.fov_x)
     if limits.size_measure == "paper":
         smallest = targets.fleet.size.min(axis=1)[targets.model]
         distance = lens.distance_for(smallest, fraction)
@@ -186,7 +187,7 @@ def try_cameras(
         targets.take(rows).in_own_rows(),
         others.beside(rows)[0],
         world_from_camera=views.world_from_camera[rows],
-        lens=lenses_of(render, views.fov_x[rows]),
+        lens=views.lens.rows(rows),
         bbox=rounded("bbox", views.bbox[rows]),
     )
     views.rejection[rows[~shown]] = Rejection.HIDDEN
@@ -206,7 +207,7 @@ def views_of_others(
 
     Row i of the subjects, and of what stands beside them, is camera i; `visibility_m` is nan in clear air.
     """
-    lens = lenses_of(config.render, cameras.fov_x)
+    lens = cameras.lens
     boxes = boxes_of(subjects, cameras.world_from_camera, lens)
     visible = visible_shares(
         site, subjects, others, cameras.world_from_camera, intrinsics=lens, rays=config.camera.visibility_rays
@@ -296,11 +297,6 @@ def outside(
 ) -> UInt8[np.ndarray, " n"]:
     """Return the rejection of each value that is below or above these inclusive limits; nan is below."""
     return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
-
-
-def lenses_of(render: RenderSection, fov_x: Float[np.ndarray, " n"]) -> Lenses:
-    """The insides of cameras with these fields of view, radians."""
-    return Lenses.of(render.width, render.height, fov_x)
 
 
 def camera_rejections(

@@ -1,4 +1,7 @@
-"""Frozen dataclasses of arrays as tables: every field has one row for each of the same n things."""
+"""Frozen dataclasses of arrays as tables: every field has one row for each of the same n things.
+
+A field of `take` and `put` may also be such a table.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,18 @@ Table = TypeVar("Table", bound=Columns)
 
 def take(table: Table, rows: Int[np.ndarray, " k"]) -> Table:
     """Some of the rows."""
-    return type(table)(*(getattr(table, field.name)[rows] for field in fields(table)))
+    columns = (getattr(table, field.name) for field in fields(table))
+    return type(table)(*(column[rows] if isinstance(column, np.ndarray) else take(column, rows) for column in columns))
 
 
 def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
     """Overwrite some of the rows with those of another table."""
     for field in fields(table):
-        getattr(table, field.name)[rows] = getattr(values, field.name)
+        column, new = getattr(table, field.name), getattr(values, field.name)
+        if isinstance(column, np.ndarray):
+            column[rows] = new
+        else:
+            put(column, rows, new)
 
 
 def join(table: Table, more: Table) -> Table:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.camera.framing import frame_target
-from hulldown.camera.intrinsics import Lenses
+from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, ProjectedSize, solve_distance
 from hulldown.geometry.uniform import UniformNumbers

@@ -26,7 +26,7 @@ def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
     if sizes_of is None:
         return None
     pose = np.array(camera.world_from_camera)
-    view = view_of(pose, camera.fov_x, camera.width, camera.height, weather.exposure_s)
+    view = view_of(pose, camera.intrinsics, weather.exposure_s)
     return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, rng_of(seed)), view)
 
 

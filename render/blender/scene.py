@@ -146,13 +146,13 @@ class Stage:
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
-        half = math.tan(camera.fov_x / 2)
+        half = camera.intrinsics.half_tangents[0]
         data.lens = max(SENSOR_WIDTH / (2 * half), SHORTEST_LENS)
         data.sensor_width = 2 * half * data.lens
         data.clip_start = camera.near * self.units_per_metre
         data.clip_end = FAR * self.units_per_metre
         render = self.scene.render
-        render.resolution_x, render.resolution_y = camera.width, camera.height
+        render.resolution_x, render.resolution_y = camera.intrinsics.width, camera.intrinsics.height
 
     def set_light(self, light: LightInput) -> None:
         """Light by an HDRI."""

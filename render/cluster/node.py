@@ -214,7 +214,7 @@ class OpenBlender(WorkerPlugin):
         answers: list[Answer] = []
 
         def done(_: int, answer: Mapping[str, Any]) -> str | None:
-            if wrong := damage(output, job.camera.width, job.camera.height):
+            if wrong := damage(output, job.camera.intrinsics.width, job.camera.intrinsics.height):
                 return wrong
             answers.append(Answer(self._address, png=output.read_bytes(), device=answer["device"]))
             output.unlink()

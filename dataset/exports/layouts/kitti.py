@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.shares import Shares
 from hulldown.dataset.known import number as number_of
 
@@ -46,11 +47,10 @@ def write(shares: Shares, out: Path) -> None:
                 item.link(pictures, stem + Path(item.name).suffix)
                 lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-                fov = number_of(item.image.get("fov_x_deg"))
-                if math.isnan(fov):
+                if not 0.0 < number_of(item.image.get("fov_x_deg")) < 180.0:
                     without += 1
                 else:
-                    (cameras / f"{stem}.txt").write_text(_calibration(item.image, fov), encoding="utf-8")
+                    (cameras / f"{stem}.txt").write_text(_calibration(item.image), encoding="utf-8")
                 stems.write(f"{stem}\n")
     if without:
         pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
@@ -85,11 +85,10 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
     )
 
 
-def _calibration(image: Mapping[str, Any], fov: float) -> str:
-    """Return the cameras' matrices for a horizontal field of view in degrees."""
-    focal = image["width"] / 2 / math.tan(math.radians(fov) / 2)
-    matrix = [focal, 0.0, image["width"] / 2, 0.0, 0.0, focal, image["height"] / 2, 0.0, 0.0, 0.0, 1.0, 0.0]
-    camera = " ".join(f"{each:.9g}" for each in matrix)
+def _calibration(image: Mapping[str, Any]) -> str:
+    """Return the cameras' matrices."""
+    matrix = np.column_stack([Intrinsics.of_record(image).matrix, np.zeros(3)])
+    camera = " ".join(f"{each:.9g}" for each in matrix.ravel())
     lines = [f"P{i}: {camera}" for i in range(4)]
     lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]
     return "\n".join(lines) + "\n"

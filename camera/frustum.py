@@ -1,0 +1,109 @@
+"""What a camera sees as half-spaces: near plane and edges of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from hulldown.camera.lenses import Lenses
+from hulldown.camera.projection import NEAR
+
+# Which planes a point is outside of, or lies on, as bits.
+NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT = 1, 2, 4, 8, 16
+
+
+@dataclass(frozen=True, slots=True)
+class Frustum:
+    """What a camera sees, as half-spaces of its own frame that are linear in (x, y, z).
+
+    Parameters
+    ----------
+    f_px, width, height
+        Focal length and image size in pixels.
+    frame
+        Whether the image's edges are among the half-spaces, or the near plane alone.
+    """
+
+    f_px: float
+    width: float
+    height: float
+    frame: bool
+
+    @classmethod
+    def of(cls, lens: Lenses, *, frame: bool) -> Frustum:
+        """The frustum of one camera."""
+        width, height = lens.size.tolist()
+        return cls(float(lens.f), width, height, frame)
+
+    @property
+    def bits(self) -> tuple[int, ...]:
+        """The planes of this frustum, in the order of `planes`."""
+        return (NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT) if self.frame else (NEAR_BIT,)
+
+    @property
+    def planes(self) -> Float[np.ndarray, "k 4"]:
+        """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside."""
+        f, half_width, half_height = self.f_px, self.width / 2.0, self.height / 2.0
+        near = [0.0, 0.0, 1.0, -NEAR]
+        if not self.frame:
+            return np.array([near])
+        return np.array(
+            [
+                near,
+                [f, 0.0, half_width, 0.0],
+                [-f, 0.0, half_width, 0.0],
+                [0.0, f, half_height, 0.0],
+                [0.0, -f, half_height, 0.0],
+            ]
+        )
+
+    def distance(self, bit: int, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+        """Signed distance of points to one plane, scaled; not negative inside."""
+        x, y, z = points
+        if bit == NEAR_BIT:
+            return z - NEAR
+        if bit == LEFT_BIT:
+            return self.f_px * x + self.width / 2.0 * z
+        if bit == RIGHT_BIT:
+            return self.width / 2.0 * z - self.f_px * x
+        if bit == TOP_BIT:
+            return self.f_px * y + self.height / 2.0 * z
+        return self.height / 2.0 * z - self.f_px * y
+
+    def outside(self, points: Float[np.ndarray, "3 *n"]) -> UInt8[np.ndarray, "*n"]:
+        """For each point the bits of the planes that it is outside of."""
+        code = np.zeros(points.shape[1:], dtype=np.uint8)
+        for bit in self.bits:
+            code |= (self.distance(bit, points) < 0.0).astype(np.uint8) * np.uint8(bit)
+        return code
+
+    def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
+        """Continuous pixels of points inside the frustum; rounding does not take them out of the image."""
+        x, y, z = points
+        u = x / z * self.f_px + self.width / 2.0
+        v = y / z * self.f_px + self.height / 2.0
+        if self.frame:
+            np.clip(u, 0.0, self.width, out=u)
+            np.clip(v, 0.0, self.height, out=v)
+        return np.stack([u, v])
+
+    def beyond(self, box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
+        """Linear functions that are positive, in front of the camera, at what lies beyond each side of a box.
+
+        Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
+        """
+        f, width, height = self.f_px, self.width, self.height
+        u0, v0, u1, v1 = [width, height, 0.0, 0.0] if np.isinf(box).any() else box.tolist()
+        rows = np.array(
+            [
+                [-f, 0.0, u0 - width / 2.0, 0.0],
+                [0.0, -f, v0 - height / 2.0, 0.0],
+                [f, 0.0, width / 2.0 - u1, 0.0],
+                [0.0, f, height / 2.0 - v1, 0.0],
+            ]
+        )
+        if self.frame:
+            rows[[u0 <= 0.0, v0 <= 0.0, u1 >= width, v1 >= height]] = 0.0
+        return rows
