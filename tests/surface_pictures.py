@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather_kinds import Weather
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles

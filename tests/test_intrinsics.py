@@ -22,6 +22,11 @@ def test_a_point_at_half_the_field_of_view_is_on_the_images_edge(fov_deg: float)
     camera = Intrinsics(1920, 1080, math.radians(fov_deg))
     assert camera.f_px * math.tan(camera.fov_x / 2) == pytest.approx(960, rel=1e-14)
     assert camera.f_px * math.tan(camera.fov_y / 2) == pytest.approx(540, rel=1e-12)
+    assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
+    # A row writes 12 decimals.
+    assert lenses(camera).fov_x_deg.round(12) == fov_deg
+    record = {"width": 1920, "height": 1080, "fov_x_deg": fov_deg}
+    assert Intrinsics.of_record(record) == camera == camera.resized(480, 270).resized(1920, 1080)
 
 
 def test_a_row_of_cameras_as_arrays() -> None:
