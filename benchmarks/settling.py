@@ -16,6 +16,7 @@ from hulldown.benchmarks.tables import table
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rotation_z
 from hulldown.placement.candidates import candidates
+from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
@@ -107,7 +108,9 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
     rows = []
     for rule in RULES:
         for n in (3, 5, 7, 9, 13, 21):
-            settled = settle(terrain, SIZE, xy, yaw, rule=rule, n=n, max_slope=1.5, contact_n=36, threads=2)
+            settled = settle(
+                terrain, SIZE, xy, yaw, threads=2, rules=SettleRules(rule=rule, n=n, max_slope=1.5, contact_n=36)
+            )
             angle = angle_deg(settled.world_from_vehicle[:, :3, 2], up)
             rows.append({
                 "rule": rule, "n": n, "rays": n * n,
@@ -130,9 +133,9 @@ def _speed(quick: bool) -> dict[str, Any]:
     k = 5_000 if quick else 50_000
     xy, yaw = candidates(mesh.bounds, k, rng=np.random.default_rng(5))
 
-    def ours(**options: Any) -> Callable[[], int]:
+    def ours(*, threads: int = 1, **options: Any) -> Callable[[], int]:
         def work() -> int:
-            settle(terrain, SIZE, xy, yaw, **options)
+            settle(terrain, SIZE, xy, yaw, rules=SettleRules(**options), threads=threads)
             return k
 
         return work

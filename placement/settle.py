@@ -17,16 +17,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked, whole
+from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.transforms import facing, rigid
-from hulldown.placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
+from hulldown.placement.contact import Footing, gap_and_penetration, stacked
+from hulldown.placement.footprint import Samples, Underside
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rest import Rest, averaged, least_squares, support
-from hulldown.placement.terrain import Method, Terrain
+from hulldown.placement.rules import SettleRules
+from hulldown.placement.terrain import Terrain
 
-RULES = ("averaged", "least_squares", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
+DEFAULT_RULES = SettleRules()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,15 +78,8 @@ def settle(
     xy: ArrayLike,
     yaw: ArrayLike,
     *,
-    rule: str = "support",
-    n: int = 5,
-    max_slope: float = math.radians(30.0),
-    min_share: float = 0.8,
-    max_gap: float = math.inf,
-    max_penetration: float = math.inf,
-    contact_n: int = 9,
     footprint: ArrayLike | Underside | None = None,
-    method: Method = "certified",
+    rules: SettleRules = DEFAULT_RULES,
     threads: int = 1,
 ) -> Settled:
     """The resting pose of a vehicle at each candidate position, or why there is none.
@@ -99,26 +94,12 @@ def settle(
         (k, 2) positions of the vehicle's origin in the world, metres.
     yaw
         (k,) headings in radians, counter-clockwise from +x.
-    rule
-        How the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
-        "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on.
-    n
-        The footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule
-        sends each to the lowest spot near its place, and lets the ground reach the underside there.
-    max_slope
-        Greatest inclination in radians, of the ground at (x, y) and of the rest plane.
-    min_share
-        Least share of the n x n rays that must meet ground.
-    max_gap, max_penetration
-        Largest `Settled.gap` and `Settled.penetration`, in metres.
-    contact_n
-        Gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan.
     footprint
         (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame: a flat plate at z = 0; by default the
         whole underside of the bounding box. See `placement.footprint.contact_footprint`. Or an `Underside`, which knows
         how high the vehicle is above the ground between wheels and tracks: `placement.footprint.underside`.
-    method
-        How top hits are found; see `Terrain.top_hits`.
+    rules
+        How vehicles come to rest, and what a resting pose may be like.
     threads
         Threads that share the candidates.
 
@@ -152,20 +133,6 @@ def settle(
     headings = checked(yaw, "yaw", (len(positions),))
     if (size <= 0).any():
         raise ValueError(f"size_xyz: expected lengths above 0, got {size.tolist()}")
-    if rule not in RULES:
-        raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {rule!r}")
-    n, contact_n = whole(n, "n"), whole(contact_n, "contact_n")
-    if n < (1 if rule == "averaged" else 2):
-        raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {n}")
-    if contact_n < 0:
-        raise ValueError(f"contact_n: expected 0 or more points a side, got {contact_n}")
-    if not 0.0 <= max_slope < math.pi / 2:
-        raise ValueError(f"max_slope: expected radians in [0, pi/2), got {max_slope}")
-    if not 0.0 <= min_share <= 1.0:
-        raise ValueError(f"min_share: expected a share in [0, 1], got {min_share}")
-    for name, limit in (("max_gap", max_gap), ("max_penetration", max_penetration)):
-        if not limit >= 0.0:
-            raise ValueError(f"{name}: expected metres of 0 or more, got {limit}")
     if isinstance(footprint, Underside):
         box = footprint.box
     else:
@@ -174,47 +141,9 @@ def settle(
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     if threads < 1:
         raise ValueError(f"threads: expected at least 1, got {threads}")
-    rules = SettleRules(rule, max_slope, min_share, max_gap, max_penetration, method)
-    under = footprint if isinstance(footprint, Underside) else box
-    footing = Footing.of(under, n, contact_n=contact_n, rule=rule)
+    footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
     which = np.zeros(len(positions), dtype=np.int64)
     return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules, threads=threads)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SettleRules:
-    """How vehicles come to rest, and what a resting pose may be like; see the arguments of `settle`."""
-
-    rule: str
-    max_slope: float
-    min_share: float
-    max_gap: float
-    max_penetration: float
-    method: Method = "certified"
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Footing:
-    """Where a vehicle's underside is compared with the ground.
-
-    Parameters
-    ----------
-    samples
-        Points from which the rest plane follows.
-    contact
-        Points at which gap and penetration are measured.
-    """
-
-    samples: Samples
-    contact: Samples
-
-    @classmethod
-    def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, n: int, *, contact_n: int, rule: str) -> Footing:
-        """The points of n x n rays, and those of contact_n x contact_n."""
-        contact = contact_samples(footprint, contact_n)
-        if isinstance(footprint, Underside) and rule == "support":
-            return cls(underside_samples(footprint, n), contact)
-        return cls(plate_samples(footprint.box if isinstance(footprint, Underside) else footprint, n), contact)
 
 
 def settle_each(
@@ -256,17 +185,6 @@ def settle_each(
             parts = list(pool.map(work, blocks))
     back = np.argsort(order)
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
-
-
-def stacked(samples: Sequence[Samples]) -> Samples:
-    """Samples of several vehicles as one; those that have fewer repeat their first."""
-    most = max(len(one.xy) for one in samples)
-    padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]
-    xy, height, foot = (
-        np.stack([getattr(one, field)[i] for one, i in zip(samples, padded, strict=True)])
-        for field in ("xy", "height", "foot")
-    )
-    return Samples(xy, height, foot, np.stack([one.centre for one in samples]))
 
 
 def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
@@ -358,57 +276,6 @@ def _rest(
         for field in fields(Rest):
             getattr(rest, field.name)[rows] = getattr(planes, field.name)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
-
-
-def gap_and_penetration(
-    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """`Settled.gap` and `Settled.penetration` of posed vehicles; points over no ground count for neither.
-
-    Parameters
-    ----------
-    terrain
-        The ground.
-    world_from_vehicle
-        (k, 4, 4) rigid poses.
-    contact
-        The points of the underside that are looked at, `placement.footprint.contact_samples`: of all, or of each.
-    method
-        How top hits are found; see `Terrain.top_hits`.
-    """
-    points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
-    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
-    above = points[..., 2] - hits.z.reshape(points.shape[:2])
-    # Straight down from the underside, the plane that the vehicle stands on is that much lower.
-    below = np.where(contact.foot, above - contact.height / up, np.nan)
-    # fmax passes over the nan of a miss.
-    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
-
-
-def depth_below(
-    surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
-) -> Float[np.ndarray, " k"]:
-    """How far in metres the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
-
-    Parameters
-    ----------
-    surface
-        Its topmost height counts.
-    world_from_vehicle, contact
-        As of `gap_and_penetration`.
-    """
-    points = underside_points(world_from_vehicle, contact)
-    hits = surface.top_hits(points[..., :2].reshape(-1, 2))
-    return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)
-
-
-def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
-    """The points of the underside of posed vehicles, in the world."""
-    x, y, height = contact.xy[..., 0], contact.xy[..., 1], contact.height
-    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
-    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
-    points += np.stack([up[:, i] * height for i in range(3)], axis=2)
-    return points
 
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from hulldown.camera.lenses import lenses
-from hulldown.placement.settle import gap_and_penetration
+from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, Row, rounded
 from hulldown.planning.rows import bounds_in_rows, records, seen_in_rows

@@ -10,6 +10,7 @@ from hulldown.geometry.transforms import apply, facing, rigid, rotation_z
 from hulldown.placement.candidates import candidates
 from hulldown.placement.footprint import Underside, underside_samples
 from hulldown.placement.rejection import Rejection
+from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
 
@@ -76,7 +77,7 @@ def turned_by(a, b):
 def test_poses_are_rigid_keep_position_and_heading_and_stand_upright(seed, rule, n):
     mesh = rough_mesh(seed)
     xy, yaw = candidates_on(mesh, seed)
-    settled = settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, n=n, max_slope=1.4, min_share=0.01)
+    settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.4, min_share=0.01))
     known = np.isfinite(settled.tilt)
     poses = settled.world_from_vehicle[known]
     rotation = poses[:, :3, :3]
@@ -94,7 +95,7 @@ def test_the_averaged_rule_is_the_mean_of_heights_and_normals(seed):
     mesh = rough_mesh(seed)
     terrain = Terrain(mesh)
     xy, yaw = candidates_on(mesh, seed)
-    settled = settle(terrain, SIZE, xy, yaw, rule="averaged", max_slope=1.4, min_share=1.0)
+    settled = settle(terrain, SIZE, xy, yaw, rules=SettleRules(rule="averaged", max_slope=1.4, min_share=1.0))
     grid = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 5)), -1).reshape(-1, 2)
     for i in np.flatnonzero(settled.ok):
         hits = terrain.top_hits(xy[i] + grid @ rotation_z(yaw[i])[:2, :2].T)
@@ -109,7 +110,9 @@ def test_gap_and_penetration_are_the_extremes_over_the_tilted_underside(seed, n,
     terrain = Terrain(mesh)
     xy, yaw = candidates_on(mesh, seed, n=5)
     box = np.array([[-2.0, -1.0], [2.0, 1.0]]) + offset
-    settled = settle(terrain, SIZE, xy, yaw, max_slope=1.4, contact_n=n, footprint=box, rule="least_squares")
+    settled = settle(
+        terrain, SIZE, xy, yaw, footprint=box, rules=SettleRules(max_slope=1.4, contact_n=n, rule="least_squares")
+    )
     share = np.linspace(0, 1, n) if n > 1 else np.array([0.5])
     grid = np.stack(np.meshgrid(*(low + share * (high - low) for low, high in box.T)), -1).reshape(-1, 2)
     for i in np.flatnonzero(settled.ok):
@@ -137,7 +140,7 @@ def test_the_contact_point_never_moves_under_tilt_and_the_heading_stays(yaw, til
 def test_on_a_plane_nothing_gapes_and_nothing_sinks(gradient, z, rule, n, seed):
     mesh = plane_mesh(gradient, z)
     xy, yaw = candidates(mesh.bounds, 8, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, n=n, max_slope=1.2)
+    settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.2))
     assert settled.ok.all()
     assert settled.gap.max() < 1e-10
     assert settled.penetration.max() < 1e-10
@@ -153,11 +156,11 @@ def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule
     mesh = rough_mesh(seed, half=12.0)
     xy, yaw = candidates_on(mesh, seed, n=6)
     small, large = (random_underside(seed, s) if raised else None for s in (1.0, scale))
-    here = settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, footprint=small)
+    here = settle(Terrain(mesh), SIZE, xy, yaw, footprint=small, rules=SettleRules(rule=rule))
     there_from_here = rigid(scale * rotation_z(turn), shift)
     moved = Mesh(apply(there_from_here, mesh.vertices), mesh.faces, "moved")
     moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, rule=rule, footprint=large)
+    there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, footprint=large, rules=SettleRules(rule=rule))
     # Samples that fall on an edge of the ground may fall to its other side; the seeds met none that mattered.
     np.testing.assert_array_equal(there.rejection, here.rejection)
     expected = there_from_here @ here.world_from_vehicle
@@ -175,7 +178,13 @@ def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps)
     angle = limit + steps * np.spacing(limit)
     gradient = math.tan(angle) * np.array([math.cos(toward), math.sin(toward)])
     for rule in ("averaged", "support"):
-        settled = settle(Terrain(plane_mesh(gradient, 0.0)), SIZE, [[0.5, 0.25]], [yaw], rule=rule, max_slope=limit)
+        settled = settle(
+            Terrain(plane_mesh(gradient, 0.0)),
+            SIZE,
+            [[0.5, 0.25]],
+            [yaw],
+            rules=SettleRules(rule=rule, max_slope=limit),
+        )
         # The rest plane is judged too, and may round to the other side where the ground itself passes.
         if steps > 0:
             assert settled.rejection[0] == Rejection.TOO_STEEP
@@ -189,9 +198,9 @@ def test_a_candidate_does_not_depend_on_its_company(seed, rule, raised):
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 30, rng=np.random.default_rng(seed), margin=1.0)
     footprint = random_underside(seed) if raised else None
-    together = settle(terrain, SIZE, xy, yaw, rule=rule, footprint=footprint)
+    together = settle(terrain, SIZE, xy, yaw, footprint=footprint, rules=SettleRules(rule=rule))
     for i in (0, 13, 29):
-        alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], rule=rule, footprint=footprint)
+        alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], footprint=footprint, rules=SettleRules(rule=rule))
         for name in FIELDS:
             np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)
 
@@ -201,7 +210,7 @@ def test_the_support_plane_lies_on_the_ground_and_nowhere_below_it(seed, n):
     mesh = rough_mesh(seed)
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(terrain, SIZE, xy, yaw, rule="support", n=n, max_slope=1.4, contact_n=0)
+    settled = settle(terrain, SIZE, xy, yaw, rules=SettleRules(rule="support", n=n, max_slope=1.4, contact_n=0))
     share = np.linspace(-0.5, 0.5, n)
     grid = np.stack(np.meshgrid(share * SIZE[0], share * SIZE[1]), -1).reshape(-1, 2)
     for i in np.flatnonzero(settled.ok):
@@ -218,7 +227,9 @@ def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(terrain, SIZE, xy, yaw, rule="support", n=n, max_slope=1.4, contact_n=0, footprint=shape)
+    settled = settle(
+        terrain, SIZE, xy, yaw, footprint=shape, rules=SettleRules(rule="support", n=n, max_slope=1.4, contact_n=0)
+    )
     at = underside_samples(shape, n).solid()
     assert settled.ok.sum() >= 5
     for i in np.flatnonzero(settled.ok):
@@ -236,7 +247,9 @@ def test_an_underside_without_relief_is_a_plate_to_the_bit(seed, rule, n):
     mesh = rough_mesh(seed)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=1.0)
     flat = Underside(PLATE, np.zeros((128, 128)))
-    plate, level = (settle(Terrain(mesh), SIZE, xy, yaw, rule=rule, n=n, footprint=f) for f in (PLATE, flat))
+    plate, level = (
+        settle(Terrain(mesh), SIZE, xy, yaw, footprint=f, rules=SettleRules(rule=rule, n=n)) for f in (PLATE, flat)
+    )
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(plate, name), getattr(level, name), err_msg=name)
 
@@ -246,7 +259,7 @@ def test_gap_and_penetration_are_those_of_the_posed_underside(seed, rule):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 6, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(terrain, SIZE, xy, yaw, rule=rule, max_slope=1.4, footprint=shape)
+    settled = settle(terrain, SIZE, xy, yaw, footprint=shape, rules=SettleRules(rule=rule, max_slope=1.4))
     at = underside_samples(shape, 9).solid()
     for i in np.flatnonzero(settled.ok):
         points = apply(settled.world_from_vehicle[i], np.column_stack([at.xy, at.height]))

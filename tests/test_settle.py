@@ -6,6 +6,7 @@ import pytest
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.footprint import underside
 from hulldown.placement.rejection import Rejection
+from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.planning_assets import box
@@ -47,7 +48,7 @@ def slope(angle, half=20.0):
 def test_on_a_slope_the_vehicle_lies_flat_on_it(rule):
     angle = math.radians(20)
     yaw = np.linspace(-3, 3, 7)
-    settled = settle(slope(angle), TANK, np.tile([1.0, 2.0], (7, 1)), yaw, rule=rule)
+    settled = settle(slope(angle), TANK, np.tile([1.0, 2.0], (7, 1)), yaw, rules=SettleRules(rule=rule))
     assert settled.ok.all()
     up = settled.world_from_vehicle[:, :3, 2]
     np.testing.assert_allclose(up, np.tile([-math.sin(angle), 0, math.cos(angle)], (7, 1)), atol=1e-14)
@@ -75,7 +76,7 @@ def test_each_refusal_has_its_reason_and_leaves_what_was_not_reached_nan():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_no_candidates_are_legal(rule):
-    settled = settle(slope(0.1), TANK, np.zeros((0, 2)), np.zeros(0), rule=rule)
+    settled = settle(slope(0.1), TANK, np.zeros((0, 2)), np.zeros(0), rules=SettleRules(rule=rule))
     assert settled.world_from_vehicle.shape == (0, 4, 4)
     assert settled.ok.shape == (0,)
 
@@ -95,8 +96,8 @@ def nose_up(settled):
 )
 def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n, rest):
     terrain = Terrain(height_field(height, half=8, cell=0.05))
-    support = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rule="support", n=n)
-    averaged = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rule="averaged", n=n)
+    support = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="support", n=n))
+    averaged = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="averaged", n=n))
     # The reference stands on whole ground; samples 0.2 m apart miss the edge by at most that.
     assert abs(nose_up(support) - rest) < 0.5
     assert abs(nose_up(averaged) - rest) > 1.5
@@ -114,19 +115,21 @@ def test_the_margin_is_how_far_the_centre_lies_inside_its_contacts():
     np.testing.assert_allclose(settled.margin[:2], 3.5 * 1.75 / math.hypot(5.25, 1.75), atol=1e-9)
     assert settled.rejection.tolist() == [Rejection.NONE, Rejection.NONE, Rejection.OVERHANG]
     assert np.isnan(settled.margin[2])
-    assert np.isnan(settle(terrain, TANK, xy, yaw, rule="averaged").margin).all()
+    assert np.isnan(settle(terrain, TANK, xy, yaw, rules=SettleRules(rule="averaged")).margin).all()
 
 
 def test_a_bump_between_the_rays_is_seen_by_the_denser_measurement():
     terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
-    free, limited = (settle(terrain, TANK, [[0.0, 0.0]], [0.0], max_penetration=d) for d in (math.inf, 0.3))
+    free, limited = (
+        settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(max_penetration=d)) for d in (math.inf, 0.3)
+    )
     assert free.penetration[0] > 0.35
     assert limited.rejection.tolist() == [Rejection.PENETRATION]
 
 
 def test_a_gap_over_a_hole_is_limited():
     terrain = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
-    settled = settle(terrain, TANK, [[0.0, 0.0]] * 2, [0.0, 0.0], max_gap=0.8)
+    settled = settle(terrain, TANK, [[0.0, 0.0]] * 2, [0.0, 0.0], rules=SettleRules(max_gap=0.8))
     assert settled.rejection.tolist() == [Rejection.GAP] * 2
     np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
 
@@ -154,7 +157,8 @@ def along(height, half_width=0.5):
 def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
     yaw = [0.0, math.pi]
     plate, rails = (
-        settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, max_slope=STEEP) for f in (RAILS.box, RAILS)
+        settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, rules=SettleRules(max_slope=STEEP))
+        for f in (RAILS.box, RAILS)
     )
     flat = settle(Terrain.flat(0.0), TANK, [[0.5, 0.0]] * 2, yaw, footprint=RAILS)
     np.testing.assert_allclose(plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
@@ -164,7 +168,7 @@ def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
 
 
 def test_a_ridge_higher_than_the_belly_carries_it():
-    settled = settle(along(0.6), TANK, [[0.0, 0.0]], [0.0], footprint=RAILS, max_slope=STEEP)
+    settled = settle(along(0.6), TANK, [[0.0, 0.0]], [0.0], footprint=RAILS, rules=SettleRules(max_slope=STEEP))
     np.testing.assert_allclose(settled.world_from_vehicle[0, :3, 2], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(settled.world_from_vehicle[0, 2, 3], 0.15, atol=1e-12)
     np.testing.assert_allclose([settled.gap[0], settled.penetration[0]], [0.15, 0.0], atol=1e-12)
@@ -191,15 +195,21 @@ def test_an_axle_between_the_samples_is_stood_on():
         ({"min_share": math.nan}, r"min_share: expected a share in \[0, 1\], got nan"),
         ({"max_gap": math.nan}, "max_gap: expected metres of 0 or more, got nan"),
         ({"max_penetration": -0.1}, "max_penetration: expected metres of 0 or more, got -0.1"),
-        ({"footprint": [[1, 1], [0, 2]]}, "footprint: expected the lowest corner first"),
-        ({"threads": 0}, "threads: expected at least 1, got 0"),
     ],
 )
 def test_a_wrong_call_names_the_argument(options, message):
     with pytest.raises(ValueError, match=message):
-        settle(slope(0.1), TANK, [[0.0, 0.0]], [0.0], **options)
+        SettleRules(**options)
 
 
-def test_a_vehicle_without_size_is_refused():
-    with pytest.raises(ValueError, match=r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"):
-        settle(slope(0.1), [7.0, 0.0, 2.5], [[0.0, 0.0]], [0.0])
+@pytest.mark.parametrize(
+    ("size", "options", "message"),
+    [
+        (TANK, {"footprint": [[1, 1], [0, 2]]}, "footprint: expected the lowest corner first"),
+        (TANK, {"threads": 0}, "threads: expected at least 1, got 0"),
+        ([7.0, 0.0, 2.5], {}, r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"),
+    ],
+)
+def test_a_vehicle_or_thread_count_that_cannot_be_is_refused(size, options, message):
+    with pytest.raises(ValueError, match=message):
+        settle(slope(0.1), size, [[0.0, 0.0]], [0.0], **options)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,13 @@ from jaxtyping import Bool, Float
 
 from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid
+from hulldown.placement.contact import depth_below
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.settle import Settled, SettleRules, depth_below, settle_each
+from hulldown.placement.settle import Settled, settle_each
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.instances import Instances
-from hulldown.planning.search.stage import Site
+from hulldown.planning.search.stage import Site, settle_rules
 
 ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
 
@@ -44,14 +44,9 @@ def settle_clear(
         (n, 2) metres and (n,) radians.
     """
     limits = config.placement
-    rules = SettleRules(
-        limits.rule,
-        max_slope=math.radians(limits.max_slope_deg),
-        min_share=limits.min_valid_share,
-        max_gap=limits.max_gap,
-        max_penetration=limits.max_penetration,
+    settled = settle_each(
+        site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=settle_rules(limits)
     )
-    settled = settle_each(site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     placed = replace(instances, world_from_vehicle=poses)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -18,12 +19,12 @@ from hulldown.camera.target import VehicleTarget
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.rays import RayCaster
 from hulldown.placement.clearance import Obstacles
+from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
-from hulldown.placement.settle import Footing, stacked
+from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.schema import Config
+from hulldown.planning.config.schema import Config, PlacementSection
 
-CONTACT = 9  # points a side of the underside at which gap, penetration and depth in water are looked at
 _BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles
 
 
@@ -215,6 +216,18 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     )
 
 
+def settle_rules(limits: PlacementSection) -> SettleRules:
+    """The config's limits of resting poses."""
+    return SettleRules(
+        limits.rule,
+        n=limits.footprint,
+        max_slope=math.radians(limits.max_slope_deg),
+        min_share=limits.min_valid_share,
+        max_gap=limits.max_gap,
+        max_penetration=limits.max_penetration,
+    )
+
+
 def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
     target, limits = VehicleTarget(shape), config.placement
     bounds = np.array([[part.hull.min(axis=0), part.hull.max(axis=0)] for part in target.parts])
@@ -226,7 +239,7 @@ def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
         boxes=VehicleBoxes(shape),
         target=target,
         centre=shape.mesh.bounds.mean(axis=0),
-        footing=Footing.of(under, limits.footprint, contact_n=CONTACT, rule=limits.rule),
+        footing=Footing.of(under, settle_rules(limits)),
         corners=np.array([list(product(*corners.T)) for corners in bounds]),
         half=np.ptp(bounds, axis=1) / 2,
         part=np.array([part.index for part in target.parts]),

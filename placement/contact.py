@@ -1,0 +1,100 @@
+"""Where the underside of a vehicle is compared with the ground, and how well a posed one touches it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
+from hulldown.placement.rules import SettleRules
+from hulldown.placement.terrain import Method, Terrain
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Footing:
+    """Where a vehicle's underside is compared with the ground.
+
+    Parameters
+    ----------
+    samples
+        Points from which the rest plane follows.
+    contact
+        Points at which gap and penetration are measured.
+    """
+
+    samples: Samples
+    contact: Samples
+
+    @classmethod
+    def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
+        """The points of a footprint at which these rules look."""
+        contact = contact_samples(footprint, rules.contact_n)
+        if isinstance(footprint, Underside) and rules.rule == "support":
+            return cls(underside_samples(footprint, rules.n), contact)
+        plate = footprint.box if isinstance(footprint, Underside) else footprint
+        return cls(plate_samples(plate, rules.n), contact)
+
+
+def stacked(samples: Sequence[Samples]) -> Samples:
+    """Samples of several vehicles as one; those that have fewer repeat their first."""
+    most = max(len(one.xy) for one in samples)
+    padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]
+    xy, height, foot = (
+        np.stack([getattr(one, field)[i] for one, i in zip(samples, padded, strict=True)])
+        for field in ("xy", "height", "foot")
+    )
+    return Samples(xy, height, foot, np.stack([one.centre for one in samples]))
+
+
+def gap_and_penetration(
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """`settle.Settled.gap` and `penetration` of posed vehicles; points over no ground count for neither.
+
+    Parameters
+    ----------
+    terrain
+        The ground.
+    world_from_vehicle
+        (k, 4, 4) rigid poses.
+    contact
+        The points of the underside that are looked at, `placement.footprint.contact_samples`: of all, or of each.
+    method
+        How top hits are found; see `Terrain.top_hits`.
+    """
+    points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
+    above = points[..., 2] - hits.z.reshape(points.shape[:2])
+    # Straight down from the underside, the plane that the vehicle stands on is that much lower.
+    below = np.where(contact.foot, above - contact.height / up, np.nan)
+    # fmax passes over the nan of a miss.
+    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+
+
+def depth_below(
+    surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
+) -> Float[np.ndarray, " k"]:
+    """How far in metres the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
+
+    Parameters
+    ----------
+    surface
+        Its topmost height counts.
+    world_from_vehicle, contact
+        As of `gap_and_penetration`.
+    """
+    points = underside_points(world_from_vehicle, contact)
+    hits = surface.top_hits(points[..., :2].reshape(-1, 2))
+    return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)
+
+
+def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
+    """The points of the underside of posed vehicles, in the world."""
+    x, y, height = contact.xy[..., 0], contact.xy[..., 1], contact.height
+    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
+    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
+    points += np.stack([up[:, i] * height for i in range(3)], axis=2)
+    return points

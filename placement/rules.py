@@ -1,0 +1,65 @@
+"""How vehicles come to rest, and what a resting pose may be like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hulldown.geometry.arrays import whole
+from hulldown.placement.terrain import Method
+
+RULES = ("averaged", "least_squares", "support")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SettleRules:
+    """How vehicles come to rest, and what a resting pose may be like.
+
+    Parameters
+    ----------
+    rule
+        How the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
+        "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on.
+    n
+        The footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule
+        sends each to the lowest spot near its place, and lets the ground reach the underside there.
+    contact_n
+        Gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan.
+    max_slope
+        Greatest inclination in radians, of the ground at (x, y) and of the rest plane.
+    min_share
+        Least share of the n x n rays that must meet ground.
+    max_gap, max_penetration
+        Largest `Settled.gap` and `Settled.penetration`, in metres.
+    method
+        How top hits are found; see `Terrain.top_hits`.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter that is out of its range.
+    """
+
+    rule: str = "support"
+    n: int = 5
+    contact_n: int = 9
+    max_slope: float = math.radians(30.0)
+    min_share: float = 0.8
+    max_gap: float = math.inf
+    max_penetration: float = math.inf
+    method: Method = "certified"
+
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {self.rule!r}")
+        if whole(self.n, "n") < (1 if self.rule == "averaged" else 2):
+            raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {self.n}")
+        if whole(self.contact_n, "contact_n") < 0:
+            raise ValueError(f"contact_n: expected 0 or more points a side, got {self.contact_n}")
+        if not 0.0 <= self.max_slope < math.pi / 2:
+            raise ValueError(f"max_slope: expected radians in [0, pi/2), got {self.max_slope}")
+        if not 0.0 <= self.min_share <= 1.0:
+            raise ValueError(f"min_share: expected a share in [0, 1], got {self.min_share}")
+        for name in ("max_gap", "max_penetration"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name}: expected metres of 0 or more, got {getattr(self, name)}")
