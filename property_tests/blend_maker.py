@@ -265,11 +265,11 @@ def main():
             damage(path, message["damage"])
             answers.write("reading\n")  # what goes wrong from here on counts
             answers.flush()
-            job_file = Path(job["answer"]).with_name("job.json")
+            job_file = Path(job["folder"], "job.json")
             job_file.write_text(json.dumps(job), encoding="utf-8")
             duplicates.FEWEST = message["make"]["fewest"]
             reader.main(str(job_file))
-            answer = Path(job["answer"]).read_text(encoding="utf-8")
+            answer = Path(job["folder"], "answer.json").read_text(encoding="utf-8")
         except Exception:
             answer = json.dumps({"traceback": traceback.format_exc()})
         answers.write(answer.replace("\n", " ") + "\n")

@@ -14,11 +14,10 @@ from hypothesis import HealthCheck, event, given, settings
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.property_tests.blend_cases import cases
-from hulldown.reading.export import exported_by
+from hulldown.reading.export import Job, exported_by
 from hulldown.reading.inspect import draw
 from hulldown.reading.options import Options
 
-ROOT = Path(__file__).resolve().parents[1]
 MAKER = Path(__file__).with_name("blend_maker.py")
 MANY = settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 2)  # 20,000 in thorough
 PATIENCE_S = 600.0  # what takes longer hangs, on a busy machine too; the limits of reading are tested elsewhere
@@ -39,7 +38,7 @@ class Reader:
         if self.child is None:
             self.child = subprocess.Popen(
                 [sys.executable, "-P", str(MAKER)],
-                env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -84,13 +83,9 @@ def reader():
 @given(cases())
 def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     folder = Path(reader.folder.name)
-    job = {
-        **{"given": "a.blend", "path": str(folder / "a.blend"), "format": "blend", "kind": case["kind"], "name": "a"},
-        "options": asdict(replace(Options(texture_size=16), **case["options"])),
-        **{"bundle": str(folder / "bundle.npz"), "tidy": str(folder / "tidy.blend")},
-        "answer": str(folder / "answer.json"),
-    }
-    message = {"make": case["make"], "damage": case["damage"], "job": job}
+    options = replace(Options(texture_size=16), **case["options"])
+    job = Job(str(folder / "a.blend"), str(folder), "blend", case["kind"], "a", options)
+    message = {"make": case["make"], "damage": case["damage"], "job": asdict(job)}
     damaged = case["odd"] == "damaged"
     answer = reader.ask(message)
     if {"ended", "unmade"} & answer.keys() and not damaged:
@@ -101,16 +96,16 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
         return  # Blender has crashed making it, and there is no file
     if "report" in answer:
         event("a report")
-        use(job, answer, drawn=case["drawn"])
+        use(job, drawn=case["drawn"])
     elif "error" in answer:
         assert "\n" not in answer["error"]["problem"]
     else:  # Blender itself may crash on what is damaged, and that is said in one line by who has started it
         assert damaged, answer
 
 
-def use(job: dict, answer: dict, *, drawn: bool) -> None:
+def use(job: Job, *, drawn: bool) -> None:
     """Use what was read as `hulldown inspect` does."""
-    read = exported_by(job, answer)
+    read = exported_by(job)
     assert all("\n" not in line for line in read.report.notes())
     asset = (load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle)
     if drawn:

@@ -20,10 +20,10 @@ from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow
 from hulldown.reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
-from hulldown.reading.scenery.wet_faces import dry_part, is_partly_water, wet_part
+from hulldown.reading.scenery.wet_faces import is_partly_water, part_of
 from hulldown.reading.vehicle.nose import forward_said
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
-from hulldown.reading.vehicle.parts import Asked, Parts, find_parts
+from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright
 from hulldown.reading.vehicle.strays import find_strays
 
@@ -43,14 +43,6 @@ class BuiltVehicle:
     parts: tuple[PartRow, ...]
     axes: str
     doubts: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class BuiltScenery:
-    """A scenery, and the names of those pieces of its ground of whose mesh a part is water."""
-
-    scenery: Scenery
-    wet_names: tuple[str, ...]
 
 
 def build_vehicle(
@@ -90,14 +82,13 @@ def build_vehicle(
             roles[kept[k]] = Role("dropped", why)
         # Without them the nose may be another, and so what sticks out.
         kept = [i for k, i in enumerate(kept) if k not in strays.out]
-    asked = Asked(options.turret, options.gun, options.turret_pivot, options.gun_pivot)
     try:
         parts = find_parts(
             [pieces[i] for i in kept],
             points,
             markers,
             vehicle_from_file=vehicle_from_file,
-            asked=asked,
+            options=options,
             solids=solids.turned(ahead[:3, :3]),
         )
     except ValueError as error:
@@ -146,8 +137,8 @@ def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
         PartRow(
             name=shape.part_names[i],
             parent=shape.part_names[shape.part_parent[i]],
-            pivot=_xyz(shape.part_pivot[i]),
-            axis=_xyz(shape.part_axis[i]),
+            pivot=xyz(shape.part_pivot[i]),
+            axis=xyz(shape.part_axis[i]),
             limits=(float(shape.part_limits[i, 0]), float(shape.part_limits[i, 1])),
             why=parts.why[i],
         )
@@ -155,14 +146,17 @@ def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
     )
 
 
-def _xyz(vector: np.ndarray) -> tuple[float, float, float]:
+def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """A vector as reports have it."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 def build_scenery(
     name: str, drawn: Evaluated, roles: Sequence[Role], *, metres: Float[np.ndarray, "4 4"], options: Options
-) -> BuiltScenery:
-    """Ground and obstacles by their roles, and water that is a part of the ground's mesh; paper, section 2.1.5.
+) -> tuple[Scenery, tuple[str, ...]]:
+    """Ground and obstacles by their roles; and the names of pieces of ground of whose mesh a part is water.
+
+    The ground-plane inventory is paper, section 2.1.5.
 
     The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometres: zero
     for what is modelled around zero, and near enough for float32 where the file is in map coordinates.
@@ -193,7 +187,7 @@ def build_scenery(
     if ground:
         placed = []
         for i in ground:
-            mesh = dry_part(pieces[i].mesh, drawn) if i in wet else meshes[pieces[i].mesh]
+            mesh = part_of(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
             placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
         merged, source = merge(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
@@ -206,7 +200,7 @@ def build_scenery(
         ground=merged,
         ground_names=tuple(pieces[i].name for i in ground),
         face_ground=source,
-        obstacle_meshes=tuple(wet_part(number, drawn) if part else meshes[number] for number, part in unique),
+        obstacle_meshes=tuple(part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique),
         instance_mesh=np.array([position[shape] for shape in shapes], np.int64),
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in instances),
@@ -215,7 +209,7 @@ def build_scenery(
         removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
-    return BuiltScenery(scenery, tuple(pieces[i].name for i in wet))
+    return scenery, tuple(pieces[i].name for i in wet)
 
 
 def _there(wanted: str, pieces: Sequence[Piece]) -> str:

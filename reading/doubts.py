@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 
@@ -13,6 +12,7 @@ from hulldown.reading.report import Missing, Row
 from hulldown.reading.roles import Piece, Role
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, enclosing, sheets_between
+from hulldown.reading.wording import MOST, as_key, quoted
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -20,7 +20,6 @@ SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
 USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
-NAMES = 12  # how many names a sentence lists
 
 
 def vehicle_doubts(
@@ -47,7 +46,7 @@ def vehicle_doubts(
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
     kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
     if sum(row.triangles * row.count for row in dropped) > kept:
-        those = _names([row.name for row in dropped])
+        those = quoted([row.name for row in dropped])
         doubts.append(f"more triangles are dropped than kept; `keep` what of it is the vehicle: {those}")
     return (*doubts, *_missing(missing))
 
@@ -69,18 +68,18 @@ def scenery_doubts(
         doubts.append(
             "NO GROUND: nothing in it is ground by name or by shape, so vehicles stand on the plane z = "
             f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
-            + _names([piece.name for piece, _ in used])
+            + quoted([piece.name for piece, _ in used])
         )
     for use, keys in (("ground", "if it is none, name it in not_ground"), ("water", "if it is none, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
-            doubts.append(f"taken as {use}: {_names(found)}, by shape; {keys}")
+            doubts.append(f"taken as {use}: {quoted(found)}, by shape; {keys}")
     if wet:
-        doubts.append(f"taken as water: the faces of {_names(wet)} that wear water; if they are ground, set water = []")
+        doubts.append(f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []")
     doubts += _perhaps_water(used, wet) if options.water is None else []
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         doubts.append(
             f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
-            f"drop = [{json.dumps(around.name, ensure_ascii=False)}]"
+            f"drop = {as_key([around.name])}"
         )
     across, height = max(size[:2]), size[2]
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
@@ -97,12 +96,12 @@ def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> li
     doubts = [
         f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
         "Blender and name it in water"
-        for name, material in list(dict.fromkeys(dressed))[:NAMES]
+        for name, material in list(dict.fromkeys(dressed))[:MOST]
     ]
     open_ = [i for i, (_, role) in enumerate(used) if role == Role("obstacle", "by default")]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
     if found:
-        names = _names([used[i][0].name for i in found])
+        names = quoted([used[i][0].name for i in found])
         doubts.append(f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water")
     return doubts
 
@@ -115,17 +114,11 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     widest = max(
         able, key=lambda piece: (piece.level >= LEVEL, float(np.prod((piece.bounds[1] - piece.bounds[0])[:2])))
     )
-    return f"if it is {widest.name!r}, give this scenery ground = [{json.dumps(widest.name, ensure_ascii=False)}]"
+    return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:
-    return [f"missing: {m.path}, used by {_names(list(m.wanted_by)) if m.wanted_by else 'the file'}" for m in missing]
-
-
-def _names(names: Sequence[str]) -> str:
-    unique = list(dict.fromkeys(names))
-    more = f" and {len(unique) - NAMES} more" if len(unique) > NAMES else ""
-    return ", ".join(repr(n) for n in unique[:NAMES]) + more if unique else "nothing"
+    return [f"missing: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}" for m in missing]
 
 
 def _likely_scale(longest: float, unit: float) -> str:

@@ -7,21 +7,49 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 from hulldown.reading.formats import format_of
-from hulldown.reading.options import Options
+from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import FileReport
 
+ANSWER = "answer.json"
 LAST_WORDS = 2000  # characters of what Blender said before it crashed
-DEFAULTS = Options()
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What the reading process is told.
+
+    Parameters
+    ----------
+    path
+        The file, as the user names it.
+    folder
+        Exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer.
+    format
+        "blend", "gltf", "fbx", "obj", or "hdri".
+    kind, name, options
+        Of an asset; as of `export`.
+    """
+
+    path: str
+    folder: str
+    format: str
+    kind: str | None = None
+    name: str = ""
+    options: Options = field(default_factory=Options)
+
+    def file(self, name: str) -> Path:
+        """A file in the folder."""
+        return Path(self.folder, name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +106,11 @@ def export(
         If the file cannot be read, or does not hold what is wanted.
     """
     job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
-    return exported_by(job, ask_reader([job], limits=limits)[0])
+    ask_reader([job], limits=limits)
+    return exported_by(job)
 
 
-def job_for(
-    path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS
-) -> dict[str, Any]:
+def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS) -> Job:
     """What to tell the reader; arguments as of `export`.
 
     Raises
@@ -93,20 +120,10 @@ def job_for(
     """
     kind_of_file = format_of(path)
     refuse_odd_references(path, kind_of_file)
-    return {
-        "given": str(path),
-        "path": str(path.resolve()),
-        "format": kind_of_file,
-        "kind": kind,
-        "name": name or path.stem,
-        "options": asdict(options),
-        "bundle": str(folder.resolve() / "bundle.npz"),
-        "tidy": str(folder.resolve() / "tidy.blend"),
-        "answer": str(folder.resolve() / "answer.json"),
-    }
+    return Job(str(path), str(folder.resolve()), kind_of_file, kind, name or path.stem, options)
 
 
-def exported_by(job: Mapping[str, Any], answer: Mapping[str, Any]) -> Exported:
+def exported_by(job: Job) -> Exported:
     """What the reader has made of a job.
 
     Raises
@@ -114,56 +131,53 @@ def exported_by(job: Mapping[str, Any], answer: Mapping[str, Any]) -> Exported:
     AssetError
         If it could make nothing of it.
     """
-    if "error" in answer:
-        raise AssetError(answer["error"]["problem"], path=job["given"], remedy=answer["error"]["remedy"])
-    report = FileReport.from_json({**answer["report"], "path": job["given"]})
-    return Exported(report, Path(job["bundle"]), Path(job["tidy"]), tuple(answer["files"]))
+    answer = _answer(job)
+    report = FileReport.from_json(answer["report"])
+    return Exported(report, job.file("bundle.npz"), job.file("tidy.blend"), tuple(answer["files"]))
 
 
-def ask_reader(jobs: Sequence[Mapping[str, Any]], *, limits: ReadLimits = DEFAULT_LIMITS) -> list[dict[str, Any]]:
+def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> list[dict[str, Any]]:
     """Have jobs done one after the other by one process, confined and watched; the answer to each.
-
-    Parameters
-    ----------
-    jobs
-        As `job_for` makes them, with their `answer` in one folder, the only one that the process can write to.
-    limits
-        When it is given up.
 
     Raises
     ------
     AssetError
-        If the process ends without an answer to one of them, which the file is named for.
+        If the process refuses a file, or ends without an answer; the file is named.
     """
-    folder = Path(jobs[0]["answer"]).parent
-    job_files = []
-    for number, job in enumerate(jobs):
-        Path(job["answer"]).unlink(missing_ok=True)
-        job_files.append(folder / f"job-{number}.json")
-        job_files[-1].write_text(json.dumps(job), encoding="utf-8")
-    temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=folder))
+    job_files = [job.file("job.json") for job in jobs]
+    for job, job_file in zip(jobs, job_files, strict=True):
+        job.file(ANSWER).unlink(missing_ok=True)
+        job_file.write_text(json.dumps(asdict(job)), encoding="utf-8")
+    temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=jobs[0].folder))
     # -P: a folder `reading` where the user happens to be must not come first. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
     command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
+    readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
     try:
         ended = watched(
-            confined(command, read=[f for job in jobs for f in asset_folders(Path(job["path"]))], write=[folder]),
+            confined(command, read=readable, write=[job.folder for job in jobs]),
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
             limits=limits,
         )
-        return [_answer(job, ended) for job in jobs]
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         for job_file in job_files:
             job_file.unlink(missing_ok=True)
+    for job in jobs:
+        if not job.file(ANSWER).is_file():  # it was at this one when it ended
+            _explain(ended, job.path)
+    return [_answer(job) for job in jobs]
 
 
-def _answer(job: Mapping[str, Any], ended: Ended) -> dict[str, Any]:
-    """What the reader has answered; the first job without an answer is the one that it was at when it ended."""
-    path, answer_file = job["given"], Path(job["answer"])
-    if answer_file.is_file():
-        answer: dict[str, Any] = json.loads(answer_file.read_text(encoding="utf-8"))
-        return answer
+def _answer(job: Job) -> dict[str, Any]:
+    answer: dict[str, Any] = json.loads(job.file(ANSWER).read_text(encoding="utf-8"))
+    if "error" in answer:
+        raise AssetError(answer["error"]["problem"], path=job.path, remedy=answer["error"]["remedy"])
+    return answer
+
+
+def _explain(ended: Ended, path: str) -> NoReturn:
+    """Why there is no answer."""
     if ended.exceeded:
         raise AssetError(
             ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"
@@ -171,9 +185,6 @@ def _answer(job: Mapping[str, Any], ended: Ended) -> dict[str, Any]:
     if "No module named 'bpy'" in ended.said:
         raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
     if ended.code < 0:
-        raise AssetError(
-            f"Blender crashed reading it (signal {-ended.code})",
-            path=path,
-            remedy="open it in Blender, save it again, or leave it out",
-        )
+        problem = f"Blender crashed reading it (signal {-ended.code})"
+        raise AssetError(problem, path=path, remedy="open it in Blender, save it again, or leave it out")
     raise RuntimeError(f"{path}: reading it failed:\n{ended.said[-LAST_WORDS:]}")

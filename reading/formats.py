@@ -19,24 +19,25 @@ LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as
 SUFFIXES = {".blend": "blend", ".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx", ".obj": "obj"}
 
 
-def refuse_no_file(path: Path) -> None:
-    """Raise unless `path` is a regular file: reading a FIFO waits for ever, and a device has no end.
+def first_bytes(path: Path) -> bytes:
+    """The first bytes of a regular file: reading a FIFO would wait forever, and a device has no end.
 
     Raises
     ------
     AssetError
-        Saying what it is.
+        If it is something else, or can't be read.
     """
     try:
-        mode = path.stat().st_mode
+        if (kind := _kind(path.stat().st_mode)) != "a file":
+            raise AssetError(f"is {kind}, no file", path=path)
+        with open(path, "rb") as file:
+            return file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
     except OSError as error:  # links that lead to each other among them
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
         raise AssetError("is no name that a file can have", path=path.name[:80]) from None
-    if (kind := _kind(mode)) != "a file":
-        raise AssetError(f"is {kind}, no file", path=path)
 
 
 def kind_of_file(path: Path) -> str:
@@ -60,12 +61,7 @@ def format_of(path: Path) -> str:
     AssetError
         If `path` is no file, is empty, or is of no format that can be read.
     """
-    refuse_no_file(path)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(64)
-    except OSError as error:
-        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
+    start = first_bytes(path)
     if not start:
         raise AssetError("is empty", path=path, remedy="copy it again")
     suffix = ".blend" if path.suffix.lower().startswith(".blend") else path.suffix.lower()

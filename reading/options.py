@@ -52,3 +52,6 @@ class Options:
     not_ground: tuple[str, ...] = ()
     water: tuple[str, ...] | None = None
     texture_size: int = TEXTURE_SIZE
+
+
+DEFAULTS = Options()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import msgspec
@@ -58,15 +58,18 @@ def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
     """
     families: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
-        stem = row.name.rstrip("0123456789").rstrip(" ._-")
-        families.setdefault((stem if stem != row.name else row.name, row.kind, row.use), []).append(row)
-    result: list[Row] = []
-    for (stem, _, _), family in families.items():
-        if len(family) < FAMILY:
-            result += family
-            continue
-        result.append(_together(family, f"{stem}*", family[0].why))
-    return tuple(result)
+        families.setdefault((_stem(row.name), row.kind, row.use), []).append(row)
+    return tuple(
+        row
+        for (stem, _, _), family in families.items()
+        for row in ([_together(family, f"{stem}*", family[0].why)] if len(family) >= FAMILY else family)
+    )
+
+
+def _stem(name: str) -> str:
+    """A name without its number."""
+    stem = name.rstrip("0123456789")
+    return stem.rstrip(" ._-") if stem != name else name
 
 
 def _dropped_together(rows: Sequence[Row]) -> list[Row]:
@@ -77,20 +80,17 @@ def _dropped_together(rows: Sequence[Row]) -> list[Row]:
             families.setdefault(row.why.replace(repr(row.name), "its name"), []).append(row)
     result = [row for row in rows if row.use != "dropped"]
     for why, family in families.items():
-        if len(family) < TOGETHER:
-            result += family
-            continue
         names = ", ".join(row.name for row in family[:LISTED])
         more = f" and {len(family) - LISTED} more" if len(family) > LISTED else ""
-        result.append(_together(family, names + more, why))
+        result += [_together(family, names + more, why)] if len(family) >= TOGETHER else family
     return result
 
 
 def _together(family: Sequence[Row], name: str, why: str) -> Row:
     """One row for all, as large as the largest."""
-    size = (max(row.size[0] for row in family), max(row.size[1] for row in family), max(row.size[2] for row in family))
+    x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
-    return Row(name, family[0].kind, family[0].use, why, count, triangles, size)
+    return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,9 @@
 
 import json
 import math
-import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.export import Exported, exported_by, job_for
+from hulldown.reading.export import Exported, Job, exported_by, job_for
 from hulldown.reading.options import Options
 
 HERE = Path(__file__).resolve().parent
@@ -70,14 +69,8 @@ def alpha(path: Path) -> np.ndarray:
 
 
 def _python(*arguments: str) -> None:
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        env={**os.environ, "PYTHONPATH": str(HERE.parent)},
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
 
@@ -90,7 +83,7 @@ def build(folder: Path) -> None:
     jobs = _jobs(folder)
     for name, job in jobs.items():
         (folder / f"out_{name}").mkdir()
-        (folder / f"{name}.job").write_text(json.dumps(job))
+        (folder / f"{name}.job").write_text(json.dumps(asdict(job)))
     # One process for all of them, which is not how it is done in earnest but starts Blender once.
     _python("-m", "hulldown.reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
     made = load(folder)
@@ -112,13 +105,13 @@ def load(folder: Path) -> Messy:
     exported, errors = {}, {}
     for name, job in _jobs(folder).items():
         try:
-            exported[name] = exported_by(job, json.loads(Path(job["answer"]).read_text()))
+            exported[name] = exported_by(job)
         except AssetError as error:
             errors[name] = error
     return Messy(folder, _cases(folder), exported, errors)
 
 
-def _jobs(folder: Path) -> dict[str, dict]:
+def _jobs(folder: Path) -> dict[str, Job]:
     """The export job of each messy file."""
     about = {name: (f"{name}.blend", case["kind"], case["options"]) for name, case in _cases(folder).items()}
     for suffix in ("glb", "fbx", "obj"):

@@ -23,7 +23,6 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.clusters import cluster
 
-ROOT = Path(__file__).resolve().parents[1]
 BUILDER = Path(__file__).with_name("attack_files.py")
 OPEN, ACCESS = 0x20, 0x01  # of inotify(7)
 # What Blender doesn't open by itself without a screen or a viewer, so that nothing is shown by its staying shut.
@@ -55,7 +54,7 @@ class Opened:
 
 def run(*arguments: object) -> None:
     """Run the builder in a Blender of its own."""
-    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    path = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(BUILDER.parent)])
     command = [sys.executable, "-P", str(BUILDER), *map(str, arguments)]
     subprocess.run(command, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": path})
 

@@ -3,7 +3,8 @@
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256
 from hulldown.reading.confinement.landlock import abi
-from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import Exported
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing
@@ -40,22 +40,14 @@ class Exporter:
         self.missing: tuple[Missing, ...] = ()
         self.parts: tuple[str, ...] = ("hull",)
 
-    def __call__(self, path: Path, folder: Path, *, kind: str, options: Options, limits: ReadLimits) -> Exported:
+    def __call__(self, path: Path, folder: Path, *, kind: str, **_: object) -> Exported:
         self.read.append(path.name)
         folder = Path(folder)
         if kind == "vehicle":
             n = len(self.parts)
-            shape = VehicleShape(
-                path.stem,
-                MESH,
-                np.zeros(3, int),
-                self.parts,
-                np.arange(-1, n - 1),
-                np.zeros((n, 3)),
-                np.tile([0, 0, 1.0], (n, 1)),
-                np.tile([-1.0, 1.0], (n, 1)) * (np.arange(n) > 0)[:, None],
-                np.eye(4),
-            )
+            limits = np.tile([-1.0, 1.0], (n, 1)) * (np.arange(n) > 0)[:, None]
+            turning = np.arange(-1, n - 1), np.zeros((n, 3)), np.tile([0, 0, 1.0], (n, 1)), limits
+            shape = VehicleShape(path.stem, MESH, np.zeros(3, int), self.parts, *turning, np.eye(4))
             save_vehicle(folder / "bundle.npz", shape)
         else:
             none = np.zeros(0, int)
@@ -155,48 +147,54 @@ def test_what_an_asset_names_outside_its_folders_is_not_opened(
     assert not read(asset), "as if it were not there"
 
 
-@pytest.mark.parametrize("harm", ["bundle.npz", "tidy.blend", "entry.json"])
-def test_a_harmed_entry_is_made_again(read: Callable[..., bool], tmp_path: Path, harm: str) -> None:
-    read()
-    (victim,) = (tmp_path / "cache").glob(f"*/{harm}")
-    if harm == "tidy.blend":
-        victim.unlink()
-    else:
-        victim.write_bytes(victim.read_bytes()[:40])
-    assert [read(), read()] == [True, False]
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:9])
 
 
-def forged(entry: Path, change: Callable[[dict], None]) -> None:
-    """Rewrite an entry as somebody without the user's key can, whose bundle and twin are of other assets."""
+def piped(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def endless(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+def forged(entry: Path, **note: object) -> None:
+    """Rewrite an entry as somebody without the user's key can."""
     seal, body = (entry / "entry.json").read_bytes().split(b"\n", 1)
     sealed = json.loads(body)
-    change(sealed)
+    sealed["note"].update(note)
     sealed["content"] = {name: sha256(entry / name) for name in sealed["content"]}
     (entry / "entry.json").write_bytes(seal + b"\n" + json.dumps(sealed, indent=1).encode())
 
 
-@pytest.mark.parametrize("file", ["/dev/zero", "/dev/random"])
-def test_a_forged_entry_has_nothing_read_that_never_ends(read: Callable[..., bool], tmp_path: Path, file: str) -> None:
-    read()
-    (entry,) = (tmp_path / "cache").glob("*/")
-    forged(entry, lambda sealed: sealed["note"].update(files={file: [0, 0, "x"]}))
-    assert [read(), read()] == [True, False]
+def of_another_asset(path: Path) -> None:
+    path.write_bytes(path.read_bytes() + b"\0")
+    forged(path.parent)
 
 
-@pytest.mark.parametrize("name", ["bundle.npz", "tidy.blend"])
-def test_an_entry_with_the_bundle_or_the_twin_of_another_asset_is_made_again(
-    read: Callable[..., bool], tmp_path: Path, blend: Path, name: str
+@pytest.mark.parametrize(
+    ("name", "harm"),
+    [
+        *[(name, harm) for name in ("entry.json", "bundle.npz", "tidy.blend") for harm in (cut, piped, endless)],
+        *[(name, harm) for name in ("bundle.npz", "tidy.blend") for harm in (Path.unlink, of_another_asset)],
+        *[("", partial(forged, files={file: [0, 0, "x"]})) for file in ("/dev/zero", "/dev/random")],
+    ],
+)
+def test_an_entry_that_is_not_as_this_user_sealed_it_is_made_again(
+    read: Callable[..., bool], tmp_path: Path, name: str, harm: Callable[[Path], object]
 ) -> None:
     read()
     (entry,) = (tmp_path / "cache").glob("*/")
-    was = (entry / name).read_bytes()
-    (entry / name).write_bytes(was + b"\0")
-    forged(entry, lambda sealed: None)
-    assert read()
-    assert (entry / name).read_bytes() == was
+    was = (entry / "tidy.blend").read_bytes()
+    harm(entry / name)
+    assert [read(), read()] == [True, False]
+    assert (entry / "tidy.blend").read_bytes() == was
 
 
-def test_an_entry_in_the_place_of_another_is_made_again(read: Callable[..., bool], tmp_path: Path, blend: Path) -> None:
+def test_an_entry_in_the_place_of_another_is_made_again(read: Callable[..., bool], tmp_path: Path) -> None:
     read()
     (first,) = (tmp_path / "cache").glob("*/")
     read(scale=0.01)
@@ -214,18 +212,6 @@ def test_a_cache_that_another_user_made_is_not_used(
     assert [read(), read()] == [True, False]
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     assert not read(), "beside the first user's entry, which is still there"
-
-
-@pytest.mark.parametrize("name", ["entry.json", "bundle.npz", "tidy.blend"])
-def test_a_pipe_or_a_device_in_a_cache_is_not_waited_for(read: Callable[..., bool], tmp_path: Path, name: str) -> None:
-    read()
-    (victim,) = (tmp_path / "cache").glob(f"*/{name}")
-    victim.unlink()
-    os.mkfifo(victim)
-    assert read()
-    victim.unlink()
-    victim.symlink_to("/dev/zero")
-    assert read()
 
 
 def test_a_lock_that_is_a_link_is_refused_and_not_written_through(read: Callable[..., bool], tmp_path: Path) -> None:
@@ -253,23 +239,15 @@ def test_a_failed_export_leaves_nothing_behind(
     assert read()
 
 
-def config_in(folder: Path, **more: object) -> Config:
+VEHICLES = [{"path": "b.blend", "category": "truck"}, {"path": "a.blend", "category": "tank", "name": "T"}]
+
+
+def config_in(folder: Path, *, vehicles: Sequence[dict] = VEHICLES) -> Config:
     for file in ("a.blend", "b.blend", "field.blend"):
         (folder / file).write_bytes(BLEND + file.encode())
     (folder / "sky.exr").write_bytes(b"#?sky")
-    data = {
-        "assets": {
-            "hdris": ["*.exr"],
-            "vehicles": [
-                {"path": "b.blend", "category": "truck"},
-                {"path": "a.blend", "category": "tank", "name": "T"},
-            ],
-            "sceneries": [{"path": "field.blend"}],
-        },
-        "budget": {"images_per_class": 1},
-        **more,
-    }
-    return parse_config(data, path=folder / "hulldown.toml")
+    assets = {"hdris": ["*.exr"], "vehicles": vehicles, "sceneries": [{"path": "field.blend"}]}
+    return parse_config({"assets": assets, "budget": {"images_per_class": 1}}, path=folder / "hulldown.toml")
 
 
 def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
@@ -297,10 +275,7 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
         {"path": "a.blend", "category": "tank", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
         {"path": "b.blend", "category": "tank", "gun_limits_deg": [-10, 60]},
     ]
-    limited = config_in(tmp_path)
-    data = limited.model_dump(mode="json")
-    data["assets"]["vehicles"] = vehicles
-    assets = load_assets(parse_config(data, path=limited.path))
+    assets = load_assets(config_in(tmp_path, vehicles=vehicles))
     assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
     assert assets.vehicles["b"].part_limits[1].tolist() == [-1.0, 1.0], "as the file says"
     assert np.degrees(assets.vehicles["b"].part_limits[2]) == pytest.approx([-10, 60])
@@ -308,11 +283,9 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
 
 
 def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_path: Path) -> None:
-    config = config_in(tmp_path)
-    data = config.model_dump(mode="json")
-    data["assets"]["vehicles"][0]["gun_limits_deg"] = [0, 10]
-    with pytest.raises(AssetError, match=r"b\.blend: gun_limits_deg is given, but no gun was found in it; name its"):
-        load_assets(parse_config(data, path=config.path))
+    config = config_in(tmp_path, vehicles=[{**VEHICLES[0], "gun_limits_deg": [0, 10]}])
+    with pytest.raises(AssetError, match=r"b\.blend: gun_limits_deg is given, but no gun was found"):
+        load_assets(config)
 
 
 def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> None:

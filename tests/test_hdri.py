@@ -11,8 +11,6 @@ import pytest
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.skies.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
 
-ROOT = Path(__file__).resolve().parents[1]
-
 
 def sky(height: int = 32) -> np.ndarray:
     return np.random.default_rng(0).uniform(0.2, 0.8, (height, 2 * height, 3)).astype(np.float32)
@@ -97,12 +95,8 @@ def test_the_mean_luminance_weighs_a_pixel_by_what_it_covers_of_the_sphere() -> 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hdris")
-    subprocess.run(
-        [sys.executable, "-P", str(Path(__file__).with_name("hdri_files.py")), str(folder)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-    )
+    script = Path(__file__).with_name("hdri_files.py")
+    subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
     return folder
 
 

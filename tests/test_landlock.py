@@ -164,7 +164,7 @@ def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "blends").mkdir()
     (folder / "target").mkdir()
     command = [sys.executable, "-P", str(BLENDS), "build", str(folder / "blends"), str(folder / "target")]
-    subprocess.run(command, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    subprocess.run(command, check=True, capture_output=True)
     return folder
 
 
@@ -186,7 +186,7 @@ def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -
     """Otherwise the tests below would show nothing."""
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
-    subprocess.run(command, check=False, capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    subprocess.run(command, check=False, capture_output=True)
     assert contents(blends) > before
 
 
@@ -197,7 +197,7 @@ def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str)
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
     read = [*asset_folders(blends / "blends" / "any"), ROOT]
-    env = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    env = {**os.environ, "TMPDIR": str(tmp_path)}
     subprocess.run(confined(command, read=read, write=[tmp_path]), check=False, capture_output=True, env=env)
     assert contents(blends) == before
 

@@ -10,7 +10,7 @@ from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
-from hulldown.reading.vehicle.parts import Asked, find_parts
+from hulldown.reading.vehicle.parts import find_parts
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
@@ -219,7 +219,7 @@ def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str
     pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
-    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), asked=Asked(**names))
+    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), options=Options(**names))
     return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
 
 

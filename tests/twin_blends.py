@@ -7,6 +7,7 @@ few as possible, to ``few``; ``answer.json`` says what both draw and which objec
 import json
 import random
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import bpy
@@ -196,9 +197,9 @@ if __name__ == "__main__":
         duplicates.FEWEST = fewest
         told = job_for(path, folder / name, kind="scenery")
         job = folder / name / "job.json"
-        job.write_text(json.dumps(told))
+        job.write_text(json.dumps(asdict(told)))
         reader.main(str(job))
-        answer[name] = drawn(told["tidy"])
+        answer[name] = drawn(str(told.file("tidy.blend")))
     taken = {}
     open_blend(str(path), then=lambda: taken.update(duplicates.take_duplicates()))
     answer["taken"] = sorted(duplicate.name for same in taken.values() for duplicate in same)

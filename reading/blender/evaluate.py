@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
@@ -23,6 +23,7 @@ from hulldown.reading.blender.poses import Poses
 from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
+from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.evaluated import Evaluated, Left
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME
@@ -50,8 +51,7 @@ def evaluate(
     metres_from_file: Float[np.ndarray, "4 4"],
     duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int = TEXTURE_SIZE,
-    keep_mesh: Callable[[Any, Any, list[Any]], None] | None = None,
-    keep_look: Callable[[Any], None] | None = None,
+    keeper: Keeper | None = None,
 ) -> Evaluated:
     """Everything that `scene` draws.
 
@@ -65,11 +65,8 @@ def evaluate(
         What `reading.blender.duplicates` took out of the scene; each is read behind the one that it equals.
     texture_size
         Texels of the longer side that textures which cut out are kept at.
-    keep_mesh
-        Called for each of the unique meshes, in their order, with the object that draws it, its data and its
-        materials (evaluated, None for none).
-    keep_look
-        Called with the drawn object for each of the pieces, in their order.
+    keeper
+        Takes what the tidy twin is made of.
 
     Raises
     ------
@@ -79,12 +76,8 @@ def evaluate(
     result = Evaluated()
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
-    visit_render(
-        scene,
-        lambda depsgraph: _Reader(
-            depsgraph, result, metres_from_file, cutouts, duplicates, keep_mesh, keep_look
-        ).read(),
-    )
+    reader = _Reader(result, metres_from_file, cutouts, duplicates, keeper or Keeper())
+    visit_render(scene, reader.read)
     result.doubts += cutouts.doubts
     _list_hidden(scene, result, duplicates)
     return result
@@ -93,17 +86,14 @@ def evaluate(
 class _Reader:
     def __init__(
         self,
-        depsgraph: Any,
         result: Evaluated,
         metres_from_file: Float[np.ndarray, "4 4"],
         cutouts: CutoutReader,
         duplicates: Mapping[str, Sequence[Duplicate]],
-        keep_mesh: Callable[[Any, Any, list[Any]], None] | None,
-        keep_look: Callable[[Any], None] | None,
+        keeper: Keeper,
     ) -> None:
-        self.depsgraph, self.result, self.metres = depsgraph, result, metres_from_file
-        self.cutouts, self.duplicates, self.keep_mesh, self.keep_look = cutouts, duplicates, keep_mesh, keep_look
-        self.poses = Poses(depsgraph)
+        self.result, self.metres, self.cutouts = result, metres_from_file, cutouts
+        self.duplicates, self.keeper = duplicates, keeper
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
         self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
@@ -112,10 +102,11 @@ class _Reader:
         self.level: dict[tuple[int, bytes], float] = {}  # by mesh and turn
         self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
-    def read(self) -> None:
+    def read(self, depsgraph: Any) -> None:
         """Go through everything that the depsgraph draws."""
+        self.depsgraph, self.poses = depsgraph, Poses(depsgraph)
         spoken = time.monotonic()
-        for instance in self.depsgraph.object_instances:
+        for instance in depsgraph.object_instances:
             if time.monotonic() > spoken + SIGN_OF_LIFE_S:
                 spoken = time.monotonic()
                 print(f"{len(self.result.pieces)} things read", flush=True)
@@ -186,15 +177,13 @@ class _Reader:
         self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
         self.result.dressed |= any(materials)
-        if self.keep_mesh:
-            self.keep_mesh(drawn, data, materials)
+        self.keeper.keep_mesh(drawn, data, materials)
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
         drawn, number = instance.object, self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
-        if self.keep_look:
-            self.keep_look(drawn)
+        self.keeper.keep_look(drawn)
         scattered = _is_scattered(instance)
         bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         self.result.pieces.append(
@@ -221,8 +210,7 @@ class _Reader:
 
     def _add_twin(self, duplicate: Duplicate, piece: Piece, drawn: Any) -> None:
         """Add what is like `piece`, that of `drawn`, but for its names and its pose."""
-        if self.keep_look:
-            self.keep_look(drawn)
+        self.keeper.keep_look(drawn)
         bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
         level = self._level(piece.mesh, duplicate.pose, bounds)

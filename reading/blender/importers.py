@@ -12,6 +12,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.blocks import refuse_odd_references
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.opening import open_blend
+from hulldown.reading.wording import quoted
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
 AGAIN = "open it in Blender and save it again"
@@ -94,11 +95,11 @@ def _open_blend(path: Path) -> Opened:
     # The file holds a float32; 0.01 shall be 0.01.
     unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
     if len(bpy.data.scenes) > 1:
-        others = ", ".join(repr(s.name) for s in bpy.data.scenes if s != scene)
+        others = quoted(s.name for s in bpy.data.scenes if s != scene)
         doubts.append(f"only the scene {scene.name!r} is read, not {others}")
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
-        doubts.append(f"only the view layer {layers[0]!r} is read, not {', '.join(map(repr, layers[1:]))}")
+        doubts.append(f"only the view layer {layers[0]!r} is read, not {quoted(layers[1:])}")
     if lost := _lost_pictures():
         doubts.append(
             f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "

@@ -115,34 +115,21 @@ def _keep_in_memory(cache: Any) -> bool:
 
 def _name_what_cannot_be_read() -> None:
     """Rename what has a name that is no UTF-8, as files of Blender before 2.5 hold them: Python cannot say it."""
-    for blocks in _collections():
-        for number, block in enumerate(blocks):
-            _rename(block, f"unnamed {number}")
+    for same in _named():
+        for number, block in enumerate(same):
+            try:
+                _ = block.name
+            except UnicodeDecodeError:
+                with contextlib.suppress(AttributeError):  # a slot has the name of its material, which has one by now
+                    block.name = f"unnamed {number}"
+
+
+def _named() -> Iterator[Any]:
+    """Collections of all that has a name."""
+    yield from (getattr(bpy.data, p.identifier) for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
     for obj in bpy.data.objects:
-        for of in (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints):
-            for number, part in enumerate(of):
-                _rename(part, f"unnamed {number}")
+        yield from (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints)
     for blocks in (bpy.data.meshes, bpy.data.hair_curves, bpy.data.pointclouds):
-        for block in blocks:
-            for number, attribute in enumerate(block.attributes):
-                _rename(attribute, f"unnamed {number}")
-    for armature in bpy.data.armatures:
-        for number, bone in enumerate(armature.bones):
-            _rename(bone, f"unnamed {number}")
-    for scene in bpy.data.scenes:
-        for number, layer in enumerate(scene.view_layers):
-            _rename(layer, f"unnamed {number}")
-
-
-def _collections() -> Iterator[Any]:
-    for prop in bpy.data.bl_rna.properties:
-        if prop.type == "COLLECTION":
-            yield getattr(bpy.data, prop.identifier)
-
-
-def _rename(block: Any, name: str) -> None:
-    try:
-        _ = block.name
-    except UnicodeDecodeError:
-        with contextlib.suppress(AttributeError):  # a slot has the name of its material, which has one by now
-            block.name = name
+        yield from (block.attributes for block in blocks)
+    yield from (armature.bones for armature in bpy.data.armatures)
+    yield from (scene.view_layers for scene in bpy.data.scenes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,26 +11,27 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import level_irradiance
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.export import Job
 from hulldown.reading.skies.backdrop import backdrop, small_map
-from hulldown.reading.skies.hdri import MAP_ROWS, mend
+from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, mend
 
 
-def read_picture(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the picture at ``job["path"]``; write its map, and the picture itself if it has to be mended.
+def read_picture(job: Job) -> dict[str, Any]:
+    """Check a picture; write its map, and the picture itself if it has to be mended.
 
     Raises
     ------
     AssetError
         If it cannot be used.
     """
-    image = bpy.data.images.load(job["path"])
+    image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
         pixels, notes = mend(_pixels(image))
     finally:
         bpy.data.images.remove(image)
-    np.save(job["map"], small_map(pixels, rows=MAP_ROWS).astype(np.float32))
+    np.save(job.file(MAP_NAME), small_map(pixels, rows=MAP_ROWS).astype(np.float32))
     if notes:
-        _write(pixels, job["mended"])
+        _write(pixels, str(job.file(MENDED_NAME)))
     irradiance = level_irradiance(pixels).tolist()
     horizon_deg, misfits = backdrop(small_map(pixels))
     return {"notes": list(notes), "irradiance": irradiance, "horizon_deg": horizon_deg, "misfits": list(misfits)}

@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import bpy
+import msgspec
 import numpy as np
-from jaxtyping import Float
 
 from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.geometry.errors import AssetError, HulldownError
@@ -26,13 +26,13 @@ from hulldown.reading.blender.pictures import read_picture
 from hulldown.reading.blender.surfaces.materials import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, used_files
 from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
-from hulldown.reading.build import build_scenery, build_vehicle
+from hulldown.reading.build import build_scenery, build_vehicle, xyz
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.export import ANSWER, Job
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
-from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing, Row, gathered
-from hulldown.reading.roles import Piece
+from hulldown.reading.roles import Piece, Role
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
 
@@ -40,22 +40,20 @@ BARE = "nothing in it has a material, so all of it is rendered plain white (an .
 
 
 def main(job_path: str) -> None:
-    """Do the job in the JSON file `job_path` and write the answer to the path that it names."""
-    job = json.loads(Path(job_path).read_text(encoding="utf-8"))
+    """Do the job in the JSON file `job_path` and write the answer."""
+    job = msgspec.convert(json.loads(Path(job_path).read_text(encoding="utf-8")), Job)
     try:
-        answer = read_picture(job) if job["format"] == "hdri" else read(job)
+        answer = read_picture(job) if job.format == "hdri" else read(job)
     except HulldownError as error:
         answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
-    with replacing(Path(job["answer"])) as file:
+    with replacing(job.file(ANSWER)) as file:
         file.write(json.dumps(answer).encode())
 
 
-def read(job: Mapping[str, Any]) -> dict[str, Any]:
+def read(job: Job) -> dict[str, Any]:
     """Read the file, write bundle and tidy twin, and return report and dependencies."""
-    path = Path(job["path"])
-    given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in job["options"].items()}
-    options = Options(**given)
-    opened = open_file(path, job["format"])
+    path, options = Path(job.path).resolve(), job.options
+    opened = open_file(path, job.format)
     unit, up = options.scale or opened.unit, options.up or opened.up
     metres = metres_from_file(unit, up)
     files = used_files()
@@ -65,72 +63,58 @@ def read(job: Mapping[str, Any]) -> dict[str, Any]:
         metres_from_file=metres,
         duplicates=opened.duplicates,
         texture_size=options.texture_size,
-        keep_mesh=keeper.keep_mesh,
-        keep_look=keeper.keep_look,
+        keeper=keeper,
     )
-    _refuse_nothing(drawn, job["kind"])
+    _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)
-    common: dict[str, Any] = {"path": str(path), "unit": unit, "up": up, "written_by": opened.written_by}
-    upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up) if job["kind"] != "scenery" else None
-    pieces = upright.pieces if upright else drawn.pieces
-    roles = scenery_roles(pieces, options)
-    kind = job["kind"] or likely_kind(pieces, options, roles=roles)
-    odd = refuse_wrong_kind(kind, pieces, options, roles=roles) if job["kind"] else ""
-    tidy = Path(job["tidy"])
+    roles = scenery_roles(drawn.pieces, options)
+    kind, upright = job.kind, None
+    if kind != "scenery":
+        # What is a scenery as it is needn't be stood upright, which takes minutes for a forest.
+        if kind or likely_kind(drawn.pieces, options, roles=roles) == "vehicle":
+            upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up)
+            kind = kind or likely_kind(upright.pieces, options)
+        kind = kind or "scenery"
+    odd = refuse_wrong_kind(kind, upright.pieces if upright else drawn.pieces, options) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
-        drawn.pieces, common["up"] = upright.pieces, upright.up.axis
-        vehicle = build_vehicle(job["name"], drawn.meshes, upright, drawn.markers, options=options)
-        save_vehicle(job["bundle"], vehicle.shape)
-        names = vehicle.shape.part_names
-        uses = [names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
-        size = _xyz(vehicle.shape.size_xyz)
-        rows, missing = _rows(drawn, uses, [r.why for r in vehicle.roles]), _missing(drawn, uses)
-        report = FileReport(
-            kind=kind,
-            size=size,
-            triangles=len(vehicle.shape.mesh.faces),
-            rows=rows,
-            parts=vehicle.parts,
-            axes=vehicle.axes,
-            materials=material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part),
-            missing=missing,
-            doubts=(
-                *vehicle.doubts,
-                *vehicle_doubts(size, rows, missing, unit=unit, options=options),
-                *opened.doubts,
-                *drawn.doubts,
-            ),
-            **common,
-        )
-        write_vehicle(tidy, keeper, drawn.pieces, vehicle.piece_part, vehicle.shape.vehicle_from_file)
+        drawn.pieces, up = upright.pieces, upright.up.axis
+        vehicle = build_vehicle(job.name, drawn.meshes, upright, drawn.markers, options=options)
+        shape, roles = vehicle.shape, vehicle.roles
+        save_vehicle(job.file("bundle.npz"), shape)
+        write_vehicle(job.file("tidy.blend"), keeper, drawn.pieces, vehicle.piece_part, shape.vehicle_from_file)
+        uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
+        triangles, size = len(shape.mesh.faces), xyz(shape.size_xyz)
+        rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
+        doubts = (*vehicle.doubts, *vehicle_doubts(size, rows, missing, unit=unit, options=options))
+        materials = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
+        found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:
-        if pieces is not drawn.pieces:  # stood upright, as for a vehicle
-            roles = scenery_roles(drawn.pieces, options)
-        scenery = build_scenery(job["name"], drawn, roles, metres=metres, options=options)
-        save_scenery(job["bundle"], scenery.scenery)
-        uses = [r.use for r in roles]
+        scenery, wet = build_scenery(job.name, drawn, roles, metres=metres, options=options)
+        uses = [role.use for role in roles]
+        save_scenery(job.file("bundle.npz"), scenery)
+        write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
         solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
         extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
-        size = _xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
-        rows, missing = _rows(drawn, uses, [r.why for r in roles]), _missing(drawn, uses)
-        report = FileReport(
-            kind=kind,
-            size=size,
-            triangles=sum(p.faces for p, _ in solid),
-            rows=rows,
-            origin=_xyz(scenery.scenery.origin),
-            missing=missing,
-            doubts=(
-                *([odd] if odd else []),
-                *scenery_doubts(size, drawn.pieces, roles, missing, wet=scenery.wet_names, unit=unit, options=options),
-                *opened.doubts,
-                *drawn.doubts,
-            ),
-            **common,
-        )
-        write_scenery(tidy, keeper, drawn.pieces, uses, scenery.scenery.scenery_from_file)
+        triangles, size = sum(p.faces for p, _ in solid), xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
+        rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
+        strange = scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, options=options)
+        doubts = (*([odd] if odd else []), *strange)
+        found = {"origin": xyz(scenery.origin)}
+    report = FileReport(
+        kind=kind,
+        path=job.path,
+        size=size,
+        triangles=triangles,
+        unit=unit,
+        up=up,
+        rows=rows,
+        missing=missing,
+        doubts=(*doubts, *opened.doubts, *drawn.doubts),
+        written_by=opened.written_by,
+        **found,
+    )
     return {"report": report.to_json(), "files": files}
 
 
@@ -157,11 +141,11 @@ def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
     )
 
 
-def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Row, ...]:
+def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[Role]) -> tuple[Row, ...]:
     """One row for all pieces of one object that are used alike, then what is no piece."""
     groups: dict[tuple[str, str, str], list[Piece]] = defaultdict(list)
-    for piece, use, reason in zip(drawn.pieces, uses, why, strict=True):
-        groups[piece.name, use, reason].append(piece)
+    for piece, use, role in zip(drawn.pieces, uses, roles, strict=True):
+        groups[piece.name, use, role.why].append(piece)
     rows = [
         Row(
             name,
@@ -170,16 +154,12 @@ def _rows(drawn: Evaluated, uses: Sequence[str], why: Sequence[str]) -> tuple[Ro
             reason,
             len(pieces),
             pieces[0].faces,
-            _xyz(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
+            xyz(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
         )
         for (name, use, reason), pieces in groups.items()
     ]
     rows += [Row(left.name, left.kind, "dropped", left.why, count) for left, count in drawn.left.items()]
     return gathered(rows)
-
-
-def _xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 if __name__ == "__main__":

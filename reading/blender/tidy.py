@@ -49,7 +49,7 @@ class Keeper:
         self._known: dict[tuple[Any, ...], int] = {}
 
     def keep_mesh(self, drawn: Any, data: Any, materials: Sequence[Any]) -> None:
-        """Called for every unique mesh, or hair curves, in order, with an object that draws it."""
+        """Keep a unique mesh, or hair curves, with its evaluated materials; `drawn` is an object that draws it."""
         wanted = [material.original if material else None for material in materials]
         if _is_as_in_the_file(drawn, data, wanted):
             self.meshes.append(drawn.original.data)
@@ -61,7 +61,7 @@ class Keeper:
         self.meshes.append(mesh)
 
     def keep_look(self, drawn: Any) -> None:
-        """Called for every piece in order: what the object itself adds to its mesh's look."""
+        """Keep what the object of a piece adds to its mesh's look."""
         look = (*(getattr(drawn, name) for name in VISIBILITY), tuple(drawn.color), drawn.pass_index)
         if look not in self._known:
             self._known[look] = len(self.looks)

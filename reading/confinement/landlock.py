@@ -33,18 +33,8 @@ SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
 SPECIAL = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # making devices, sockets, FIFOs and links is allowed nowhere
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # what can be allowed of something that is no folder
 SYSTEM = (
-    *(
-        "/usr",
-        "/bin",
-        "/sbin",
-        "/lib",
-        "/lib32",
-        "/lib64",
-        "/nix/store",
-        "/opt/rocm",
-        "/opt/intel",
-        "/run/opengl-driver",
-    ),
+    *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
+    *("/opt/rocm", "/opt/intel", "/run/opengl-driver"),
     *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/alternatives", "/etc/fonts", "/etc/localtime"),
     *("/etc/OpenCL", "/etc/vulkan", "/etc/glvnd", "/var/cache/fontconfig"),
     *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/version", "/proc/modules", "/proc/devices"),

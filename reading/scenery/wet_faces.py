@@ -37,17 +37,12 @@ def is_partly_water(piece: Piece, drawn: Evaluated, metres: Float[np.ndarray, "4
     """
     if piece.mesh not in drawn.wet:
         return False
-    part, metres_from_mesh = wet_part(piece.mesh, drawn), metres @ piece.pose
+    part, metres_from_mesh = part_of(piece.mesh, drawn, wet=True), metres @ piece.pose
     seen = apply(metres_from_mesh, part.vertices)
     bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
     return is_wide_and_level(replace(piece, bounds=bounds, level=level_share(part, metres_from_mesh)), least=NARROWEST)
 
 
-def wet_part(number: int, drawn: Evaluated) -> Mesh:
-    """The faces of a mesh that wear a material called like water."""
-    return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number]))
-
-
-def dry_part(number: int, drawn: Evaluated) -> Mesh:
-    """The other faces of a mesh."""
-    return drawn.meshes[number].of_faces(np.flatnonzero(~drawn.wet[number]))
+def part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
+    """The faces of a mesh that wear a material called like water, or the others."""
+    return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))

@@ -14,8 +14,8 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.export import ask_reader
-from hulldown.reading.formats import refuse_no_file
+from hulldown.reading.export import Job, ask_reader
+from hulldown.reading.formats import first_bytes
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
@@ -163,13 +163,7 @@ def refuse_no_hdri(path: Path) -> None:
     AssetError
         If it is no regular file, cannot be read, or is neither OpenEXR nor Radiance.
     """
-    refuse_no_file(path)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(4)
-    except OSError as error:
-        raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
-    if not start.startswith(MAGIC):
+    if not first_bytes(path).startswith(MAGIC):
         raise AssetError("is no OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 
@@ -189,26 +183,12 @@ def _read(
 ) -> None:
     """Have pictures read, and keep what was found."""
     with new_folder(cache) as folder:
-        jobs = []
-        for digest, path in todo:
+        jobs = [Job(str(path), str(folder / digest), "hdri") for digest, path in todo]
+        for job in jobs:
             if progress:
-                progress(str(path))
-            made = folder / digest
-            made.mkdir()
-            jobs.append(
-                {
-                    "given": str(path),
-                    "path": str(path.resolve()),
-                    "format": "hdri",
-                    "mended": str(made / MENDED_NAME),
-                    "map": str(made / MAP_NAME),
-                    "answer": str(folder / f"{digest}.json"),
-                }
-            )
-        answers = ask_reader(jobs, limits=limits)
-        for (digest, path), answer in zip(todo, answers, strict=True):
-            if "error" in answer:
-                raise AssetError(answer["error"]["problem"], path=path, remedy=answer["error"]["remedy"])
-            mended = folder / digest / MENDED_NAME
-            note = {**answer, "path": str(path), "mended_sha256": sha256(mended) if answer["notes"] else ""}
-            seal(folder / digest, cache / entry_name("hdri", CHECKED, digest), note)
+                progress(job.path)
+            Path(job.folder).mkdir()
+        for (digest, _), job, answer in zip(todo, jobs, ask_reader(jobs, limits=limits), strict=True):
+            mended = sha256(job.file(MENDED_NAME)) if answer["notes"] else ""
+            note = {**answer, "path": job.path, "mended_sha256": mended}
+            seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), note)

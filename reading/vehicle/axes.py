@@ -127,27 +127,26 @@ def _standing(
     return base * track * size, up, axle, keep
 
 
-def find_up(wheels: Wheels | None, said: str) -> Up:
-    """The axis that is up, in the frame that the solids were found in, which has z up if the file is right.
+def find_up(wheels: Wheels | None, stated: str) -> Up:
+    """The axis of the file that is up.
 
     Parameters
     ----------
     wheels
-        As found, in the file's own axes.
-    said
-        The axis that the file's format says is up.
+        As found with the stated axis up.
+    stated
+        The axis that the file states is up: "z", or "y" by the habit of OBJ files, which isn't worth a doubt.
     """
     if wheels is None:
-        return Up(said, "as the file says")
-    for axis in UPS:
-        if float(up_matrix(axis)[2, :3] @ wheels.up) > UPRIGHT:
-            if axis == said:
-                return Up(said, f"as the file says, and {wheels.places} wheels")
-            why = f"{wheels.places} wheels lie below the rest of it"
-            doubt = f'{axis} is taken to be up, since {why}; set up = "{said}" if that is wrong'
-            return Up(
-                axis,
-                f"{why}, not {said} as the file says",
-                "" if wheels.places >= CERTAIN and axis != f"-{said}" else doubt,
-            )
-    return Up(said, "as the file says", "its wheels stand askew to the axes; set up, or turn it upright in Blender")
+        return Up(stated, "as the file states")
+    up = up_matrix(stated)[:3, :3].T @ wheels.up
+    axis = next((axis for axis in UPS if float(up_matrix(axis)[2, :3] @ up) > UPRIGHT), None)
+    if axis is None:
+        doubt = "its wheels stand askew to the axes; set up, or turn it upright in Blender"
+        return Up(stated, "as the file states", doubt)
+    if axis == stated:
+        return Up(stated, f"as the file states, and {wheels.places} wheels")
+    why = f"{wheels.places} wheels lie below the rest of it"
+    doubt = f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong'
+    sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
+    return Up(axis, f"{why}, not {stated} as the file states", "" if sure else doubt)

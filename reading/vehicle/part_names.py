@@ -21,6 +21,20 @@ from hulldown.reading.roles import Link
 
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 Key = tuple[str, bytes]
+# For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
+# speak against it.
+TIERS = {
+    TURRET_PART: (
+        (says, TURRET, ()),
+        (hints, TURRET_HINTS, ((says, NOT_LAUNCHER),)),
+        (says, LAUNCHER, ((says, NOT_LAUNCHER),)),
+        (hints, LAUNCHER_HINTS, ((hints, NOT_GUN_HINTS),)),
+    ),
+    GUN_PART: (
+        (says, GUN, ((says, NOT_GUN),)),
+        (hints, GUN_HINTS, ((says, NOT_GUN), (hints, NOT_GUN_HINTS))),
+    ),
+}
 
 
 def key_of(link: Link) -> Key:
@@ -59,8 +73,8 @@ class Namer:
         some = set().union(*all_names) - self.whole
         self.given = {TURRET_PART: turret, GUN_PART: gun}
         self.tier = {TURRET_PART: 0, GUN_PART: 0}
-        for part, tiers in ((TURRET_PART, 4), (GUN_PART, 2)):
-            while self.tier[part] < tiers and not any(self._says(part, n) for n in some):
+        for part, tiers in TIERS.items():
+            while self.tier[part] < len(tiers) and not any(self._says(part, n) for n in some):
                 self.tier[part] += 1
         # "turret_gun" is a gun beside a turret, and a turret where there is none other.
         alone = any(self._says(TURRET_PART, n) and not self._says(GUN_PART, n) for n in some)
@@ -70,20 +84,10 @@ class Namer:
         pattern, tier = self.given[part], self.tier[part]
         if pattern is not None:
             return bool(pattern and says(name, (pattern,)))
-        if part == TURRET_PART:
-            if tier == 0:
-                return bool(says(name, TURRET))
-            if tier == 1:
-                return bool(hints(name, TURRET_HINTS)) and not says(name, NOT_LAUNCHER)
-            if tier == 2:
-                return bool(says(name, LAUNCHER)) and not says(name, NOT_LAUNCHER)
-            return tier == 3 and bool(hints(name, LAUNCHER_HINTS)) and not hints(name, NOT_GUN_HINTS)
-        if name in self.no_gun:
+        if tier == len(TIERS[part]) or (part == GUN_PART and name in self.no_gun):
             return False
-        if tier == 0:
-            return bool(says(name, GUN)) and not says(name, NOT_GUN)
-        none = says(name, NOT_GUN) or hints(name, NOT_GUN_HINTS)
-        return tier == 1 and bool(hints(name, GUN_HINTS)) and not none
+        match, wanted, unless = TIERS[part][tier]
+        return bool(match(name, wanted)) and not any(other(name, unwanted) for other, unwanted in unless)
 
     def part_named(self, name: str) -> str | None:
         """The part that an object or collection of this name is, if any."""

@@ -9,25 +9,17 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.transforms import apply
+from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
 from hulldown.reading.vehicle.part_shapes import by_shape, riding, screened, unnamed
 from hulldown.reading.vehicle.pivots import PIVOT_KEYS, Pivot, cheeks, find_pivot, gun_guess, nodes_of, turret_guess
-from hulldown.reading.vehicle.solids import Solids, no_solids
+from hulldown.reading.vehicle.solids import Solids, find_solids
+from hulldown.reading.wording import quoted
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
 NAMES = 6  # that a sentence lists
-
-
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """What the config says of parts: patterns ("" for none), and pivots as names or points in the file's axes."""
-
-    turret: str | None = None
-    gun: str | None = None
-    turret_pivot: str | tuple[float, float, float] | None = None
-    gun_pivot: str | tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,7 +60,7 @@ def find_parts(
     markers: Sequence[tuple[Link, ...]],
     *,
     vehicle_from_file: Float[np.ndarray, "4 4"],
-    asked: Asked = Asked(),
+    options: Options = DEFAULTS,
     solids: Solids | None = None,
 ) -> Parts:
     """The hull, the turret and the gun among the pieces of a vehicle.
@@ -83,38 +75,38 @@ def find_parts(
         The chains of all empties, any of which may be a part's pivot.
     vehicle_from_file
         From the world of the file to metres, x forward, z up.
-    asked
-        What the config says.
+    options
+        What the config states of turret, gun, and pivots.
     solids
         Of the pieces, in the frame of `points`; without them nothing is judged by shape.
 
     Raises
     ------
     ValueError
-        If `asked` names a pivot that is not there.
+        If `options` name a pivot that is not there.
     """
     chains = [p.chain for p in pieces]
-    solids = no_solids() if solids is None else solids
-    namer, no_guns = screened(chains, points, asked.turret, asked.gun)
+    solids = find_solids((), ()) if solids is None else solids
+    namer, no_guns = screened(chains, points, options.turret, options.gun)
     doubts: list[str] = []
     part_of = [namer.part_of(chain) for chain in chains]
-    aboard = riding(chains, points, part_of) if asked.turret is None else []
+    aboard = riding(chains, points, part_of) if options.turret is None else []
     marks: dict[Key, tuple[str, str]] = {}
     if aboard:
         marks = {key_of(chains[i][0]): (TURRET_PART, "by its place on the turret") for i in aboard}
-        namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns, marked=marks)
+        namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
         part_of = [namer.part_of(chain) for chain in chains]
-        those = ", ".join(repr(chains[i][0].name) for i in aboard[:NAMES])
+        those = quoted((chains[i][0].name for i in aboard), most=NAMES)
         doubts.append(
             f"{those} turn with the turret, which they stand on; set turret and gun to what turns and rises if that is "
             f"wrong"
         )
-    if asked.gun is None and GUN_PART not in part_of:
-        found, said = by_shape(pieces, points, solids, part_of, turret_asked=asked.turret is not None)
+    if options.gun is None and GUN_PART not in part_of:
+        found, said = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)
         doubts += said
         if found:
             marks |= found
-            namer = Namer(chains, asked.turret, asked.gun, no_gun=no_guns, marked=marks)
+            namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
             part_of = [namer.part_of(chain) for chain in chains]
     names, parents, why = [HULL], [-1], [""]
     pivots, axes, limits = [np.zeros(3)], [np.array([0.0, 0.0, 1.0])], [(0.0, 0.0)]
@@ -130,7 +122,7 @@ def find_parts(
             continue
         own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
         behind = pivots[-1] if len(pivots) > 1 else middle
-        pivot = _asked_pivot(name, asked, pieces, markers, vehicle_from_file)
+        pivot = _asked_pivot(name, options, pieces, markers, vehicle_from_file)
         if pivot is None:
             guess = _guess(name, own, points, part_of, solids, behind)
             nodes = nodes_of(pieces, markers, mine, namer, name)
@@ -153,8 +145,8 @@ def find_parts(
         axes.append(_raising_axis(own, pivot.at) if name == GUN_PART else np.array([0.0, 0.0, 1.0]))
         limits.append(LIMITS[name])
         why.append(pivot.why)
-    doubts += _missing_parts(names, asked, no_guns)
-    if names == [HULL] and not doubts and asked.turret is None and asked.gun is None:
+    doubts += _missing_parts(names, options, no_guns)
+    if names == [HULL] and not doubts and options.turret is None and options.gun is None:
         doubts += unnamed(pieces, bounds, solids)
     decided = [namer.decided(chain) for chain in chains]
     shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
@@ -201,13 +193,13 @@ def _guess(
 
 def _asked_pivot(
     name: str,
-    asked: Asked,
+    options: Options,
     pieces: Sequence[Piece],
     markers: Sequence[tuple[Link, ...]],
     vehicle_from_file: Float[np.ndarray, "4 4"],
 ) -> Pivot | None:
     """The pivot that the config names, as a point of the file or as an object."""
-    wanted = asked.turret_pivot if name == TURRET_PART else asked.gun_pivot
+    wanted = options.turret_pivot if name == TURRET_PART else options.gun_pivot
     if wanted is None:
         return None
     key = PIVOT_KEYS[name]
@@ -222,12 +214,12 @@ def _asked_pivot(
     raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def _missing_parts(names: Sequence[str], asked: Asked, no_guns: set[str]) -> list[str]:
+def _missing_parts(names: Sequence[str], options: Options, no_guns: set[str]) -> list[str]:
     """A turret without a gun, or a gun without a turret, where the config does not say that this is so."""
-    if TURRET_PART in names and GUN_PART not in names and asked.gun is None:
-        those = f" ({', '.join(map(repr, sorted(no_guns)[:3]))} are shaped like drums)" if no_guns else ""
+    if TURRET_PART in names and GUN_PART not in names and options.gun is None:
+        those = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
         return [f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none']
-    if GUN_PART in names and TURRET_PART not in names and asked.turret is None:
+    if GUN_PART in names and TURRET_PART not in names and options.turret is None:
         return ['it has a gun but no turret was found; set turret to its name, or to "" if it has none']
     return []
 

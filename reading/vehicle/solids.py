@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -62,18 +62,11 @@ class Solids:
         centre, axes = self.centre @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
         bounds = np.stack([centre - reach, centre + reach], axis=1)
-        return Solids(self.piece, bounds, centre, axes, self.size, self.round_about)
+        return replace(self, bounds=bounds, centre=centre, axes=axes)
 
     def where(self, mask: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> Solids:
         """Some of them."""
-        return Solids(
-            self.piece[mask],
-            self.bounds[mask],
-            self.centre[mask],
-            self.axes[mask],
-            self.size[mask],
-            self.round_about[mask],
-        )
+        return Solids(*(getattr(self, each.name)[mask] for each in fields(self)))
 
 
 def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:
@@ -136,15 +129,3 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
     middle = cloud.mean(axis=0) + vectors @ ((low + high) / 2)
     about = -1 if found < 0 else int(np.flatnonzero(order == found)[0])
     return vectors.T[order], (high - low)[order], middle, about
-
-
-def no_solids() -> Solids:
-    """None at all, for where no shapes are known."""
-    return Solids(
-        np.empty(0, int),
-        np.empty((0, 2, 3)),
-        np.empty((0, 3)),
-        np.empty((0, 3, 3)),
-        np.empty((0, 3)),
-        np.empty(0, int),
-    )

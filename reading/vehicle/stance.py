@@ -58,8 +58,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -
     metres = metres_from_file(unit, said)
     points = [apply(metres @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
-    # As the file says, z is up in this frame.
-    found = Up(up, "as the config says") if up else _in_file(find_up(find_wheels(solids), "z"), said)
+    found = Up(up, "as the config says") if up else find_up(find_wheels(solids), said)
     if found.axis == said:
         return Upright(list(drawn.pieces), metres, found, solids)
     upright = metres_from_file(unit, found.axis)
@@ -75,18 +74,6 @@ def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -
 def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     """From a file's coordinates to metres, z up; where the origin is stays."""
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
-
-
-def _in_file(found: Up, said: str) -> Up:
-    """The axis of the file that is an axis of the frame in which `said` is up."""
-    if said == "z":
-        return found
-    for axis in ("z", "-z", "y", "-y", "x", "-x"):
-        if np.allclose(up_matrix(axis)[2, :3], up_matrix(found.axis)[2, :3] @ up_matrix(said)[:3, :3]):
-            # Such a file does not say which axis is up, as OBJ: "y" is a habit, and no doubt where wheels tell.
-            why = found.why.replace("not z as the file says", f"not {said} as is usual")
-            return Up(axis, why, "" if " is taken to be up" in found.doubt else found.doubt)
-    raise AssertionError(f"{found.axis} is no axis")
 
 
 def heading(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ from hulldown.assets.naming import FIGURES, STAGES, says, words
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.axes import Wheels
+from hulldown.reading.wording import as_key, quoted
 
 # What Blender calls a new mesh, and how many vertices it has, None for any.
 PRIMITIVES = {
@@ -103,7 +103,7 @@ def find_strays(
     out |= {i: "a sheet that reaches below the wheels and out" for i in sheets if i in low and i not in sure}
     out = {i: why for i, why in out.items() if i not in wanted}
     out_doubts = tuple(
-        f"{pieces[i].name!r}: {why}; left out, set keep = {_listed(pieces, [i])} if it is part of it"
+        f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it"
         for i, why in out.items()
         if i not in sure
     )
@@ -111,7 +111,9 @@ def find_strays(
     seen = set(out)
     for what, some in signs.items():
         if new := [i for i in some if i not in seen]:
-            doubts.append(f"{_said(pieces, new)}: {what}; set drop = {_listed(pieces, new)} if that is no part of it")
+            names = [pieces[i].name for i in new]
+            listed = as_key(names, most=NAMES)
+            doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that is no part of it")
         seen |= set(some)
     return Strays(out, out_doubts, tuple(doubts))
 
@@ -148,7 +150,7 @@ def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
     size = bounds[i, 1] - bounds[i, 0]
     if len(bounds) < 2 or size.min() > FLAT * size.max():
         return False
-    low, high = _around(np.delete(bounds, i, axis=0))
+    low, high = _rest(i, bounds)
     return bool(np.maximum(low - bounds[i, 0], bounds[i, 1] - high).max() > OUT * (high - low).max())
 
 
@@ -156,7 +158,7 @@ def _is_bulk(i: int, bounds: np.ndarray) -> bool:
     """Larger than all the rest, in two directions."""
     if len(bounds) < 2:
         return False
-    low, high = _around(np.delete(bounds, i, axis=0))
+    low, high = _rest(i, bounds)
     return int((bounds[i, 1] - bounds[i, 0] > 1.3 * (high - low)).sum()) >= 2
 
 
@@ -189,34 +191,30 @@ def _is_under(own: Float[np.ndarray, "2 3"], wheels: Float[np.ndarray, "n 2 3"],
 
 def _is_far(i: int, bounds: np.ndarray) -> bool:
     """Much smaller than the rest, and more air around it than a part has that is drawn a little off its place."""
-    low, high = _around(np.delete(bounds, i, axis=0))
-    slack = FAR * float((high - low).max())
-    near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
+    low, high = _rest(i, bounds)
     small = np.linalg.norm(bounds[i, 1] - bounds[i, 0]) < SMALL * np.linalg.norm(high - low)
-    return bool(small and near.all(axis=1).sum() == 1)
+    return bool(small and not _near(i, bounds, FAR))
 
 
 def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
 
 
+def _rest(i: int, bounds: np.ndarray) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """The box around all others."""
+    return _around(np.delete(bounds, i, axis=0))
+
+
+def _near(i: int, bounds: np.ndarray, share: float) -> bool:
+    """Whether another box is closer than a share of the length of the rest."""
+    low, high = _rest(i, bounds)
+    slack = share * float((high - low).max())
+    near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
+    return bool(near.all(axis=1).sum() > 1)
+
+
 def _is_apart(i: int, bounds: np.ndarray) -> bool:
     """Whether its box is clear of the boxes of all others."""
     if len(bounds) < 2:
         return False
-    rest = np.delete(bounds, i, axis=0)
-    slack = APART * float((rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)).max())
-    near = (rest[:, 0] < bounds[i, 1] + slack) & (rest[:, 1] > bounds[i, 0] - slack)
-    return not near.all(axis=1).any()
-
-
-def _said(pieces: Sequence[Piece], some: Sequence[int]) -> str:
-    names = list(dict.fromkeys(pieces[i].name for i in some))
-    more = f" and {len(names) - NAMES} more" if len(names) > NAMES else ""
-    return ", ".join(map(repr, names[:NAMES])) + more
-
-
-def _listed(pieces: Sequence[Piece], some: Sequence[int]) -> str:
-    """As the config takes them."""
-    names = list(dict.fromkeys(pieces[i].name for i in some))
-    return json.dumps(names[:NAMES], ensure_ascii=False)
+    return not _near(i, bounds, APART)

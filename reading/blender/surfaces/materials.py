@@ -108,7 +108,7 @@ class _MeanColours:
 
     def of_material(self, material: Any) -> tuple[float, float, float]:
         found = [
-            self._of(shader.inputs[BASE_COLOURS[shader.type]], tuple(reversed(around)), 0)
+            self._of(shader.inputs[BASE_COLOURS[shader.type]], around, 0)
             for shader, around in surface_shaders(material)
             if shader.type in BASE_COLOURS
         ]

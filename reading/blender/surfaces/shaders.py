@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from hulldown.reading.blender.surfaces.nodes import material_output
+from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
 
 SEEN_THROUGH = 0.5  # least transmission of a surface that one sees through
 TRANSPARENT = "BSDF_TRANSPARENT"
 REFRACTING = ("BSDF_GLASS", "BSDF_REFRACTION")
 GLOSSY = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
-PASSED_ON = ("MIX_SHADER", "ADD_SHADER", "REROUTE", "GROUP", "GROUP_INPUT")
+MIXED = ("MIX_SHADER", "ADD_SHADER")
 
 
 def is_volume(material: Any) -> bool:
@@ -42,8 +42,8 @@ def is_clear(material: Any) -> bool:
     return thin and (clear or bool(output.inputs["Volume"].is_linked))
 
 
-def surface_shaders(material: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    """The shader nodes of a material's surface, each with the group nodes that it is in, innermost first."""
+def surface_shaders(material: Any) -> Iterator[tuple[Any, Stack]]:
+    """The shader nodes of a material's surface, each with the group nodes that it is in."""
     output = material_output(material)
     if output:
         yield from _shaders(output.inputs["Surface"], ())
@@ -54,23 +54,15 @@ def _transmits(shader: Any) -> bool:
     return bool(socket and (socket.is_linked or socket.default_value >= SEEN_THROUGH))
 
 
-def _shaders(socket: Any, around: tuple[Any, ...]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    """The shader nodes behind a socket; `around` are the groups that it is in, innermost first."""
-    for link in socket.links:
-        node = link.from_node
-        if node.mute or node.type not in PASSED_ON:
-            yield node, around
-        elif node.type == "GROUP":
-            inner = node.node_tree and next((n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT"), None)
-            if inner:
-                for behind in inner.inputs:
-                    if behind.identifier == link.from_socket.identifier:
-                        yield from _shaders(behind, (node, *around))
-        elif node.type == "GROUP_INPUT":
-            for given in around[0].inputs if around else ():
-                if given.identifier == link.from_socket.identifier:
-                    yield from _shaders(given, around[1:])
-        else:
-            for behind in node.inputs:
-                if behind.type == "SHADER":
-                    yield from _shaders(behind, around)
+def _shaders(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
+    """The shader nodes behind a socket."""
+    found = source(socket, stack)
+    if found is None or not found[0].is_output:
+        return
+    node, stack = found[0].node, found[1]
+    if node.type not in MIXED:
+        yield node, stack
+        return
+    for behind in node.inputs:
+        if behind.type == "SHADER":
+            yield from _shaders(behind, stack)

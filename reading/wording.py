@@ -1,0 +1,26 @@
+"""How sentences for a person list names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+MOST = 12  # names that a sentence lists
+
+
+def quoted(names: Iterable[str], *, most: int = MOST) -> str:
+    """Names in quotes, each once, and how many more there are.
+
+    Examples
+    --------
+    >>> quoted(["Hull", "Gun", "Hull", "Cab"], most=2)
+    "'Hull', 'Gun' and 1 more"
+    """
+    unique = list(dict.fromkeys(names))
+    more = f" and {len(unique) - most} more" if len(unique) > most else ""
+    return ", ".join(map(repr, unique[:most])) + more
+
+
+def as_key(names: Iterable[str], *, most: int = MOST) -> str:
+    """Names as the config takes them, each once."""
+    return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)
