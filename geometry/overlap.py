@@ -190,11 +190,18 @@ class SceneTouch:
                 touched[box[which[touching]]] = True
 
     def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
-        axes = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])
-        directions = rotate(world_from_box[:, :3, :3], axes)
-        origins = np.repeat(world_from_box[:, :3, 3], len(axes), axis=0)
-        met = self._scene.cast(origins, directions.reshape(-1, 3), max_distance=ROOM).instance.reshape(-1, len(axes))
-        return (met[:, 0] >= 0) & (met == met[:, :1]).all(axis=1) & np.isin(met[:, 0], self._solid)
+        around = np.full(len(world_from_box), -1)
+        left = np.arange(len(world_from_box))
+        # Upwards first: most boxes that are in the open have nothing above them.
+        for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
+            directions = rotate(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
+            met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ROOM).instance
+            kept = np.isin(met, self._solid) & ((around[left] < 0) | (met == around[left]))
+            left = left[kept]
+            around[left] = met[kept]
+        shut_in = np.zeros(len(world_from_box), dtype=bool)
+        shut_in[left] = True
+        return shut_in
 
 
 def _few_first(box: Int[np.ndarray, " p"]) -> Iterator[Int[np.ndarray, " q"]]:

@@ -41,7 +41,7 @@ CROWDED_PLACES = 40
 # The first positions of each vehicle go alone at the beginning of a plan: a hopeless config is known in seconds.
 SCOUTS = 4
 BEGINNING = 256
-FIRST_LOOK = 2  # tries of an extra that are settled at first; as many again as there were, whenever none is left
+FIRST_LOOK = 1  # tries of an extra that are settled at first; as many again as there were, whenever none is left
 
 
 @dataclass(frozen=True, eq=False, slots=True)
