@@ -1,11 +1,11 @@
-"""Obstacles in the way of pencils of rays: all rays of a camera go down the tree of instances together."""
+"""Obstacles in the way of many rays of one camera: all rays of a camera go down the tree of instances together."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.camera.pencils import Pencils, box_at_unit_depth
+from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.cutouts import PASSED
 from hulldown.geometry.instances import InstancedScene
@@ -19,7 +19,7 @@ _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 def passed_in_beams(
     scene: InstancedScene,
-    pencils: Pencils,
+    camera_rays: CameraRays,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
     which: Int[np.ndarray, " k"],
@@ -31,7 +31,7 @@ def passed_in_beams(
     ----------
     scene
         The obstacles.
-    pencils
+    camera_rays
         The rays of n cameras.
     world_from_camera
         (n, 4, 4) their poses.
@@ -40,18 +40,18 @@ def passed_in_beams(
     reach
         (k,) how far each looks, in metres from the near plane.
     """
-    n, r = len(world_from_camera), len(pencils.pattern)
+    n, r = len(world_from_camera), len(camera_rays.pattern)
     passed = np.ones(len(which))
     if not len(which) or not len(scene.bounds):
         return passed
-    origins, along = pencils.rays(world_from_camera, which)
+    origins, along = camera_rays.rays(world_from_camera, which)
     # Where in `which` a ray is, and how far it looks; -inf is not asked for, or hidden already.
     place = np.zeros(n * r, dtype=np.int64)
     place[which] = np.arange(len(which))
     far = np.full((n, r), -np.inf)
     far.flat[which] = reach
-    length = np.maximum(far.max(axis=1), 0.0) + np.linalg.norm(pencils.edges(world_from_camera), axis=2).max(axis=1)
-    view, instance = _touched(scene, world_from_camera[:, :3, 3], pencils.edges(world_from_camera), length=length)
+    length = np.maximum(far.max(axis=1), 0.0) + np.linalg.norm(camera_rays.edges(world_from_camera), axis=2).max(axis=1)
+    view, instance = _touched(scene, world_from_camera[:, :3, 3], camera_rays.edges(world_from_camera), length=length)
     corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
     pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
     corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
@@ -60,7 +60,7 @@ def passed_in_beams(
     for some in _nearest_first(view, nearest, r):
         # From the near plane to a box it is at least the box's depth less the plane's; once more, for rounding.
         ahead = far[view[some]] > (nearest[some] - 2.0 * NEAR)[:, None]
-        pair, ray = np.nonzero(pencils.inside(box[some], view[some]) & ahead)
+        pair, ray = np.nonzero(camera_rays.inside(box[some], view[some]) & ahead)
         flat = view[some][pair] * r + ray
         rays, index = np.unique(place[flat], return_inverse=True)
         passed[rays] *= scene.transmittance_by(

@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.assets.vehicle import Articulation
+from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.lenses import Lenses, Optics, lenses
-from hulldown.camera.pencils import Pencils, box_at_unit_depth
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import BATCH, World
 from hulldown.geometry.arrays import checked
@@ -230,19 +230,19 @@ class _Views:
         low, high = np.maximum(low, -edge), np.minimum(high, edge)
         extent = np.clip(high - low, 0.0, None)
         in_frame = (extent > 0.0).all(axis=1)
-        pencils = Pencils(low, extent, self.pattern)
+        camera_rays = CameraRays(low, extent, self.pattern)
 
         distance = np.full(n * r, np.inf)
         for part, pose, box, camera in parts:
             part_from_camera = invert_rigid(pose)
-            inside = np.flatnonzero(pencils.inside(box, camera) & in_frame[camera, None])
+            inside = np.flatnonzero(camera_rays.inside(box, camera) & in_frame[camera, None])
             for i in range(0, len(inside), BATCH):
                 asked = inside[i : i + BATCH]
-                hits = part.caster.cast(*pencils.rays(part_from_camera, asked, camera))
+                hits = part.caster.cast(*camera_rays.rays(part_from_camera, asked, camera))
                 at = camera[asked // r] * r + asked % r
                 distance[at] = np.minimum(distance[at], hits.distance)
         met = np.flatnonzero(np.isfinite(distance))
-        passed = world.passed(pencils, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
+        passed = world.passed(camera_rays, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
         counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
         return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.lens.f**2

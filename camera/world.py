@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.beams import passed_in_beams
-from hulldown.camera.pencils import Pencils, box_at_unit_depth
+from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
@@ -217,7 +217,7 @@ class World:
 
     def passed(
         self,
-        pencils: Pencils,
+        camera_rays: CameraRays,
         world_from_camera: Float[np.ndarray, "n 4 4"],
         *,
         which: Int[np.ndarray, " k"],
@@ -230,7 +230,7 @@ class World:
 
         Parameters
         ----------
-        pencils
+        camera_rays
             The rays of n cameras.
         world_from_camera
             (n, 4, 4) their poses.
@@ -243,14 +243,14 @@ class World:
         if self.ground is not None:
             for i in range(0, len(which), BATCH):
                 some = slice(i, i + BATCH)
-                rays = pencils.rays(world_from_camera, which[some])
+                rays = camera_rays.rays(world_from_camera, which[some])
                 passed[some] = self.ground.transmittance(*rays, max_distance=reach[some])[:, None]
         left = np.flatnonzero(passed[:, 0])
-        through = passed_in_beams(self.obstacles, pencils, world_from_camera, which=which[left], reach=reach[left])
+        through = passed_in_beams(self.obstacles, camera_rays, world_from_camera, which=which[left], reach=reach[left])
         passed[left, 1:] *= through[:, None]
         for vehicle in self.vehicles:
             left = np.flatnonzero(passed[:, 2])
-            passed[left, 2] *= _passed_by(vehicle, pencils, world_from_camera, which=which[left], reach=reach[left])
+            passed[left, 2] *= _passed_by(vehicle, camera_rays, world_from_camera, which=which[left], reach=reach[left])
         return passed
 
     def _things(self) -> Iterator[tuple[Kind, int, RayCaster | CutoutCaster | Plane | InstancedScene | PosedVehicle]]:
@@ -263,26 +263,26 @@ class World:
 
 def _passed_by(
     vehicle: PosedVehicle,
-    pencils: Pencils,
+    camera_rays: CameraRays,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
     which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    n, r = len(world_from_camera), len(pencils.pattern)
+    n, r = len(world_from_camera), len(camera_rays.pattern)
     place = np.full(n * r, -1)
     place[which] = np.arange(len(which))
     passed = np.ones(len(which))
     camera, parts = vehicle.seen_from(world_from_camera)
     for part, camera_from_part in parts:
         box = box_at_unit_depth(apply(camera_from_part, part.around))
-        pose, ray = np.nonzero(pencils.inside(box, camera))
+        pose, ray = np.nonzero(camera_rays.inside(box, camera))
         asked = place[camera[pose] * r + ray]
         on = asked >= 0
         on[on] = passed[asked[on]] > 0.0
         asked = asked[on]
         if len(asked):
-            rays = pencils.rays(invert_rigid(camera_from_part), (pose * r + ray)[on], camera)
+            rays = camera_rays.rays(invert_rigid(camera_from_part), (pose * r + ray)[on], camera)
             through = part.caster.transmittance(*rays, max_distance=reach[asked])
             np.multiply.at(passed, asked, through)
     return passed

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.beams import passed_in_beams
+from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.pencils import Pencils
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.target import VehicleTarget
 from hulldown.camera.visibility import visible_fraction
@@ -120,13 +120,13 @@ def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov
     scene, n, r, half = boulders(rng, k), 5, 40, math.tan(math.radians(fov / 2))
     poses = cameras(seed, 0.3, n)
     low = rng.uniform(-half, half, (n, 2))
-    pencils = Pencils(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
+    camera_rays = CameraRays(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
     asked = rng.random((n, r)) < 0.8
     asked[2] = False
     which = np.flatnonzero(asked)
     reach = rng.uniform(-1, 60, len(which))
-    passed = passed_in_beams(scene, pencils, poses, which=which, reach=reach)
-    np.testing.assert_array_equal(passed == 0.0, scene.occluded(*pencils.rays(poses, which), max_distance=reach))
+    passed = passed_in_beams(scene, camera_rays, poses, which=which, reach=reach)
+    np.testing.assert_array_equal(passed == 0.0, scene.occluded(*camera_rays.rays(poses, which), max_distance=reach))
 
 
 @given(lenses, seeds, st.floats(0.01, 1.2), turns)

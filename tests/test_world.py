@@ -5,7 +5,7 @@ import trimesh
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.camera.pencils import Pencils
+from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, Plane, World
@@ -114,16 +114,16 @@ def test_occluded_is_what_has_something_nearer():
     np.testing.assert_array_equal(WORLD.nearest(origin, along, max_distance=reach).hit, hits.distance <= reach)
 
 
-def test_pencils_are_hidden_as_their_rays_are_one_by_one():
+def test_camera_rays_are_hidden_as_their_rays_are_one_by_one():
     cameras = camera_pose([0, 0, 1.0], np.array([14.0, 20.0]), np.array([0.0, 2.0]), np.array([0.3, 0.6]))
     pattern = np.random.default_rng(0).random((400, 2))
-    pencils = Pencils(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
+    camera_rays = CameraRays(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
     which = np.flatnonzero(np.random.default_rng(1).random(800) < 0.9)
     reach = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
-    passed = WORLD.passed(pencils, cameras, which=which, reach=reach)
+    passed = WORLD.passed(camera_rays, cameras, which=which, reach=reach)
     assert np.unique(passed, axis=0).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
     np.testing.assert_array_equal(
-        passed[:, 2] == 0.0, WORLD.occluded(*pencils.rays(cameras, which), max_distance=reach)
+        passed[:, 2] == 0.0, WORLD.occluded(*camera_rays.rays(cameras, which), max_distance=reach)
     )
 
 

@@ -1,4 +1,4 @@
-"""Pencils of rays: from n pinholes, each through the same pattern of points in its own window."""
+"""Rays of many cameras: each camera's go through the same pattern of points in its own window."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hulldown.camera.projection import NEAR
 from hulldown.geometry.transforms import rotate
 
 
-class Pencils:
+class CameraRays:
     """Rays of n cameras, r each; flat index i is ray i % r of camera i // r.
 
     Windows are in the plane at unit depth, where a point (x, y, z) of the camera's frame is (x / z, y / z).
@@ -64,7 +64,7 @@ class Pencils:
         return frames[view - begin, :3, 3] + NEAR * along, along
 
     def edges(self, frame_from_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 3"]:
-        """Directions of unit depth along the four edges of each pencil, in order around it."""
+        """Directions of unit depth along the four edges of each camera's rays, in order around it."""
         low, across, down = np.moveaxis(rotate(frame_from_camera[:, :3, :3], self._rows), 1, 0)
         return np.stack([low, low + across, low + across + down, low + down], 1)
 
