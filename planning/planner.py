@@ -17,11 +17,12 @@ from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Row, encode_rows
 from hulldown.planning.rows import rows_of
+from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
-from hulldown.planning.search.draws import Draws, Purpose, choose
+from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import Extras, extras_at, framed_on
 from hulldown.planning.search.pairs import Pairs, make_pairs
-from hulldown.planning.search.positions import Block, HopelessPosition, before, plan_block
+from hulldown.planning.search.positions import plan_block
 from hulldown.planning.search.stage import make_stage
 
 BLOCK = 2048  # positions planned together: enough of each vehicle and site that batches are worth their overhead
@@ -50,7 +51,7 @@ class Planner:
     def __init__(self, config: Config, assets: Assets, *, strict: bool = False, pairs: Pairs | None = None) -> None:
         self.config, self.assets = config, assets
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
-        self._draws = Draws(config.seed)
+        self._draws = RandomStreams(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
         self.stage = make_stage(config, assets)
         self.strict = strict
@@ -73,7 +74,7 @@ class Planner:
         while len(pending):
             # A position that finds no place on its scenery takes another one, until none is left.
             homeless = [pending[:0]]
-            for block, mine in self._blocks(position, held, weights, pending, attempt):
+            for block, planned_rows in self._blocks(position, held, weights, pending, attempt):
                 if hopeless:
                     block = before(block, hopeless.position)
                 if not len(block.position):
@@ -88,7 +89,7 @@ class Planner:
                     hopeless = error
                     continue
                 rows += rows_of(block, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
-                homeless.append(mine[: len(block.position)][~planned.found])
+                homeless.append(planned_rows[: len(block.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             problem = f"position {hopeless.position}: {hopeless.problem}"
@@ -123,7 +124,7 @@ class Planner:
         classed = np.array([one.category is not None for one in stage.fleet.models])
         for s in np.unique(site).tolist():
             here = np.flatnonzero(site == s)
-            mine = pending[here]
+            rows = pending[here]
             yield (
                 Block(
                     site=stage.sites[s],
@@ -133,11 +134,11 @@ class Planner:
                     background=some.background[here],
                     empty=some.background[here] & classed[model[here]],
                     movable=movable[here],
-                    position=position[mine],
-                    shots=held.shots[mine],
-                    first_image=held.first_image[mine],
+                    position=position[rows],
+                    shots=held.shots[rows],
+                    first_image=held.first_image[rows],
                 ),
-                mine,
+                rows,
             )
 
     def _extras(self, site: int, *, background: bool) -> tuple[Extras, ...]:
@@ -152,8 +153,8 @@ class Planner:
         uniform = self._draws.uniform(Purpose.SCENERY, position, attempt, count=1)[:, 0]
         site = np.zeros(len(position), dtype=np.int64)
         for one in np.unique(weights, axis=0):
-            mine = (weights == one).all(axis=1)
-            site[mine] = choose(one, uniform[mine])
+            alike = (weights == one).all(axis=1)
+            site[alike] = choose(one, uniform[alike])
         return site
 
     def _companion_weights(self, site: int) -> Float[np.ndarray, " m"]:

@@ -90,7 +90,7 @@ def _weather(weather: Weather | None) -> str:
 
 
 class Artist:
-    """Draws rows of a plan. Hierarchies are built when the first row needs them, and kept.
+    """RandomStreams rows of a plan. Hierarchies are built when the first row needs them, and kept.
 
     Parameters
     ----------

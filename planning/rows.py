@@ -17,17 +17,17 @@ from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, dr
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.aiming import Views
-from hulldown.planning.search.draws import Draws
+from hulldown.planning.search.block import Block, InstanceTable, Planned
+from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.extras import Role
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
-from hulldown.planning.search.positions import Block, Planned, Table
 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
 
 def rows_of(
-    block: Block, planned: Planned, lights: Lights, *, config: Config, draws: Draws, assets: Assets
+    block: Block, planned: Planned, lights: Lights, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[Row]:
     """One row for each image of a block's positions that found a place, in the block's order."""
     views, table, image = planned.views, planned.instances, block.image
@@ -90,7 +90,7 @@ def _extras(
     return records
 
 
-def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> list[dict[str, Any]]:
+def _vehicles(block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams) -> list[dict[str, Any]]:
     """What rows say of each instance, whatever their cameras see of it."""
     settled, fleet = table.settled, block.fleet
     instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
@@ -112,7 +112,7 @@ def _vehicles(block: Block, table: Table, *, config: Config, draws: Draws) -> li
     )
 
 
-def _coats(block: Block, table: Table, *, config: Config, draws: Draws) -> list[list[Coat]]:
+def _coats(block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams) -> list[list[Coat]]:
     """The coats of each instance: by its place among those of its role that are there."""
     places = np.zeros(len(table.row), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.planning.appearance.paint import OWN, PaintEntry, draw_coats
-from hulldown.planning.search.draws import Draws
+from hulldown.planning.search.draws import RandomStreams
 
 COLOURS = st.lists(st.one_of(st.just(OWN), st.integers(0, 0xFFFFFF).map(lambda n: f"#{n:06x}")), min_size=1, max_size=5)
 
@@ -30,7 +30,7 @@ POSITIONS = st.lists(st.integers(0, 10**9), min_size=1, max_size=20, unique=True
 
 @given(ENTRIES, SEEDS, POSITIONS, st.integers(0, 200))
 def test_coats_are_what_the_config_allows(entries, seed, positions, place):
-    for coats in draw_coats(entries, Draws(seed), position=np.array(positions), place=place):
+    for coats in draw_coats(entries, RandomStreams(seed), position=np.array(positions), place=place):
         for coat, entry in zip(coats, entries, strict=True):
             assert (coat.colour or OWN) in entry.colours
             assert coat.materials == list(entry.materials)
@@ -44,14 +44,16 @@ def test_coats_are_what_the_config_allows(entries, seed, positions, place):
 def test_coats_do_not_depend_on_the_company(entries, seed, positions, data):
     places = data.draw(st.lists(st.integers(0, 200), min_size=len(positions), max_size=len(positions)))
     order = data.draw(st.permutations(range(len(positions))))
-    together = draw_coats(entries, Draws(seed), position=np.array(positions), place=np.array(places))
+    together = draw_coats(entries, RandomStreams(seed), position=np.array(positions), place=np.array(places))
     for i in order:
-        alone = draw_coats(entries, Draws(seed), position=np.array(positions[i : i + 1]), place=places[i])
+        alone = draw_coats(entries, RandomStreams(seed), position=np.array(positions[i : i + 1]), place=places[i])
         assert alone == [together[i]]
 
 
 @given(SEEDS, st.integers(0, 10**6))
 def test_places_of_a_row_draw_numbers_of_their_own(seed, position):
     entry = PaintEntry(value=(0.0, 10.0))
-    drawn = [draw_coats([entry], Draws(seed), position=np.array([position]), place=k)[0][0].value for k in range(8)]
+    drawn = [
+        draw_coats([entry], RandomStreams(seed), position=np.array([position]), place=k)[0][0].value for k in range(8)
+    ]
     assert len(set(drawn)) == 8

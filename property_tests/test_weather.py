@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hulldown.camera.weather import air_contrast, rain_visibility_m, wetness
 from hulldown.planning.appearance.air import NAMES, draw_air
 from hulldown.planning.config.weather_section import WeatherSection
-from hulldown.planning.search.draws import Draws
+from hulldown.planning.search.draws import RandomStreams
 
 IMAGES = np.arange(2000)
 METRES = st.floats(1.0, 1e6)
@@ -22,7 +22,7 @@ def shares(draw):
 
 @given(shares(), SEEDS)
 def test_every_kind_comes_as_often_as_its_share(wanted, seed):
-    kind = draw_air(WeatherSection(**wanted), draws=Draws(seed), image=IMAGES).kind
+    kind = draw_air(WeatherSection(**wanted), draws=RandomStreams(seed), image=IMAGES).kind
     for i, name in enumerate(NAMES):
         # Six standard deviations of a share of 2000 are 0.067 at most.
         assert abs(np.mean(kind == i) - wanted[name]) < 0.067
@@ -30,7 +30,7 @@ def test_every_kind_comes_as_often_as_its_share(wanted, seed):
 
 @given(shares(), SEEDS, st.permutations(list(range(40))))
 def test_weather_is_that_of_the_image_whatever_it_is_drawn_with(wanted, seed, order):
-    section, draws = WeatherSection(**wanted), Draws(seed)
+    section, draws = WeatherSection(**wanted), RandomStreams(seed)
     together = draw_air(section, draws=draws, image=np.arange(40)).weathers()
     again = draw_air(section, draws=draws, image=np.array(order)).weathers()
     assert [together[i] for i in order] == again

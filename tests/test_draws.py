@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hulldown.planning.search.draws import Draws, Purpose, RowStreams, between, choose
+from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between, choose
 
 
 def test_a_row_does_not_depend_on_the_rows_beside_it():
-    draws = Draws(7)
+    draws = RandomStreams(7)
     items, tries = np.arange(100), np.arange(100) % 5
     together = draws.uniform(Purpose.PLACE, items, tries, count=6)
     for i in (0, 17, 99):
@@ -18,7 +18,7 @@ def test_a_row_does_not_depend_on_the_rows_beside_it():
 
 
 def test_numbers_are_uniform_and_uncorrelated_along_every_axis():
-    draws = Draws(0)
+    draws = RandomStreams(0)
     values = draws.uniform(Purpose.PLACE, np.arange(4000), 0, count=8)
     assert stats.kstest(values.ravel(), "uniform").pvalue > 1e-3
     tries = draws.uniform(Purpose.PLACE, 3, np.arange(4000), count=8)
@@ -28,9 +28,9 @@ def test_numbers_are_uniform_and_uncorrelated_along_every_axis():
 
 
 def test_no_two_streams_share_a_number():
-    draws = Draws(1)
+    draws = RandomStreams(1)
     bits = [draws.bits(p, np.arange(500), t, count=10) for p in Purpose for t in range(3)]
-    bits += [Draws(2).bits(Purpose.PLACE, np.arange(500), 0, count=10)]
+    bits += [RandomStreams(2).bits(Purpose.PLACE, np.arange(500), 0, count=10)]
     flat = np.concatenate([b.ravel() for b in bits])
     assert len(np.unique(flat)) == len(flat)
 
@@ -41,16 +41,18 @@ def test_what_weighs_nothing_is_never_chosen():
 
 
 def test_seed_0_is_a_seed():
-    assert not np.array_equal(Draws(0).bits(Purpose.PLACE, 0, 0, count=4), Draws(1).bits(Purpose.PLACE, 0, 0, count=4))
+    assert not np.array_equal(
+        RandomStreams(0).bits(Purpose.PLACE, 0, 0, count=4), RandomStreams(1).bits(Purpose.PLACE, 0, 0, count=4)
+    )
 
 
 def test_the_numbers_of_a_seed_never_change():
     # The same plan comes out of a later version, too.
-    assert Draws(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
+    assert RandomStreams(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
 
 
 def test_a_generator_by_row_hands_each_row_its_own_stream():
-    draws = Draws(5)
+    draws = RandomStreams(5)
     rng = RowStreams(draws, Purpose.CAMERA, np.arange(10), 2)
     first, second = rng.random((10, 3)), rng.random(10)
     expected = draws.uniform(Purpose.CAMERA, np.arange(10), 2, count=4)
@@ -60,7 +62,7 @@ def test_a_generator_by_row_hands_each_row_its_own_stream():
 
 
 def test_a_generator_by_row_refuses_what_it_cannot_answer_by_row():
-    rng = RowStreams(Draws(5), Purpose.CAMERA, np.arange(10), 0)
+    rng = RowStreams(RandomStreams(5), Purpose.CAMERA, np.arange(10), 0)
     with pytest.raises(ValueError, match="size: expected 10 rows"):
         rng.random((3, 2))
 

@@ -13,7 +13,7 @@ from hulldown.planning.appearance.air import NAMES, draw_air
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.planner import plan
-from hulldown.planning.search.draws import Draws
+from hulldown.planning.search.draws import RandomStreams
 from hulldown.tests.planning_assets import small_assets, small_config
 
 IMAGES = np.arange(4000)
@@ -23,7 +23,7 @@ ALL = {"fog": 0.1, "rain": 0.2, "snow": 0.25, "dust": 0.3}
 
 
 def drawn(**keys):
-    return draw_air(WeatherSection(**keys), draws=Draws(5), image=IMAGES)
+    return draw_air(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 100.0])
@@ -65,7 +65,9 @@ def test_rain_and_snow_fall_from_overcast_skies():
     light = small_config(light={"hdris": ["noon"], "overcast": ["grey*"]}).light
     weights = hdri_weights(light, ("noon", "grey_one", "dusk", "grey_two"))
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
-    lights = draw_lights(light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=Draws(5), image=IMAGES)
+    lights = draw_lights(
+        light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=RandomStreams(5), image=IMAGES
+    )
     assert set(lights.hdri[lights.air.overcast].tolist()) == {1, 3}
     assert set(lights.hdri[~lights.air.overcast].tolist()) == {0}
 

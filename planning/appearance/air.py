@@ -12,7 +12,7 @@ from hulldown.camera.weather_kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.row import rounded
-from hulldown.planning.search.draws import Draws, Purpose, between
+from hulldown.planning.search.draws import Purpose, RandomStreams, between
 
 NAMES = tuple(KINDS)
 CLEAR = len(NAMES)
@@ -63,7 +63,7 @@ class Air:
         ]
 
 
-def draw_air(weather: WeatherSection, *, draws: Draws, image: Int[np.ndarray, " n"]) -> Air:
+def draw_air(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> Air:
     """Weather of the images with these indices.
 
     Kind and visibility have draws of their own, so that a share of rain changes no fog.

@@ -12,7 +12,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.row import Row, rounded
-from hulldown.planning.search.draws import Draws, Purpose, between
+from hulldown.planning.search.draws import Purpose, RandomStreams, between
 
 
 def exposures(
@@ -22,7 +22,7 @@ def exposures(
     *,
     light: LightSection,
     assets: Assets,
-    draws: Draws,
+    draws: RandomStreams,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], list[float | None]]:
     """Return how the images with these indices, HDRIs, and strengths are exposed, rounded as rows have it.
 

@@ -12,7 +12,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import Air, draw_air
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.weather_section import WeatherSection
-from hulldown.planning.search.draws import Draws, Purpose, between, choose
+from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,7 +78,7 @@ def draw_lights(
     weather: WeatherSection,
     weights: Float[np.ndarray, "2 h"],
     *,
-    draws: Draws,
+    draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> Lights:
     """Light and weather of the images with these indices; `weights` are those of `hdri_weights`."""

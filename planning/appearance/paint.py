@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.geometry.color import linear_color
 from hulldown.planning.config.section import Section, ranged
-from hulldown.planning.search.draws import Draws, Purpose, between
+from hulldown.planning.search.draws import Purpose, RandomStreams, between
 from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
 
 OWN = "own"
@@ -96,7 +96,7 @@ class Coat(Struct, frozen=True, gc=False):
 
 
 def draw_coats(
-    paint: Sequence[PaintEntry], draws: Draws, *, position: Int[np.ndarray, " n"], place: ArrayLike
+    paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
 ) -> list[list[Coat]]:
     """The coats of a vehicle at n positions.
 

@@ -21,7 +21,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import CameraSection, Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put
-from hulldown.planning.search.draws import Draws, Purpose, RowStreams, between
+from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
 from hulldown.planning.search.instances import Instances, hull_of
 from hulldown.planning.search.sizing import fraction_of, sized_cameras
 from hulldown.planning.search.stage import Site
@@ -80,7 +80,7 @@ def try_cameras(
     targets: Instances,
     config: Config,
     *,
-    draws: Draws,
+    draws: RandomStreams,
     image: Int[np.ndarray, " n"],
     attempt: Int[np.ndarray, " n"],
     others: Instances,

@@ -42,7 +42,7 @@ class Purpose(IntEnum):
     WEATHER = 22
 
 
-class Draws:
+class RandomStreams:
     """All random numbers of one plan.
 
     Parameters
@@ -103,7 +103,7 @@ class RowStreams:
         (n,) counters from 0 on, or single numbers.
     """
 
-    def __init__(self, draws: Draws, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
+    def __init__(self, draws: RandomStreams, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
         self._states = draws.states(purpose, item, attempt)
         self._drawn = 0
 

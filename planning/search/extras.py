@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Budget, Positions
-from hulldown.planning.search.draws import Draws, Purpose, between, choose
+from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage
 
 MOST = 64  # of one kind in an image; a guest's number and a try's are told apart by it
@@ -50,7 +50,7 @@ class Extras:
     distance: tuple[float, float]
 
     def drawn(
-        self, draws: Draws, position: Int[np.ndarray, " n"]
+        self, draws: RandomStreams, position: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
         """For each position the model of each, -1 where there is none, and numbers to turn it by."""
         low, high = self.count
@@ -118,7 +118,7 @@ def framed_on(
     budget: Budget,
     stage: PlanStage,
     config: Config,
-    draws: Draws,
+    draws: RandomStreams,
     *,
     position: Int[np.ndarray, " n"],
     held: Positions,

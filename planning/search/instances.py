@@ -139,8 +139,8 @@ def drawn_angles(
     """Angles within every part's limits, in proportion to numbers in [0, 1); column i is part i's, as in rows."""
     angles = np.zeros((len(model), fleet.parts))
     for i in np.unique(model).tolist():
-        mine, shape = np.flatnonzero(model == i), fleet.models[i].shape
+        rows, shape = np.flatnonzero(model == i), fleet.models[i].shape
         (low, high), p = shape.part_limits.T, len(shape.part_names)
-        drawn = np.clip(low + uniform[mine, :p] * (high - low), low, high)
-        angles[mine, 1:p] = rounded("articulation", drawn[:, 1:])
+        turned = np.clip(low + uniform[rows, :p] * (high - low), low, high)
+        angles[rows, 1:p] = rounded("articulation", turned[:, 1:])
     return angles

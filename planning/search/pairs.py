@@ -17,9 +17,10 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import draw_air
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import LeftOut
+from hulldown.planning.search.block import Block, HopelessPosition
 from hulldown.planning.search.budget import Budget
-from hulldown.planning.search.draws import Draws
-from hulldown.planning.search.positions import Block, HopelessPosition, plan_block
+from hulldown.planning.search.draws import RandomStreams
+from hulldown.planning.search.positions import plan_block
 from hulldown.planning.search.stage import Fleet, Model, PlanStage, Site
 
 # A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a
@@ -47,7 +48,7 @@ class Pairs:
     left_out: tuple[LeftOut, ...]
 
 
-def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: Draws, *, strict: bool) -> Pairs:
+def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomStreams, *, strict: bool) -> Pairs:
     """Try every pair that the config allows.
 
     Parameters
@@ -119,7 +120,7 @@ def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> F
 
 
 def _problems(
-    site: Site, fleet: Fleet, models: Int[np.ndarray, " v"], config: Config, draws: Draws
+    site: Site, fleet: Fleet, models: Int[np.ndarray, " v"], config: Config, draws: RandomStreams
 ) -> list[ConfigError | None]:
     """For each of these vehicles why most of its trial positions on a site find no place, or None."""
     found: list[ConfigError | None] = [_too_large(site, fleet.models[i], config) for i in models.tolist()]
@@ -133,7 +134,7 @@ def _problems(
 
 
 def _try(
-    site: Site, fleet: Fleet, models: Int[np.ndarray, " n"], config: Config, draws: Draws, *, number: int
+    site: Site, fleet: Fleet, models: Int[np.ndarray, " n"], config: Config, draws: RandomStreams, *, number: int
 ) -> dict[int, HopelessPosition]:
     """Which of these vehicles find no place at a trial position, and what was tried."""
     n = len(models)

@@ -97,8 +97,8 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
     reach = _reach(instances) + _reach(others) + 2.0 * clearance
     away = instances.world_from_vehicle[:, :3, 3] - others.world_from_vehicle[:, :3, 3]
     near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
-    mine, theirs = instances.take(near), others.take(near)
-    for one, other in ((mine, theirs), (theirs, mine)):
+    nearby, others_nearby = instances.take(near), others.take(near)
+    for one, other in ((nearby, others_nearby), (others_nearby, nearby)):
         half, world_from_box = _boxes(one, clearance)
         half_other, world_from_other = _boxes(other, 0.0)
         for a in range(half.shape[1]):

@@ -9,25 +9,23 @@ position: batches change when something is tried, never whether.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.arrays import joined
-from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.aiming import Views, no_views, try_cameras, views_of_others
+from hulldown.planning.search.aiming import no_views, try_cameras, views_of_others
+from hulldown.planning.search.block import Block, HopelessPosition, Planned, Seen, instances_of
 from hulldown.planning.search.columns import join, put, take
-from hulldown.planning.search.draws import Draws, Purpose, RowStreams
-from hulldown.planning.search.extras import MOST, Extras, Role, offsets
-from hulldown.planning.search.instances import Instances, drawn_angles
+from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
+from hulldown.planning.search.extras import MOST, Role, offsets
+from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear, unsettled
-from hulldown.planning.search.stage import Fleet, Site
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
@@ -41,149 +39,10 @@ CROWDED_PLACES = 40
 # The first positions of each vehicle go alone at the beginning of a plan: a hopeless config is known in seconds.
 SCOUTS = 4
 BEGINNING = 256
-FIRST_LOOK = 1  # tries of an extra that are settled at first; as many again as there were, whenever none is left
+FIRST_LOOK = 2  # tries of an extra that are settled at first; as many again as there were, whenever none is left
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Block:
-    """n positions on one scenery, with m images in all.
-
-    Parameters
-    ----------
-    site, fleet
-        Where, and what there is.
-    extras
-        What may stand beside targets, and what at backgrounds.
-    model
-        (n,) what the cameras are framed on: an index in the fleet.
-    background, empty
-        (n,) whether the images show no target, and whether what the cameras are framed on is left out of them.
-    movable
-        (n,) whether a position that finds no place here may be planned elsewhere.
-    position
-        (n,) their numbers, ascending.
-    shots
-        (n,) images of each.
-    first_image
-        (n,) index of each one's first image.
-    """
-
-    site: Site
-    fleet: Fleet
-    extras: dict[bool, tuple[Extras, ...]]
-    model: Int[np.ndarray, " n"]
-    background: Bool[np.ndarray, " n"]
-    empty: Bool[np.ndarray, " n"]
-    movable: Bool[np.ndarray, " n"]
-    position: Int[np.ndarray, " n"]
-    shots: Int[np.ndarray, " n"]
-    first_image: Int[np.ndarray, " n"]
-
-    @property
-    def owner(self) -> Int[np.ndarray, " m"]:
-        """For each image the row of its position."""
-        return np.repeat(np.arange(len(self.position)), self.shots)
-
-    @property
-    def shot(self) -> Int[np.ndarray, " m"]:
-        """For each image its number at its position."""
-        return np.arange(int(self.shots.sum())) - np.repeat(np.cumsum(self.shots) - self.shots, self.shots)
-
-    @property
-    def image(self) -> Int[np.ndarray, " m"]:
-        """Index of each image."""
-        return self.first_image[self.owner] + self.shot
-
-
-def before(block: Block, position: int) -> Block:
-    """The block of those positions that come before one."""
-    n = int(np.searchsorted(block.position, position))
-    columns = ("model", "background", "empty", "movable", "position", "shots", "first_image")
-    return replace(block, **{name: getattr(block, name)[:n] for name in columns})
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Table:
-    """The k instances of a block's positions, ordered by position, role and number.
-
-    Parameters
-    ----------
-    row
-        (k,) the position's row in the block.
-    role, number
-        (k,) what each is, and the how manieth of its role.
-    model, angles
-        (k,) index in the fleet, (k, p) radians of its parts.
-    distance
-        (k, 2) least and largest distance of an extra from its target, metres.
-    settled
-        (k,) where each stands.
-    tries
-        (k,) places tried so far; of those found the last one is theirs.
-    found
-        (k,) whether it has a place.
-    """
-
-    row: Int[np.ndarray, " k"]
-    role: Int[np.ndarray, " k"]
-    number: Int[np.ndarray, " k"]
-    model: Int[np.ndarray, " k"]
-    angles: Float[np.ndarray, "k p"]
-    distance: Float[np.ndarray, "k 2"]
-    settled: Settled
-    tries: Int[np.ndarray, " k"]
-    found: Bool[np.ndarray, " k"]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Seen:
-    """What cameras see of extras, p pairs of an image and an extra in it, by image and then by instance.
-
-    Parameters
-    ----------
-    image, instance
-        (p,) rows of the block's images and of its table.
-    views
-        Of the p pairs.
-    pixels
-        (p,) whether those that have a class are at the centre of any pixel.
-    """
-
-    image: Int[np.ndarray, " p"]
-    instance: Int[np.ndarray, " p"]
-    views: Views
-    pixels: Bool[np.ndarray, " p"]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Planned:
-    """Poses and cameras of a block.
-
-    Parameters
-    ----------
-    found
-        (n,) whether a place was found; what follows is of those alone.
-    instances
-        Targets and extras of the n positions; what found no room is not found.
-    views
-        Of the m images' targets.
-    seen
-        What the images show of extras.
-    rejected
-        (m, kinds) how often each rejection was met; a position's own are with its first image.
-    problems
-        Row of a position without a place -> what was tried.
-    """
-
-    found: Bool[np.ndarray, " n"]
-    instances: Table
-    views: Views
-    seen: Seen
-    rejected: Int[np.ndarray, "m kinds"]
-    problems: dict[int, HopelessPosition]
-
-
-def plan_block(block: Block, config: Config, draws: Draws, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
+def plan_block(block: Block, config: Config, draws: RandomStreams, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
     """Poses and cameras for every position of a block; `visibility_m` is that of its images, nan where it is clear.
 
     Raises
@@ -195,24 +54,10 @@ def plan_block(block: Block, config: Config, draws: Draws, *, visibility_m: Floa
     return _Search(block, config, draws, visibility_m).run()
 
 
-class HopelessPosition(ConfigError):
-    """A position for which the config's tries are used up.
-
-    Parameters
-    ----------
-    position
-        Its number.
-    problem, path, remedy
-        As of any `ConfigError`.
-    """
-
-    def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
-        super().__init__(problem, path=path, remedy=remedy)
-        self.position = position
-
-
 class _Search:
-    def __init__(self, block: Block, config: Config, draws: Draws, visibility_m: Float[np.ndarray, " m"]) -> None:
+    def __init__(
+        self, block: Block, config: Config, draws: RandomStreams, visibility_m: Float[np.ndarray, " m"]
+    ) -> None:
         self.block, self.config, self.draws, self.visibility_m = block, config, draws, visibility_m
         n = len(block.position)
         self.owner, self.image = block.owner, block.image
@@ -235,8 +80,8 @@ class _Search:
         early = block.position.min(initial=BEGINNING) < BEGINNING
         ranks = np.empty(len(block.model), dtype=np.int64)
         for model in np.unique(block.model):
-            mine = np.flatnonzero(block.model == model)
-            ranks[mine] = np.arange(len(mine))
+            of_model = np.flatnonzero(block.model == model)
+            ranks[of_model] = np.arange(len(of_model))
         scouts = early & (ranks < SCOUTS)
         self._settle(np.flatnonzero(scouts))
         self._settle(np.flatnonzero(~scouts))
@@ -339,13 +184,13 @@ class _Search:
             found = join(found, take(settled, np.flatnonzero(stands)))
             asked = rows
             while len(asked):
-                mine = np.flatnonzero(np.isin(which, turn[asked]))
-                good = mine[self._clear_of_others(which[mine], take(found, mine))]
+                due = np.flatnonzero(np.isin(which, turn[asked]))
+                good = due[self._clear_of_others(which[due], take(found, due))]
                 good = good[np.lexsort((attempt[good], which[good]))]
                 taken, first = np.unique(which[good], return_index=True)
                 put(table.settled, taken, take(found, good[first]))
                 table.tries[taken], table.found[taken] = attempt[good[first]] + 1, True
-                which[mine] = -1
+                which[due] = -1
                 done = table.found[turn[asked]]
                 hopeless = ~done & (looked[turn[asked]] >= COMPANION_TRIES)
                 failed[asked[hopeless & ~patient[asked]]] = True
@@ -361,19 +206,19 @@ class _Search:
         table, found = self.table, unsettled(len(which))
         for start in range(0, len(which), CANDIDATES):
             some = slice(start, start + CANDIDATES)
-            mine = which[some]
-            role, row = table.role[mine], table.row[mine]
+            extras = which[some]
+            role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
-                self.block.position[row] * MOST + table.number[mine],
+                self.block.position[row] * MOST + table.number[extras],
                 # Numbered through all places of the target, so that a new place gets new ones.
                 self.tries[row] * COMPANION_TRIES + number[some],
                 count=3,
             )
-            xy = offsets(role, table.distance[mine], uniform[:, :2])
+            xy = offsets(role, table.distance[extras], uniform[:, :2])
             xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            settled = settle_clear(self.block.site, self._instances(mine), self.config, xy=xy, yaw=yaw)
+            settled = settle_clear(self.block.site, self._instances(extras), self.config, xy=xy, yaw=yaw)
             put(found, np.arange(len(which))[some], settled)
         return found
 
@@ -381,10 +226,12 @@ class _Search:
         """Whether these tries of extras are clear of the target and of the extras that were settled before."""
         tried = replace(self._instances(which), world_from_vehicle=settled.world_from_vehicle)
         standing = self._instances(np.flatnonzero(self.table.found))
-        mine, other = joined(tried.row, standing.row)
+        of_tried, of_standing = joined(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
-        apart = clear_of_vehicles(tried.take(mine), standing.take(other), self.config.placement.vehicle_clearance)
-        clear[mine[~apart]] = False
+        apart = clear_of_vehicles(
+            tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance
+        )
+        clear[of_tried[~apart]] = False
         return clear
 
     def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
@@ -484,28 +331,3 @@ class _Search:
             )
             if not block.movable[row]:
                 self.given_up |= block.position > position
-
-
-def instances_of(block: Block, config: Config, draws: Draws) -> Table:
-    """What stands at a block's positions, as it is drawn, without places."""
-    n, fleet = len(block.position), block.fleet
-    turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
-    zero = np.zeros(n, dtype=np.int64)
-    drawn = [(np.arange(n), zero, zero, block.model, turns, np.zeros((n, 2)))]
-    for background, kinds in block.extras.items():
-        rows = np.flatnonzero(block.background == background)
-        for kind in kinds if len(rows) else ():
-            models, numbers = kind.drawn(draws, block.position[rows])
-            i, j = np.nonzero(models >= 0)
-            turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MOST] = numbers[i, j, : fleet.parts]
-            distance = np.tile(np.array(kind.distance, dtype=np.float64), (len(i), 1))
-            drawn.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned, distance))
-    row, role, number, model, turns, distance = (np.concatenate(column) for column in zip(*drawn, strict=True))
-    order = np.lexsort((number, role, row))
-    row, role, number, model = row[order], role[order], number[order], model[order]
-    angles = drawn_angles(fleet, model, turns[order]) if config.placement.articulate else np.zeros(turns.shape)
-    k = len(row)
-    return Table(
-        row, role, number, model, angles, distance[order], unsettled(k), np.zeros(k, dtype=np.int64), np.zeros(k, bool)
-    )
