@@ -1,0 +1,63 @@
+"""Vehicles with turned parts, and the obstacles that they keep clear of."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hulldown.assets.library import Assets
+from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.placing import clear_of_obstacles
+from hulldown.planning.search.stage import make_stage
+from hulldown.tests.planning_assets import CLASSES, bare, box, small_config, vehicle
+
+POST = box((-0.1, -0.1, 0.0), (0.1, 0.1, 6.0))
+QUARTER = math.pi / 2
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """A post beside the place of a vehicle: out of its hull's reach, and within its gun's."""
+    at = np.eye(4)[None].copy()
+    at[0, :3, 3] = [100.0, 54.0, 0.0]
+    post = replace(
+        bare("bare"),
+        obstacle_meshes=(POST,),
+        instance_mesh=np.zeros(1, dtype=np.int64),
+        world_from_instance=at,
+        instance_names=("post",),
+        instance_gives_way=np.zeros(1, dtype=bool),
+        instance_is_water=np.zeros(1, dtype=bool),
+    )
+    vehicles = {name: vehicle(name) for name in CLASSES}
+    assets = Assets(vehicles, CLASSES, {"bare": post}, ("noon",))
+    config = small_config(assets={"sceneries": [{"path": "bare.blend"}]})
+    return make_stage(config, assets)
+
+
+def clear(stage, *articulation, yaw=0.0, clearance=0.0):
+    """Whether vehicles whose turrets turn about (100, 50) are clear of the post, 4 m north of there."""
+    pivot = stage.models["t72"].shape.part_pivot[1] * [1.0, 1.0, 0.0]
+    turn = rotation_z(yaw)
+    poses = np.tile(rigid(turn, [100.0, 50.0, 0.0] - turn @ pivot), (len(articulation), 1, 1))
+    instances = Instances.of(stage.fleet, ["t72"] * len(articulation), poses, articulation)
+    return clear_of_obstacles(stage.sites[0], instances, clearance).tolist()
+
+
+def test_a_turned_gun_is_as_much_of_an_obstacle_as_a_hull(stage):
+    ahead, left, right = {}, {"turret": QUARTER}, {"turret": -QUARTER}
+    assert clear(stage, ahead, left, right) == [True, False, True]
+    # The same with the vehicle turned and the turret turned back.
+    assert clear(stage, ahead, right, {"turret": math.pi}, yaw=QUARTER) == [False, True, True]
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.5, 1.0])
+def test_clearance_is_kept_around_turned_parts(stage, clearance):
+    # Turned by so much that the gun's side passes the post at twice the clearance, and at half of it.
+    gun_half, post_half, away = 0.1, 0.1 * math.sqrt(2), 4.0
+    for share, free in ((2.0, True), (0.5, False)):
+        beside = gun_half + post_half + share * clearance + (0.1 if free else -0.15)
+        turn = QUARTER - math.asin(beside / away)
+        assert clear(stage, {"turret": turn}, clearance=clearance) == [free]
