@@ -41,3 +41,23 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
     reach = near * np.ptp(about_middle, axis=0).max()
     close = np.abs(about_middle[point] - about_middle[vertex]).max(axis=1, initial=0.0) <= reach
     return np.union1d(hull.vertices, point[close])
+
+
+def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    """The wanted point if it's inside the points' convex hull, else the hull's centroid; `wanted` if there is no hull.
+
+    A point nearer to the hull's edge than a thousandth of the hull's size is not inside.
+    """
+    if len(points) < 3:
+        return wanted
+    about = points - wanted
+    try:
+        hull = ConvexHull(about)
+    except QhullError:
+        return wanted
+    if hull.equations[:, 2].max() < -1e-3 * np.ptp(about, axis=0).max():
+        return wanted
+    ring = about[hull.vertices]
+    following = np.roll(ring, -1, axis=0)
+    area = ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]
+    return wanted + ((ring + following) * area[:, None]).sum(axis=0) / (3.0 * area.sum())

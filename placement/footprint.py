@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
+from hulldown.geometry.hulls import inner_point
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.rays import RayCaster
@@ -143,7 +144,8 @@ class Samples:
     foot
         (m,) whether the vehicle means to stand there: the underside is next to its lowest.
     centre
-        (2,) the middle of the footprint.
+        (2,) where the centre of gravity is taken to be: the middle of the footprint, or the centroid of what can touch
+        the ground if the middle is not above that.
     """
 
     xy: Float[np.ndarray, "... m 2"]
@@ -203,7 +205,7 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
-    return Samples(xy, height, foot, regular.centre)
+    return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.centre))
 
 
 def contact_samples(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Samples:

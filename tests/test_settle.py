@@ -184,6 +184,21 @@ def test_an_axle_between_the_samples_is_stood_on():
     assert seen.world_from_vehicle[0, 2, 3] > 0.14
 
 
+@pytest.mark.parametrize("corners", [[(-2, 1.5), (2, 1.5), (-2, -1.5)], [(-2, -1), (2, 1.5), (-2, -1.5)]])
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_a_triangular_footprint_stands_wherever_its_middle_is(corners, mirror):
+    # The middle of its bounding box is on the long side of one, and outside the other: both found no place anywhere.
+    base = np.array(corners, dtype=float) * [1.0, mirror]
+    vertices = np.concatenate([np.column_stack([base, np.full(3, z)]) for z in (0.0, 1.0)])
+    walls = [[i, j, 3 + j] for i, j in ((0, 1), (1, 2), (2, 0))] + [
+        [i, 3 + j, 3 + i] for i, j in ((0, 1), (1, 2), (2, 0))
+    ]
+    wedge = underside(Mesh(vertices, np.array([[0, 2, 1], [3, 4, 5], *walls]), "wedge"))
+    settled = settle(slope(0.1), [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
+    assert settled.ok.all()
+    np.testing.assert_allclose(settled.tilt, 0.1, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
