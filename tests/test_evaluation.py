@@ -270,7 +270,7 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(scene, tmp_path, capsys, more, words):
     if more == ["annotations.json"]:
-        words = "detection 0: of image 1: score is None"
+        words = "detection 0: it is wrong: Object missing required field `score`"
     code = main(["evaluate", str(scene), str(scene / more[0]), "-o", str(tmp_path / "r")])
     assert code == 2
     said = capsys.readouterr().err

@@ -71,7 +71,7 @@ def test_what_was_interrupted_goes_on_to_the_same_results(run, data, tmp_path):
     assert not output.exists()
     unfinished = tmp_path / f"parts.json{UNFINISHED_SUFFIX}"
     with unfinished.open("ab") as file:
-        file.write(b'{"image":4,"fou')  # as a machine that stopped would leave it
+        file.write(b'[4,[{"image_id":4')  # as a machine that stopped would leave it
     picture.write_bytes(kept)
     assert predict(run, data, output, batch=1).already == 3
     assert output.read_bytes() == (tmp_path / "whole.json").read_bytes()
@@ -79,7 +79,7 @@ def test_what_was_interrupted_goes_on_to_the_same_results(run, data, tmp_path):
 
 def test_what_was_interrupted_with_other_weights_begins_anew(run, data, tmp_path):
     output = tmp_path / "found.json"
-    (tmp_path / f"found.json{UNFINISHED_SUFFIX}").write_text('{"key":"another"}\n{"image":1,"found":[]}\n')
+    (tmp_path / f"found.json{UNFINISHED_SUFFIX}").write_text('"another"\n[1,[]]\n')
     assert predict(run, data, output).already == 0
 
 

@@ -17,7 +17,7 @@ import math
 import random
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, TypeAlias
 
@@ -47,56 +47,35 @@ class Change:
         Of being applied; within a group, of being the one that is picked.
     options
         Numbers and ranges, as the paper gives them.
+    group
+        The line that applies one at most of its group; empty for a line that applies by itself.
     """
 
     probability: float
-    options: Mapping[str, Option]
+    options: Mapping[str, Option] = field(default_factory=dict)
+    group: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class OneOf:
-    """Changes of which one at most is applied.
-
-    Parameters
-    ----------
-    probability
-        That one is.
-    changes
-        Name -> change; their probabilities are weights.
-    """
-
-    probability: float
-    changes: Mapping[str, Change]
-
-
-Table: TypeAlias = Mapping[str, Change | OneOf]
+Table: TypeAlias = Mapping[str, Change]
 
 TABLE: Table = {
     # geometric
-    "horizontal_flip": Change(0.5, {}),
+    "horizontal_flip": Change(0.5),
     "shift_scale_rotate": Change(0.6, {"shift": 0.05, "scale": (0.8, 1.2), "rotate_deg": 15}),
     "shear": Change(0.3, {"shear_deg": 10}),
     # photometric
-    "brightness": OneOf(
-        0.7,
-        {
-            "brightness_contrast": Change(1 / 3, {"brightness": 0.3, "contrast": 0.3}),
-            "gamma": Change(1 / 3, {"gamma": (0.7, 1.3)}),
-            "clahe": Change(1 / 3, {"clip_limit": (1.0, 4.0), "tiles": 8}),
-        },
-    ),
+    "brightness": Change(0.7),
+    "brightness_contrast": Change(1 / 3, {"brightness": 0.3, "contrast": 0.3}, "brightness"),
+    "gamma": Change(1 / 3, {"gamma": (0.7, 1.3)}, "brightness"),
+    "clahe": Change(1 / 3, {"clip_limit": (1.0, 4.0), "tiles": 8}, "brightness"),
     "hue_saturation_value": Change(0.5, {"hue": 15, "saturation": 30, "value": 20}),
     "colour_jitter": Change(0.3, {"brightness": 0.1, "contrast": 0.1, "saturation": 0.2, "hue": 0.05}),
-    "channel_shuffle": Change(0.05, {}),
+    "channel_shuffle": Change(0.05),
     # blur and noise
-    "blur": OneOf(
-        0.3,
-        {
-            "gaussian_blur": Change(1 / 3, {"kernel": (3, 7)}),
-            "motion_blur": Change(1 / 3, {"kernel": (3, 7)}),
-            "median_blur": Change(1 / 3, {"kernel": (3, 5)}),  # the paper's kernel of 1 is no blur
-        },
-    ),
+    "blur": Change(0.3),
+    "gaussian_blur": Change(1 / 3, {"kernel": (3, 7)}, "blur"),
+    "motion_blur": Change(1 / 3, {"kernel": (3, 7)}, "blur"),
+    "median_blur": Change(1 / 3, {"kernel": (3, 5)}, "blur"),  # the paper's kernel of 1 is no blur
     "gaussian_noise": Change(0.3, {"std": (0.01, 0.05)}),
     # from clean renders to photographs
     "compression": Change(0.3, {"quality": (40, 90)}),
@@ -158,7 +137,7 @@ class Augmenter:
             warnings.simplefilter("error")  # a wrong argument's name is only a warning to Albumentations
             warnings.filterwarnings("ignore", message="Got processor for bboxes")  # a table may leave boxes alone
             self._compose = A.Compose(
-                [_transform(name, change, height) for name, change in table.items()],
+                [_line(name, table, height) for name, change in table.items() if not change.group],
                 bbox_params=A.BboxParams(
                     format="pascal_voc", label_fields=["index"], min_visibility=MIN_VISIBLE,
                     min_width=MIN_SIDE, min_height=MIN_SIDE, clip=True, check_each_transform=False,
@@ -226,25 +205,16 @@ def changed_table(changes: Mapping[str, Any], table: Table = TABLE) -> Table:
     """
     result = dict(table)
     for name, keys in changes.items():
-        group = next((key for key, line in table.items() if isinstance(line, OneOf) and name in line.changes), None)
-        if name not in table and group is None:
-            known = [*table, *(inner for line in table.values() if isinstance(line, OneOf) for inner in line.changes)]
-            raise ConfigError(f"unknown key augmentation.{name}; {_hint(name, known)}")
+        if name not in table:
+            raise ConfigError(f"unknown key augmentation.{name}; {_hint(name, list(table))}")
         if not isinstance(keys, Mapping):
             raise ConfigError(f"augmentation.{name} = {keys!r}: expected a table, such as {{ probability = 0.0 }}")
-        if group is None:
-            result[name] = _changed(name, result[name], keys)
-        else:
-            of = result[group]
-            assert isinstance(of, OneOf)
-            line = _changed(name, of.changes[name], keys)
-            result[group] = replace(of, changes={**of.changes, name: line})
+        result[name] = _changed(name, result[name], keys)
     return result
 
 
-def _changed(name: str, line: Any, keys: Mapping[str, Any]) -> Any:
-    options = dict(line.options) if isinstance(line, Change) else {}
-    probability = line.probability
+def _changed(name: str, line: Change, keys: Mapping[str, Any]) -> Change:
+    options, probability = dict(line.options), line.probability
     for key, value in keys.items():
         where = f"augmentation.{name}.{key}"
         if key == "probability":
@@ -262,7 +232,7 @@ def _changed(name: str, line: Any, keys: Mapping[str, Any]) -> Any:
             raise ConfigError(f"{where} = {value!r}: expected a number from 0 on")
         else:
             options[key] = value
-    return Change(probability, options) if isinstance(line, Change) else replace(line, probability=probability)
+    return Change(probability, options, line.group)
 
 
 def _hint(name: str, known: Sequence[str]) -> str:
@@ -283,10 +253,17 @@ def _whole(value: Option) -> tuple[int, int]:
     return round(low), round(high)
 
 
-def _transform(name: str, line: Change | OneOf, height: int) -> Any:
-    """A line of the table as Albumentations has it."""
-    if isinstance(line, OneOf):
-        return A.OneOf([_transform(*change, height) for change in line.changes.items()], p=line.probability)
+def _line(name: str, table: Table, height: int) -> Any:
+    """A line of the table, with its group if it has one, as Albumentations has it."""
+    group = {key: change for key, change in table.items() if change.group == name}
+    if not group:
+        return _transform(name, table[name], height)
+    if not any(change.probability for change in group.values()):  # weights of which Albumentations makes no sense
+        return A.NoOp()
+    return A.OneOf([_transform(*change, height) for change in group.items()], p=table[name].probability)
+
+
+def _transform(name: str, line: Change, height: int) -> Any:
     p, o = line.probability, line.options
     outside = {"fill": 0, "border_mode": cv2.BORDER_CONSTANT, "rotate_method": "ellipse"}
     match name:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import Dataset, Sampler
 
 from hulldown.training.augment import Augmenter, Sample, Table
 from hulldown.training.draws import Draws
@@ -146,16 +145,6 @@ class Batches(Sampler[list[int]]):
         for start, end in self._steps[self._first :]:
             pieces = np.array_split(np.arange(start, end), self._parts)
             yield from (piece.tolist() for piece in pieces[self._rank :: self._ranks])
-
-
-def loader(
-    collate: Callable[[list[Example]], Any], *, examples: DrawnExamples, batches: Batches, workers: int
-) -> DataLoader[Example]:
-    """A loader of what `collate` makes of the examples of each batch, in order."""
-    return DataLoader(
-        examples, batch_sampler=batches, collate_fn=collate, num_workers=workers,
-        prefetch_factor=4 if workers else None,
-    )  # fmt: skip
 
 
 def network_pictures(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import open_in_place, replace_file, replacing
+from hulldown.geometry.files import open_in_place, replace_file
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
     Detections,
@@ -25,12 +25,14 @@ from hulldown.training.detectors.detector import (
     chosen_device,
     read_run,
 )
+from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.predictions import INFO_SUFFIX
+from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
 from hulldown.training.extra import require_extra
 
 UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
 READERS = 2
+BATCH = 8
 DIGITS = 3  # decimals of a pixel
 Picture = UInt8[np.ndarray, "h w 3"]
 Found = list[dict[str, Any]]  # COCO results of an image
@@ -98,7 +100,7 @@ def predict(
     output: Path | str,
     *,
     device: str = "auto",
-    batch: int = 8,
+    batch: int = BATCH,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
     """Look at every image of a dataset and write COCO results, and beside them which images were looked at.
@@ -130,15 +132,11 @@ def predict(
     ids, unknown = _category_ids(detector.classes, labels)
     key = _key(Path(run), labels, detector.classes)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
-    done = _read_unfinished(unfinished, key)
-    left = [k for k, image in enumerate(labels.image_id.tolist()) if image not in done]
-    already = len(done)
-    with _appending(unfinished, key, done) as append:
-        for indices, pictures in _batches(labels, left, batch):
-            for k, found in zip(indices, detector.detect(pictures), strict=True):
-                image = int(labels.image_id[k])
-                done[image] = _results(image, found, ids)
-                append(image, done[image])
+    with _kept(unfinished, key) as (done, keep):
+        already = len(done)
+        left = [k for k, image in enumerate(labels.image_id.tolist()) if image not in done]
+        for found in _detected(detector, labels, ids, left, batch):
+            keep(found)
             if progress is not None:
                 progress(len(done), len(labels.images))
     results = [one for image in labels.image_id.tolist() for one in done[image]]
@@ -155,6 +153,41 @@ def predict(
         replace_file(path, orjson.dumps(value) + b"\n")
     unfinished.unlink()
     return Predicted(len(labels.images), len(results), already, unknown)
+
+
+def validation_figures(
+    detector: Detector, labels: Labels, *, progress: Callable[[int, int], None] = lambda done, total: None
+) -> dict[str, float]:
+    """AP, AP50 and AP75 of a detector over all classes, as `evaluate` has them; 0 where nothing is defined.
+
+    Parameters
+    ----------
+    detector
+        Its classes are the dataset's.
+    labels
+        What is to be found.
+    progress
+        Told (images done, all).
+    """
+    ids, _ = _category_ids(detector.classes, labels)
+    done: dict[int, Found] = {}
+    for found in _detected(detector, labels, ids, range(len(labels.images)), BATCH):
+        done |= found
+        progress(len(done), len(labels.images))
+    results = [one for found in done.values() for one in found]
+    predictions = predictions_of(results, labels, path=labels.path, name="validation")
+    summary = average_precision(labels, predictions).summary
+    return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
+
+
+def _detected(
+    detector: Detector, labels: Labels, ids: Sequence[int], indices: Sequence[int], batch: int
+) -> Iterator[dict[int, Found]]:
+    """The results of some images by their ids, a batch at a time."""
+    for chunk, pictures in _batches(labels, indices, batch):
+        images = [int(labels.image_id[k]) for k in chunk]
+        found = zip(images, detector.detect(pictures), strict=True)
+        yield {image: _results(image, one, ids) for image, one in found}
 
 
 def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
@@ -192,38 +225,30 @@ def _key(run: Path, labels: Labels, classes: Sequence[str]) -> str:
     return digest.hexdigest()
 
 
-def _read_unfinished(path: Path, key: str) -> dict[int, Found]:
-    """Detections by image of what was interrupted; empty if that was about something else. A cut last line is lost."""
-    done: dict[int, Found] = {}
-    try:
-        with path.open("rb") as file:
-            if orjson.loads(file.readline()) != {"key": key}:
-                return {}
-            for line in file:
-                record = orjson.loads(line)
-                done[record["image"]] = record["found"]
-    except (FileNotFoundError, orjson.JSONDecodeError):
-        pass  # there is none, or it was cut off where it was written when the machine stopped
-    return done
-
-
 @contextmanager
-def _appending(path: Path, key: str, done: Mapping[int, Found]) -> Iterator[Callable[[int, Found], None]]:
-    """The file of what is done, written anew; yields what adds an image and its detections to it."""
+def _kept(path: Path, key: str) -> Iterator[tuple[dict[int, Found], Callable[[dict[int, Found]], None]]]:
+    """Yield what an interrupted call has found, by image, and what adds to it and to its file.
 
-    def line(image: int, found: Found) -> bytes:
-        return orjson.dumps({"image": image, "found": found}) + b"\n"
+    Nothing was found before if the file is about something else. A last line that was cut off is lost.
+    """
+    done: dict[int, Found] = {}
+    with suppress(FileNotFoundError, orjson.JSONDecodeError), path.open("rb") as before:
+        for line in before if orjson.loads(before.readline()) == key else ():
+            image, found = orjson.loads(line)
+            done[image] = found
 
-    with replacing(path) as file:
-        file.write(orjson.dumps({"key": key}) + b"\n")
-        file.writelines(line(image, found) for image, found in done.items())
+    def lines(some: Mapping[int, Found]) -> bytes:
+        return b"".join(orjson.dumps(item) + b"\n" for item in some.items())
+
+    replace_file(path, orjson.dumps(key) + b"\n" + lines(done))
     with open_in_place(path) as file:
 
-        def append(image: int, found: Found) -> None:
-            file.write(line(image, found))
+        def keep(some: dict[int, Found]) -> None:
+            file.write(lines(some))
             file.flush()
+            done.update(some)
 
-        yield append
+        yield done, keep
 
 
 def _batches(labels: Labels, indices: Sequence[int], size: int) -> Iterator[tuple[list[int], list[Picture]]]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytorch_lightning as pl
 import torch
+from pytorch_lightning.callbacks import WeightAveraging
 
 from hulldown.geometry.files import replacing
 
@@ -36,48 +37,22 @@ class StepSeeds(pl.Callback):
         torch.manual_seed(int(entropy.generate_state(1)[0]))
 
 
-class AveragedWeights(pl.Callback):
-    """The exponential moving average of a module's weights over its steps."""
+class AveragedWeights(WeightAveraging):
+    """The exponential moving average of a module's weights over its steps; the first steps are forgotten sooner."""
 
-    def __init__(self, decay: float = AVERAGE_DECAY) -> None:
-        self._decay, self._steps = decay, 0
-        self._state: dict[str, torch.Tensor] = {}
+    def __init__(self) -> None:
+        super().__init__(avg_fn=_averaged)
 
-    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Begin with the first weights, unless a checkpoint has brought an average."""
-        if not self._state:
-            self._state = {key: value.detach().clone() for key, value in pl_module.state_dict().items()}
-        self._state = {key: value.to(pl_module.device) for key, value in self._state.items()}
+    def get_ema_model_state_dict(self) -> dict[str, torch.Tensor]:
+        """Return the average of the module's `model`, by the name that RF-DETR's callback has for it."""
+        assert self._average_model is not None
+        return cast("pl.LightningModule", self._average_model.module).model.state_dict()
 
-    def on_train_batch_end(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
-    ) -> None:
-        """Take up the weights of a step. The first steps weigh less: they are forgotten sooner."""
-        if trainer.global_step == self._steps:
-            return
-        self._steps = trainer.global_step
-        decay = min(self._decay, (1 + self._steps) / (10 + self._steps))
-        for key, value in pl_module.state_dict().items():
-            if value.is_floating_point():
-                self._state[key].lerp_(value.detach(), 1.0 - decay)
-            else:
-                self._state[key].copy_(value)
 
-    def averaged(self, prefix: str) -> dict[str, torch.Tensor]:
-        """The average of a part of the module."""
-        return {key.removeprefix(prefix): value for key, value in self._state.items() if key.startswith(prefix)}
-
-    def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Leave the average in the module: it is the result."""
-        pl_module.load_state_dict(self._state)
-
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
-        return {"steps": self._steps, "state": self._state}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take up what a checkpoint has kept."""
-        self._steps, self._state = state_dict["steps"], dict(state_dict["state"])
+def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.Tensor) -> torch.Tensor:
+    """The average after another step; `steps` are those before it."""
+    decay = min(AVERAGE_DECAY, (2 + int(steps)) / (11 + int(steps)))
+    return decay * average + (1.0 - decay) * weights
 
 
 class Rows(pl.Callback):

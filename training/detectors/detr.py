@@ -12,7 +12,6 @@ Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from torch.utils.data import DataLoader
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from hulldown.training.extra import quiet
+from hulldown.training.fitting import Fitted, Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
 with quiet():  # it warns of what its own dependencies will lose
@@ -39,6 +39,7 @@ with quiet():  # it warns of what its own dependencies will lose
     from rfdetr.training.callbacks.ema import RFDETREMACallback
     from rfdetr.training.module_data import RFDETRDataModule
     from rfdetr.training.module_model import RFDETRModelModule
+    from rfdetr.training.trainer import build_trainer
 
 CONFIGS = {
     "nano": rf_config.RFDETRNanoConfig,
@@ -99,7 +100,7 @@ def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> Non
             detr_configs(settings, classes, 1, weights=weights, device=cpu, folder=path.parent)
             for weights in (None, path)
         )
-        network = detr_module(*bare).model
+        network = RFDETRModelModule(*bare).model
         try:
             load_pretrain_weights(network, full[0])
         except DAMAGED as error:
@@ -222,16 +223,6 @@ def normalised(pictures: Tensor) -> Tensor:
     return (pictures.float() / 255 - mean) / std
 
 
-def detr_module(model_config: Any, train_config: Any) -> RFDETRModelModule:
-    """RF-DETR's LightningModule, its head numbered as the classes are."""
-    return RFDETRModelModule(model_config, train_config)
-
-
-def averaging(train_config: Any) -> RFDETREMACallback:
-    """RF-DETR's average of the weights, which it leaves in the module at the end."""
-    return RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau)
-
-
 def save_detr(module: RFDETRModelModule, classes: Sequence[str]) -> dict[str, Any]:
     """What a weights file holds: a checkpoint that `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in module.model.state_dict().items()}
@@ -291,20 +282,22 @@ class DetrDetector:
         )
 
 
-def detector_of(module: RFDETRModelModule, classes: Sequence[str], device: torch.device) -> DetrDetector:
-    """The detector that a module is in the midst of training, or at the end."""
-    names = dict(enumerate(classes))
-    return DetrDetector(module.model, module.postprocess, names, module.model_config.resolution, device)
-
-
-def averaged_detector(
-    module: RFDETRModelModule, average: RFDETREMACallback, classes: Sequence[str], device: torch.device
-) -> DetrDetector:
-    """The detector of the averaged weights in the midst of training, a copy that changes nothing of the module."""
-    network = deepcopy(module.model)
-    if (state := average.get_ema_model_state_dict()) is not None:
-        network.load_state_dict(state)
-    return DetrDetector(network, module.postprocess, dict(enumerate(classes)), module.model_config.resolution, device)
+def fit_detr(training: Training) -> Fitted:
+    """Train RF-DETR."""
+    model_config, train_config = detr_configs(
+        training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,
+        folder=training.folder.path,
+    )  # fmt: skip
+    seed_weights(training.settings)
+    module = RFDETRModelModule(model_config, train_config)
+    names, resolution = dict(enumerate(training.classes)), int(model_config.resolution)
+    return training.fit(
+        module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
+        partial(build_trainer, train_config, model_config),
+        detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
+        saved=lambda: save_detr(module, training.classes),
+        datamodule=DrawnData(model_config, train_config, training.loader),
+    )  # fmt: skip
 
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:

@@ -17,8 +17,10 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 
 from hulldown.training.data import Example, network_pictures
+from hulldown.training.detectors.callbacks import AveragedWeights
 from hulldown.training.detectors.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.fitting import Fitted, Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
 RESOLUTION = 256  # pixels of the longer side
@@ -115,7 +117,7 @@ class SmallModule(pl.LightningModule):
 
     def __init__(self, network: CentreNetwork, settings: Settings, steps: int) -> None:
         super().__init__()
-        self.network = network.to(memory_format=torch.channels_last)
+        self.model = network.to(memory_format=torch.channels_last)
         self._settings, self._steps = settings, steps
 
     def transfer_batch_to_device(
@@ -128,7 +130,7 @@ class SmallModule(pl.LightningModule):
         """The loss of a batch."""
         truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
         pictures = torch.stack([example.picture for example in batch]).to(self.device)
-        return centre_loss(self.network(pictures), Truth(*(part.to(self.device) for part in truth)))
+        return centre_loss(self.model(pictures), Truth(*(part.to(self.device) for part in truth)))
 
     def configure_optimizers(self) -> dict[str, object]:
         """AdamW with the run's schedule."""
@@ -136,3 +138,21 @@ class SmallModule(pl.LightningModule):
         optimizer = torch.optim.AdamW(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=self._steps))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
+
+
+def fit_small(training: Training) -> Fitted:
+    """Train the small network."""
+    classes, size, device = training.classes, training.examples.size, training.device
+    seed_weights(training.settings)
+    module = SmallModule(CentreNetwork(len(classes)), training.settings, training.batches.steps)
+    cuda = device.type == "cuda"
+    return training.fit(
+        module, AveragedWeights(),
+        partial(
+            pl.Trainer, max_epochs=1, accelerator="gpu" if cuda else "cpu",
+            precision="bf16-mixed" if cuda else "32-true", gradient_clip_val=10.0,
+        ),
+        detector=lambda network: SmallDetector(network, classes, size, device),
+        saved=lambda: save_small(module.model, classes, size),
+        train_dataloaders=training.loader(list),
+    )  # fmt: skip

@@ -14,7 +14,7 @@ from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.contrast import measured_contrast
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
-from hulldown.training.evaluation.metrics import Outcomes, ratio
+from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 
 MOST_NAMES = 30  # bins of a field of names, the most frequent; the others share one
@@ -154,24 +154,22 @@ def figures_of(
     n = len(field.bins)
     positions = int(position.max()) + 1 if len(position) else 0
 
-    def count(group: np.ndarray, image: np.ndarray, among: np.ndarray) -> Float[np.ndarray, "positions b"]:
-        kept = among & (group >= 0)
-        cell = position[image[kept]] * n + group[kept]
-        return np.bincount(cell, minlength=positions * n).reshape(positions, n).astype(np.float64)
+    def sums(of_detection: np.ndarray) -> Float[np.ndarray, "positions b 6"]:
+        bins = ((of_detection, predictions.image), (field.of_label, labels.image))
+        cells = [np.where(of >= 0, position[image] * n + of, -1) for of, image in bins]
+        return sums_by(
+            labels, predictions, matching, seen, of_detection=cells[0], of_label=cells[1], groups=positions * n
+        ).reshape(positions, n, len(SUMS))
 
-    there = count(field.of_label, labels.image, ~labels.crowd)
-    found = count(field.of_label, labels.image, seen.found)
-    overlap = np.zeros(len(labels.label))
-    overlap[seen.found] = matching.iou[matching.detection[seen.found]]
-    known = field.of_label >= 0
-    total = np.bincount(field.of_label[known], weights=overlap[known], minlength=n)
+    by_label = sums(np.append(field.of_label, -1)[matching.box])  # a find is in the bin of its label
+    found, there = by_label[..., 0], by_label[..., 0] + by_label[..., 2]
     if field.of_detection is None:
         detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
     else:
-        counted = count(field.of_detection, predictions.image, seen.true | seen.false)
-        true = count(field.of_detection, predictions.image, seen.true)
+        by_detection = sums(field.of_detection)
+        counted = by_detection[..., 0] + by_detection[..., 1]
         detections = counted.sum(axis=0).astype(np.int64)
-        precision, ends = _share(true, counted)
+        precision, ends = _share(by_detection[..., 0], counted)
     recall, recall_ends = _share(found, there)
     return BinFigures(
         field=field,
@@ -182,7 +180,7 @@ def figures_of(
         detections=detections,
         precision=precision,
         precision_interval=ends,
-        mean_iou=ratio(total, found.sum(axis=0)),
+        mean_iou=ratio(by_label[..., SUMS.index("iou")].sum(axis=0), found.sum(axis=0)),
     )
 
 

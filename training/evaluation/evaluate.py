@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -25,10 +26,10 @@ from hulldown.training.evaluation.bootstrap import (
     standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, Pairs, match, overlapping
+from hulldown.training.evaluation.matching import match, overlapping
 from hulldown.training.evaluation.metrics import (
+    SUMS,
     Curves,
-    Outcomes,
     confusion,
     curves,
     figures,
@@ -60,65 +61,104 @@ class Threshold:
     source: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Evaluation:
-    """What is known about one detector's detections in a dataset of c classes.
+    """What is known about one detector's detections in a dataset of c classes; what isn't asked for isn't computed.
 
     Parameters
     ----------
     labels, predictions
-        What was compared.
+        What was to be found, and what was found.
     threshold
-        The operating point; its IoU is the matching's.
-    matching, seen
-        What became of each detection and label.
-    position_sums
-        (positions, c, 6) `metrics.SUMS` of each class in each position.
-    label_positions
-        (positions, c) labels of each class in each position, crowds left out.
-    resampled
-        (r, c, 6) `metrics.SUMS` of each class in every resample of positions.
-    average
-        AP and AR.
-    averages_resampled
-        (r, c, 3) `average_precision.AVERAGES` of every resample.
-    errors
-        Causes, at an IoU of 0.5.
-    curves
-        Of all classes together.
-    class_curves
-        Of each class.
-    confusion
-        (c + 1, c + 1) true class by detected class, background last.
-    bins
-        Figures by what is known about labels.
+        The confidence from which detections count.
+    iou
+        The overlap from which a detection has found a label of its class.
     """
 
-    labels: Labels
-    predictions: Predictions
-    threshold: Threshold
-    matching: Matching
-    seen: Outcomes
-    position_sums: Float[np.ndarray, "positions c 6"]
-    label_positions: Int[np.ndarray, "positions c"]
-    resampled: Float[np.ndarray, "r c 6"]
-    average: AveragePrecision
-    averages_resampled: Float[np.ndarray, "r c 3"]
-    errors: Errors
-    curves: Curves
-    class_curves: tuple[Curves, ...]
-    confusion: Int[np.ndarray, "k k"]
-    bins: list[BinFigures]
+    def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
+        self.labels, self.predictions, self.threshold = labels, predictions, threshold
+        self._pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
+        self.matching = match(labels, predictions, self._pairs, iou=iou)
+        self.seen = outcomes(labels, predictions, self.matching, threshold.value)
+        self._position = labels.positions()
+        self._classes = len(predictions.class_names)
 
-    @property
+    @cached_property
     def positions(self) -> int:
         """How many independent positions the images show."""
-        return len(self.position_sums)
+        return int(self._position.max()) + 1 if len(self._position) else 0
 
-    @property
+    @cached_property
+    def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
+        """`metrics.SUMS` of each class in each position."""
+        labels, found = self.labels, self.predictions
+        return sums_by(
+            labels, found, self.matching, self.seen,
+            of_detection=self._position[found.image] * self._classes + found.label,
+            of_label=self._position[labels.image] * self._classes + labels.label,
+            groups=self.positions * self._classes,
+        ).reshape(self.positions, self._classes, 6)  # fmt: skip
+
+    @cached_property
     def sums(self) -> Float[np.ndarray, "c 6"]:
         """`metrics.SUMS` of each class."""
         return self.position_sums.sum(axis=0)
+
+    @cached_property
+    def label_positions(self) -> Int[np.ndarray, "positions c"]:
+        """Labels of each class in each position, crowds left out."""
+        return self.position_sums[:, :, [SUMS.index("tp"), SUMS.index("fn")]].sum(axis=2).astype(np.int64)
+
+    @cached_property
+    def resampled(self) -> Float[np.ndarray, "r c 6"]:
+        """`metrics.SUMS` of each class in every resample of positions."""
+        if self.threshold.source != "test" or not self.positions:
+            return resampled_sums(self.position_sums)
+        best = partial(sums_at_best, self.labels, self.predictions, self.matching, position=self._position)
+        return np.concatenate([best(weights=weights) for weights in resamples(self.positions)])
+
+    @cached_property
+    def average(self) -> AveragePrecision:
+        """AP and AR."""
+        return average_precision(self.labels, self.predictions)
+
+    @cached_property
+    def averages_resampled(self) -> Float[np.ndarray, "r c 3"]:
+        """`average_precision.AVERAGES` of every resample of positions."""
+        if not self.positions:
+            return np.full((AP_RESAMPLES, self._classes, len(AVERAGES)), np.nan)
+        among = self._pairs.where(self._pairs.iou >= IOUS[0])
+        matchings = [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
+        again = partial(resampled_averages, self.labels, self.predictions, matchings, position=self._position)
+        return np.concatenate([again(weights=some) for some in resamples(self.positions, times=AP_RESAMPLES)])
+
+    @cached_property
+    def errors(self) -> Errors:
+        """Causes, at an IoU of 0.5."""
+        at_half = match(self.labels, self.predictions, self._pairs, iou=FOREGROUND)
+        return errors(self.labels, self.predictions, self._pairs, at_half)
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Of all classes together."""
+        return curves(self.labels, self.predictions, self.matching)
+
+    @cached_property
+    def class_curves(self) -> tuple[Curves, ...]:
+        """Of each class."""
+        return tuple(curves(self.labels, self.predictions, self.matching, label=c) for c in range(self._classes))
+
+    @cached_property
+    def confusion(self) -> Int[np.ndarray, "k k"]:
+        """(c + 1, c + 1) true class by detected class, background last."""
+        return confusion(self.labels, self.predictions, self._pairs, self.matching, self.seen)
+
+    @cached_property
+    def bins(self) -> list[BinFigures]:
+        """Figures by what is known about labels."""
+        return [
+            figures_of(field, self.labels, self.predictions, self.matching, self.seen, position=self._position)
+            for field in fields(self.labels, self.predictions)
+        ]
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes or of one."""
@@ -140,74 +180,14 @@ class Comparison:
     ----------
     first, second
         Names of the two.
-    difference, interval
+    difference, intervals
         By figure.
     """
 
     first: str
     second: str
     difference: dict[str, float]
-    interval: dict[str, Float[np.ndarray, "2"]]
-
-
-def evaluate(labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> Evaluation:
-    """Judge detections.
-
-    Parameters
-    ----------
-    labels, predictions
-        What was to be found, and what was found.
-    threshold
-        The confidence from which detections count.
-    iou
-        The overlap from which a detection has found a label of its class.
-    """
-    classes = len(predictions.class_names)
-    pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
-    matching = match(labels, predictions, pairs, iou=iou)
-    at_half = matching if iou == FOREGROUND else match(labels, predictions, pairs, iou=FOREGROUND)
-    seen = outcomes(labels, predictions, matching, threshold.value)
-    position = labels.positions()
-    positions = int(position.max()) + 1 if len(position) else 0
-    of_label = position[labels.image] * classes + labels.label
-    position_sums = sums_by(
-        labels,
-        predictions,
-        matching,
-        seen,
-        of_detection=position[predictions.image] * classes + predictions.label,
-        of_label=of_label,
-        groups=positions * classes,
-    ).reshape(positions, classes, 6)
-    label_positions = np.bincount(of_label[~labels.crowd], minlength=positions * classes).reshape(positions, classes)
-    if threshold.source == "test" and positions:
-        chosen = [
-            sums_at_best(labels, predictions, matching, position=position, weights=weights)
-            for weights in resamples(positions)
-        ]
-        resampled = np.concatenate(chosen)
-    else:
-        resampled = resampled_sums(position_sums)
-    return Evaluation(
-        labels=labels,
-        predictions=predictions,
-        threshold=threshold,
-        matching=matching,
-        seen=seen,
-        position_sums=position_sums,
-        label_positions=label_positions,
-        resampled=resampled,
-        average=average_precision(labels, predictions),
-        averages_resampled=_averages(labels, predictions, pairs, position),
-        errors=errors(labels, predictions, pairs, at_half),
-        curves=curves(labels, predictions, matching),
-        class_curves=tuple(curves(labels, predictions, matching, label=c) for c in range(classes)),
-        confusion=confusion(labels, predictions, pairs, matching, seen),
-        bins=[
-            figures_of(field, labels, predictions, matching, seen, position=position)
-            for field in fields(labels, predictions)
-        ],
-    )
+    intervals: dict[str, Float[np.ndarray, "2"]]
 
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
@@ -240,19 +220,3 @@ def compare(first: Evaluation, second: Evaluation) -> Comparison:
         error[key] = averages[k]
     ends = {key: difference_interval(value[key], error[key], freedom=positions - 1, labels=labels) for key in value}
     return Comparison(first.predictions.name, second.predictions.name, value, ends)
-
-
-def _averages(
-    labels: Labels, predictions: Predictions, pairs: Pairs, position: Int[np.ndarray, " n"]
-) -> Float[np.ndarray, "r c 3"]:
-    """AP, AP50 and AP75 of every resample of positions."""
-    positions = int(position.max()) + 1 if len(position) else 0
-    if not positions:
-        return np.full((AP_RESAMPLES, len(predictions.class_names), len(AVERAGES)), np.nan)
-    among = pairs.where(pairs.iou >= IOUS[0])
-    matchings = [match(labels, predictions, among, iou=iou) for iou in IOUS]
-    parts = [
-        resampled_averages(labels, predictions, matchings, position=position, weights=weights)
-        for weights in resamples(positions, times=AP_RESAMPLES)
-    ]
-    return np.concatenate(parts)

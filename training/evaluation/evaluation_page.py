@@ -98,7 +98,7 @@ def comparison_page(
         for key in FIGURES
     ]
     changes = [
-        (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.interval[key].tolist())
+        (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.intervals[key].tolist())
         for one in compared
         for key in COMPARED
     ]

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 import orjson
 from jaxtyping import Float, Int
 
-from hulldown.dataset.store.entries import is_box
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # beside a file of results: which images were looked at, and by what
+
+
+class _Detection(msgspec.Struct):
+    """A COCO result."""
+
+    image_id: int
+    category_id: int
+    bbox: tuple[float, float, Annotated[float, msgspec.Meta(ge=0)], Annotated[float, msgspec.Meta(ge=0)]]
+    score: Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -98,39 +106,29 @@ def predictions_of(
         Naming the first detection that cannot be used.
     """
     index = {image: i for i, image in enumerate(labels.image_id.tolist())}
-    for i, one in enumerate(found):
-        if problem := _problem(one, index):
-            raise DatasetError(f"detection {i}: {problem}", path=path, remedy=f"give results of {labels.path}")
+    try:
+        rows = msgspec.convert(found, list[_Detection])
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).rpartition(" - at `$[")
+        number, _, key = place.rstrip("`").partition("]")
+        raise _unusable(f"{number}: {key.lstrip('.') or 'it'} is wrong: {problem}", path, labels) from None
+    for i, row in enumerate(rows):
+        if row.image_id not in index:
+            raise _unusable(f"{i}: image {row.image_id} is not in the dataset", path, labels)
     known = labels.class_id.tolist()
-    others = sorted({one["category_id"] for one in found} - set(known))
+    others = sorted({row.category_id for row in rows} - set(known))
     class_index = {category: i for i, category in enumerate([*known, *others])}
-    image = np.array([index[one["image_id"]] for one in found], dtype=np.int64)
-    label = np.array([class_index[one["category_id"]] for one in found], dtype=np.int64)
-    xywh = np.array([one["bbox"] for one in found], dtype=np.float64).reshape(-1, 4)
-    score = np.array([one["score"] for one in found], dtype=np.float64)
+    image = np.array([index[row.image_id] for row in rows], dtype=np.int64)
+    label = np.array([class_index[row.category_id] for row in rows], dtype=np.int64)
+    xywh = np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 4)
+    score = np.array([row.score for row in rows], dtype=np.float64)
     called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
     order = np.lexsort((*xywh.T[::-1], -score, label, image))
     return Predictions(name, np.array([*known, *others], dtype=np.int64), called, image, label, xywh, score).take(order)
 
 
-def _problem(one: Any, index: Mapping[int, int]) -> str | None:
-    """What is wrong with a detection, in words; None if nothing is."""
-    if not isinstance(one, dict):
-        return f"is {one!r:.60}, not an object"
-    image, score = one.get("image_id"), one.get("score")
-    if type(image) is not int or image not in index:
-        return f"image {image!r} is not in the dataset"
-    where = f"of image {image}: "
-    if type(one.get("category_id")) is not int:
-        return f"{where}category_id is {one.get('category_id')!r}, expected a whole number"
-    box = one.get("bbox")
-    if not is_box(box) or box[2] < 0 or box[3] < 0:
-        return f"{where}bbox is {box!r:.80}, expected [x, y, width, height]"
-    if isinstance(score, bool) or not isinstance(score, int | float) or not math.isfinite(score):
-        return f"{where}score is {score!r}, expected a number"
-    if not 0.0 <= score <= 1.0:
-        return f"{where}score is {score!r}, expected a confidence from 0 to 1"
-    return None
+def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
+    return DatasetError(f"detection {problem}", path=path, remedy=f"give results of {labels.path}")
 
 
 def _names(beside: Mapping[str, Any]) -> dict[int, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ import orjson
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.geometry.files import replace_file, replacing
 from hulldown.training.evaluation.cases import cases
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare, evaluate
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
-from hulldown.training.evaluation.report_files import comparison_record, metrics_csv, report
+from hulldown.training.evaluation.report_files import metrics_csv, plain, report
 
 SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 
@@ -87,7 +88,7 @@ def evaluate_files(
         step()
     evaluations = []
     for detections, at in zip(found, thresholds, strict=True):
-        evaluations.append(evaluate(labels, detections, threshold=at, iou=iou))
+        evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
         step()
     _make_folder(output)
     reports = {one.predictions.name: report(one) for one in evaluations}
@@ -98,7 +99,7 @@ def evaluate_files(
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
-    written = {"runs": reports, "comparisons": [comparison_record(one) for one in compared]}
+    written = {"runs": reports, "comparisons": [plain(asdict(one)) for one in compared]}
     page = comparison_page(evaluations, reports, compared, folders)
     _write_report(output, metrics_csv(reports), written, page)
     return written

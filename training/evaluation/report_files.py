@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
-from hulldown.training.evaluation.evaluate import Comparison, Evaluation
+from hulldown.training.evaluation.evaluate import Evaluation
 from hulldown.training.evaluation.metrics import FIGURES, figures
 from hulldown.training.evaluation.tide import CAUSES
 
@@ -63,16 +63,6 @@ def causes(one: Evaluation) -> dict[str, int]:
     missed = one.seen.missed.copy()
     missed[one.errors.meant[confident & (one.errors.meant >= 0)]] = False
     return {**counts, "missed": int(missed.sum())}
-
-
-def comparison_record(compared: Comparison) -> dict[str, Any]:
-    """What is written about the difference of two."""
-    return {
-        "first": compared.first,
-        "second": compared.second,
-        "difference": plain(compared.difference),
-        "intervals": plain(compared.interval),
-    }
 
 
 def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:

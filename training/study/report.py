@@ -13,7 +13,7 @@ from jaxtyping import Float
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.detectors.detector import RUN_NAME
-from hulldown.training.evaluation.evaluate import Threshold, best_threshold, evaluate
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report_files import plain
@@ -108,7 +108,7 @@ def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, val
         # A detector that has found nothing there will find nothing anywhere.
         threshold = Threshold(1.0 if best is None else best, "validation")
     predictions = read_predictions(path, labels, name=run.name)
-    return judged(run, evaluate(labels, predictions, threshold=threshold, iou=config.iou))
+    return judged(run, Evaluation(labels, predictions, threshold=threshold, iou=config.iou))
 
 
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:

@@ -1,0 +1,226 @@
+"""One training of any network: its draws in order, averaged weights, figures, and the checkpoint it goes on from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pytorch_lightning as pl
+import torch
+from torch.utils.data import DataLoader
+
+from hulldown.geometry.errors import HulldownError
+from hulldown.training.data import Batches, DrawnExamples, Example
+from hulldown.training.detectors.callbacks import Recorder, StepSeeds, Validator
+from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorError, first_line
+from hulldown.training.run_folder import RunFolder
+from hulldown.training.settings import Settings
+
+# What Lightning would do beside the steps is done here, or must not be: nothing but the budget ends a run.
+_OURS: Mapping[str, Any] = {
+    "logger": False,
+    "enable_checkpointing": False,
+    "enable_progress_bar": False,
+    "enable_model_summary": False,
+    "num_sanity_val_steps": 0,
+    "limit_val_batches": 0,
+    "use_distributed_sampler": False,
+    "deterministic": "warn",
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fitted:
+    """A trained detector.
+
+    Parameters
+    ----------
+    detector
+        The detector.
+    weights
+        What its weights file holds.
+    rows, validated
+        Rows of metrics.csv, and those of validation.csv but the last.
+    """
+
+    detector: Detector
+    weights: dict[str, Any]
+    rows: list[list[float]]
+    validated: list[list[float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """What a network is trained with.
+
+    Parameters
+    ----------
+    settings
+        Completed.
+    classes
+        Names, in the order of the labels.
+    examples
+        The draws.
+    folder
+        Where checkpoints and figures go.
+    weights
+        The file to start from; None: random weights.
+    device
+        What it runs on.
+    workers
+        Processes that read and augment pictures.
+    checkpoint_every
+        Steps between checkpoints; None: as many as pass in a minute.
+    judge
+        Measures AP, AP50 and AP75 of a detector; None: there is nothing to measure on.
+    progress
+        Told (steps done, all).
+    say
+        Told a line now and then.
+    """
+
+    settings: Settings
+    classes: tuple[str, ...]
+    examples: DrawnExamples
+    folder: RunFolder
+    weights: Path | None
+    device: torch.device
+    workers: int
+    checkpoint_every: int | None
+    judge: Callable[[Detector], Mapping[str, float]] | None
+    progress: Callable[[int, int], None]
+    say: Callable[[str], None]
+
+    @property
+    def processes(self) -> int:
+        """How many processes share the batches of a step: one a GPU."""
+        several = self.device.type == "cuda" and self.device.index is None
+        return torch.cuda.device_count() if several else 1
+
+    @cached_property
+    def batches(self) -> Batches:
+        """The draws in steps, from the first that the checkpoint doesn't hold."""
+        parts, ranks = self.settings.accumulate or 1, self.processes
+        if parts % ranks:
+            raise DetectorError(
+                f"accumulate = {parts} cannot be shared by {ranks} GPUs",
+                remedy=f"take a multiple of {ranks} with a smaller batch, or fewer GPUs by CUDA_VISIBLE_DEVICES",
+            )
+        done = int(self._checkpoint()["global_step"]) if self.folder.checkpoint.exists() else 0
+        return Batches(len(self.examples), batch=self.settings.batch or 1, parts=parts, first=done, ranks=ranks)
+
+    def loader(self, collate: Callable[[list[Example]], Any]) -> DataLoader[Example]:
+        """Return a loader of what `collate` makes of the examples of each batch, in order."""
+        return DataLoader(
+            self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
+            prefetch_factor=4 if self.workers else None,
+        )  # fmt: skip
+
+    def fit(
+        self,
+        module: pl.LightningModule,
+        average: Any,
+        trainer: Callable[..., pl.Trainer],
+        *,
+        detector: Callable[[Any], Detector],
+        saved: Callable[[], dict[str, Any]],
+        **data: Any,
+    ) -> Fitted:
+        """Train a module, or go on from the checkpoint.
+
+        Parameters
+        ----------
+        module
+            Its `model` is the network.
+        average
+            The callback that averages its weights, RF-DETR's or `AveragedWeights`.
+        trainer
+            Makes the trainer from the arguments that all networks share.
+        detector
+            Makes the detector of a network.
+        saved
+            What the weights file holds, at the end.
+        data
+            The data, as `pl.Trainer.fit` takes it.
+        """
+
+        def judged() -> Mapping[str, float]:
+            network = deepcopy(module.model)
+            network.load_state_dict(average.get_ema_model_state_dict())
+            assert self.judge is not None
+            return self.judge(detector(network))
+
+        steps = self.batches.steps
+        validator = Validator(steps, judged if self.judge else None)
+        recorder = Recorder(
+            self.folder.checkpoint, steps=steps, every=self.checkpoint_every, progress=self.progress,
+            estimate=lambda seconds: self.say(f"about {_duration(seconds)} of training left"),
+            on_checkpoint=lambda rows: self.folder.write_metrics(rows, validator.rows),
+        )  # fmt: skip
+        self._run(
+            trainer(
+                devices=self.processes, accumulate_grad_batches=(self.settings.accumulate or 1) // self.processes,
+                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], **_OURS,
+            ),
+            module, **data,
+        )  # fmt: skip
+        return Fitted(detector(module.model), saved(), recorder.rows, validator.rows)
+
+    def _run(self, trainer: pl.Trainer, module: pl.LightningModule, **data: Any) -> None:
+        before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+        checkpoint = str(self.folder.checkpoint) if self.folder.checkpoint.exists() else None
+        if checkpoint:
+            held, wanted = (_shapes(state) for state in (self._checkpoint()["state_dict"], module.state_dict()))
+            if held != wanted:
+                raise self._foreign("holds other weights")
+        try:
+            trainer.fit(module, ckpt_path=checkpoint, weights_only=True if checkpoint else None, **data)
+        except SystemExit:  # what Lightning makes of Ctrl-C
+            raise KeyboardInterrupt from None
+        except HulldownError as error:
+            # A loader's process hands its error over as text, behind its traceback.
+            _, raised, text = str(error).rpartition(f"{type(error).__module__}.{type(error).__qualname__}: ")
+            raise (HulldownError(text) if raised else error) from None
+        finally:
+            torch.use_deterministic_algorithms(before[0], warn_only=before[1])
+
+    def _checkpoint(self) -> dict[str, Any]:
+        """What the checkpoint holds.
+
+        Raises
+        ------
+        DetectorError
+            If it's damaged, or not of this training.
+        """
+        try:
+            found = torch.load(self.folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
+        except DAMAGED as error:
+            raise self._foreign(f"is damaged ({first_line(error)})") from None
+        parts = ("global_step", "state_dict", "callbacks", "loops", "optimizer_states", "lr_schedulers")
+        if not isinstance(found, dict) or any(part not in found for part in parts):
+            raise self._foreign("is no checkpoint of a training")
+        if not isinstance(found["callbacks"], dict) or Recorder.__qualname__ not in found["callbacks"]:
+            raise self._foreign("is of another training")
+        return found
+
+    def _foreign(self, problem: str) -> DetectorError:
+        return DetectorError(problem, path=self.folder.checkpoint, remedy="delete it, and training begins anew")
+
+
+def seed_weights(settings: Settings) -> None:
+    """Make the first weights of a network a function of the run's seed."""
+    pl.seed_everything(settings.seed % 2**32, verbose=False)
+
+
+def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: getattr(value, "shape", None) for key, value in state.items()}
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
