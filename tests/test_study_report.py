@@ -13,7 +13,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.tests.test_study import settled
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.study.charts import Line, beside, over_photographs, png
+from hulldown.training.study.charts import beside, over_photographs, png
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.page import markdown, sections
 from hulldown.training.study.paper import LABELS, PAPER
@@ -206,18 +206,19 @@ def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
 def test_charts_of_the_papers_own_figures():
     """What they show was looked at; here, that all of it is drawn, and the same twice."""
     for fraction, arms in PAPER.items():
-        values = {arm: {key: (value, None) for key, value in found.items()} for arm, found in arms.items()}
-        figure = beside(f"{100 * fraction:g} %", values)
+        cells = [{"arm": arm, "intervals": {}, **found} for arm, found in arms.items()]
+        figure = beside(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [arms["real"]["precision"], arms["mixed"]["f1"]] == [bars[6], bars[11]]
-    assert svg(figure) == svg(beside(f"{100 * fraction:g} %", values))
-    counts = np.array([420 * fraction for fraction in sorted(PAPER)])
-    lines = []
-    for arm in ("real", "mixed"):
-        f1 = np.array([PAPER[fraction][arm]["f1"] for fraction in sorted(PAPER)])
-        lines.append(Line(arm, counts, f1, f1 - 0.03, f1 + 0.03, [[value] for value in f1]))
-    figure = over_photographs({"f1": lines})
-    assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == [line.values.tolist() for line in lines]
+    assert svg(figure) == svg(beside(f"{100 * fraction:g} %", cells))
+    f1 = {arm: [PAPER[fraction][arm]["f1"] for fraction in sorted(PAPER)] for arm in ("real", "mixed")}
+    cells = [
+        {"arm": arm, "photographs": 420 * fraction, "f1": value, "intervals": {"f1": None}, "of_seeds": {"f1": [value]}}
+        for arm, values in f1.items()
+        for fraction, value in zip(sorted(PAPER), values, strict=True)
+    ]
+    figure = over_photographs(cells, ["f1"])
+    assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == list(f1.values())
     assert png(figure).startswith(b"\x89PNG")
     assert LABELS == 688 + 391
 

@@ -60,7 +60,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
     Parameters
     ----------
     one, report
-        The evaluation, and what `report_files.report` says of it.
+        The evaluation, and what `report.report` says of it.
     looks
         Its cases.
     """

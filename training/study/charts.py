@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -24,71 +23,45 @@ COLOURS = {
 }
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS = 0.8  # of the room that the bars of one measure may take
-Value = float | int | None
-Ends = Sequence[float | None] | None
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Line:
-    """An arm over the number of photographs.
-
-    Parameters
-    ----------
-    arm
-        Which.
-    photographs
-        (k,) rising; one that is 0 is of an arm that uses none, and is drawn as a level line.
-    values, low, high
-        (k,) a measure and its interval; nan where there is none.
-    points
-        Of each, the values of its seeds.
-    """
-
-    arm: str
-    photographs: Float[np.ndarray, " k"]
-    values: Float[np.ndarray, " k"]
-    low: Float[np.ndarray, " k"]
-    high: Float[np.ndarray, " k"]
-    points: Sequence[Sequence[float]]
-
-
-def beside(title: str, arms: Mapping[str, Mapping[str, tuple[Value, Ends]]]) -> Figure:
+def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
     """Arms beside each other in four panels, as the paper's Figures 5 to 9.
 
     Parameters
     ----------
     title
         Of the figure.
-    arms
-        Arm -> measure -> its value and its interval, None where it is not known.
+    cells
+        One for each arm, as report.json has them; a figure that is None or lacking is not known.
     """
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
     for axis, keys in zip(axes, PANELS, strict=True):
-        for k, (arm, found) in enumerate(arms.items()):
-            width = BARS / len(arms)
-            values = [found.get(key, (None, None)) for key in keys]
-            _bars(axis, arm, values, shift=(k - (len(arms) - 1) / 2) * width, width=width)
+        for k, cell in enumerate(cells):
+            width = BARS / len(cells)
+            _bars(axis, cell, keys, shift=(k - (len(cells) - 1) / 2) * width, width=width)
         axis.set_xticks(range(len(keys)), [TITLES[key] for key in keys])
         tidy(axis)
         axis.set_ylim(0.0, None if keys == PANELS[0] else 1.09)
         axis.set_xlim(-0.6, len(keys) - 0.4)
         axis.margins(y=0.12)
     figure.legend(
-        *axes[0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper right", ncols=len(arms)
+        *axes[0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper right", ncols=len(cells)
     )
     figure.suptitle(title, fontsize=10, color=INK)
     return figure
 
 
-def _bars(axis: Axes, arm: str, values: Sequence[tuple[Value, Ends]], *, shift: float, width: float) -> None:
-    places = np.arange(len(values)) + shift
-    heights = [0.0 if value is None else value for value, _ in values]
-    axis.bar(places, heights, width * 0.92, color=COLOURS[arm], label=arm)
-    for place, (value, ends) in zip(places, values, strict=True):
+def _bars(axis: Axes, cell: Mapping[str, Any], keys: Sequence[str], *, shift: float, width: float) -> None:
+    places = np.arange(len(keys)) + shift
+    heights = [cell.get(key) or 0.0 for key in keys]
+    axis.bar(places, heights, width * 0.92, color=COLOURS[cell["arm"]], label=cell["arm"])
+    for place, key in zip(places, keys, strict=True):
+        value, ends = cell.get(key), cell["intervals"].get(key)
         top = value
-        if value is not None and ends is not None and ends[0] is not None and ends[1] is not None:
-            axis.plot([place, place], [ends[0], ends[1]], color=INK, linewidth=0.9)
+        if value is not None and ends is not None:
+            axis.plot([place, place], ends, color=INK, linewidth=0.9)
             top = max(value, ends[1])
         said = "not\ngiven" if value is None else f"{value:.0f}" if axis.get_ylim()[1] > 2 else f"{value:.2f}"
         axis.annotate(
@@ -97,31 +70,39 @@ def _bars(axis: Axes, arm: str, values: Sequence[tuple[Value, Ends]], *, shift: 
         )  # fmt: skip
 
 
-def over_photographs(panels: Mapping[str, Sequence[Line]]) -> Figure:
-    """Each measure over the number of photographs, for every arm, with bands.
+def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]) -> Figure:
+    """Each measure over the number of photographs, for every arm, with bands; dots are seeds.
 
     Parameters
     ----------
-    panels
-        Measure -> its lines.
+    cells
+        As report.json has them. An arm without photographs is a level line.
+    measures
+        What to show.
     """
-    figure = Figure(figsize=(3.9 * len(panels), 3.7), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(1, len(panels)))
-    for axis, (measure, lines) in zip(axes, panels.items(), strict=True):
-        for line in lines:
-            colour = COLOURS[line.arm]
-            if line.photographs[0] == 0:
-                axis.axhspan(line.low[0], line.high[0], color=colour, alpha=0.12, linewidth=0)
-                axis.axhline(line.values[0], color=colour, linestyle="--", linewidth=1.2, label=f"{line.arm} alone")
+    figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1, len(measures)))
+    for axis, measure in zip(axes, measures, strict=True):
+        for arm, colour in COLOURS.items():
+            own = sorted((cell for cell in cells if cell["arm"] == arm), key=lambda cell: cell["photographs"])
+            if not own:
                 continue
-            axis.fill_between(line.photographs, line.low, line.high, color=colour, alpha=0.18, linewidth=0)
-            axis.plot(line.photographs, line.values, "o-", color=colour, markersize=4, linewidth=1.5, label=line.arm)
-            for count, points in zip(line.photographs, line.points, strict=True):
+            counts, values = (np.array([cell[key] for cell in own], dtype=float) for key in ("photographs", measure))
+            low, high = np.array([cell["intervals"][measure] or [np.nan, np.nan] for cell in own]).T
+            if counts[0] == 0:
+                axis.axhspan(low[0], high[0], color=colour, alpha=0.12, linewidth=0)
+                axis.axhline(values[0], color=colour, linestyle="--", linewidth=1.2, label=f"{arm} alone")
+                continue
+            axis.fill_between(counts, low, high, color=colour, alpha=0.18, linewidth=0)
+            axis.plot(counts, values, "o-", color=colour, markersize=4, linewidth=1.5, label=arm)
+            for cell in own:
+                points = np.array(cell["of_seeds"][measure], dtype=float)
                 if len(points) > 1:
-                    axis.plot([count] * len(points), points, ".", color=colour, markersize=3, alpha=0.6)
-        counts = sorted({float(n) for line in lines for n in line.photographs if n > 0})
+                    places = [cell["photographs"]] * len(points)
+                    axis.plot(places, points, ".", color=colour, markersize=3, alpha=0.6)
+        shown = sorted({float(cell["photographs"]) for cell in cells if cell["photographs"] > 0})
         axis.set_xscale("log")
-        axis.set_xticks(counts, [f"{n:.0f}" for n in counts])
+        axis.set_xticks(shown, [f"{n:.0f}" for n in shown])
         axis.minorticks_off()
         axis.set(xlabel="photographs", title=TITLES[measure], ylim=(0.0, 1.0))
         axis.grid(axis="y", color="#e6e9ec", linewidth=0.7)

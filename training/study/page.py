@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from hulldown.dataset.reports.charts import differences, svg
 from hulldown.dataset.reports.page import Block, Chart, Items, Section, Table, Words, page
 from hulldown.training.evaluation.evaluation_page import number, ranged
-from hulldown.training.study.charts import COLOURS, Line, beside, over_photographs, png
+from hulldown.training.study.charts import beside, over_photographs, png
 from hulldown.training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
 from hulldown.training.study.results import COUNTS, MEASURES
 from hulldown.training.study.words import TITLES
@@ -32,13 +30,11 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
     """Name -> PNG and SVG of every chart of a report."""
     found = {}
     for fraction in _fractions(report):
-        arms = {cell["arm"]: cell for cell in report["cells"] if cell["fraction"] == fraction}
-        title = f"{100 * fraction:.10g} % of the photographs ({next(iter(arms.values()))['photographs']:.0f})"
-        figure = beside(title, {arm: _values(cell) for arm, cell in arms.items()})
-        found[f"real_{subset_name(fraction)}"] = figure
-    panels = {measure: lines for measure in OVER if (lines := _lines(report, measure))}
-    if panels:
-        found[OVER_NAME] = over_photographs(panels)
+        own = _at(report, fraction)
+        title = f"{100 * fraction:.10g} % of the photographs ({own[0]['photographs']:.0f})"
+        found[f"real_{subset_name(fraction)}"] = beside(title, own)
+    if report["cells"]:
+        found[OVER_NAME] = over_photographs(report["cells"], OVER)
     for name, one in report["bins"].items():
         rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= 10][:MOST_BARS]
         if rows:
@@ -138,8 +134,7 @@ def _worth(report: Record) -> list[Block]:
 def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
     told: list[Block] = []
     for fraction in _fractions(report):
-        mine = [cell for cell in report["cells"] if cell["fraction"] == fraction]
-        arms = " beside ".join(cell["arm"] for cell in mine)
+        arms = " beside ".join(cell["arm"] for cell in _at(report, fraction))
         told += chart(f"real_{subset_name(fraction)}", f"{arms} at {100 * fraction:g} % of the photographs")
     rows = [
         [cell["name"], *(_count(cell[key]) for key in COUNTS),
@@ -212,27 +207,8 @@ def _fractions(report: Record) -> list[float]:
     return [fraction for fraction, _ in groupby(sorted(found))]
 
 
-def _values(cell: Record) -> dict[str, tuple[float | None, Sequence[float] | None]]:
-    return {key: (cell[key], cell["intervals"].get(key)) for key in TITLES}
-
-
-def _lines(report: Record, measure: str) -> list[Line]:
-    lines = []
-    for arm in COLOURS:
-        mine = sorted((cell for cell in report["cells"] if cell["arm"] == arm), key=lambda cell: cell["photographs"])
-        if not mine:
-            continue
-        ends = np.array([cell["intervals"][measure] or [np.nan, np.nan] for cell in mine])
-        lines.append(
-            Line(
-                arm=arm,
-                photographs=np.array([float(cell["photographs"]) for cell in mine]),
-                values=np.array([np.nan if cell[measure] is None else cell[measure] for cell in mine]),
-                low=ends[:, 0], high=ends[:, 1],
-                points=[[np.nan if one is None else one for one in cell["of_seeds"][measure]] for cell in mine],
-            )
-        )  # fmt: skip
-    return lines
+def _at(report: Record, fraction: float) -> list[Record]:
+    return [cell for cell in report["cells"] if cell["fraction"] == fraction]
 
 
 def _bins_name(name: str) -> str:

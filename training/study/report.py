@@ -16,7 +16,7 @@ from hulldown.training.detectors.detector import RUN_NAME
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import read_predictions
-from hulldown.training.evaluation.report_files import plain
+from hulldown.training.evaluation.report import plain
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
 from hulldown.training.study.page import charts_of, html, markdown, sections
 from hulldown.training.study.results import (
