@@ -68,7 +68,7 @@ def main() -> int:
 
 def _in_own_process(suite: str, quick: bool) -> dict[str, Any]:
     """Run a suite in its own process, since Blender, once imported, stays in a process and its children."""
-    run = importlib.import_module(f"benchmarks.{suite}").run
+    run = importlib.import_module(f"hulldown.benchmarks.{suite}").run
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(run, quick).result()
 
@@ -122,7 +122,7 @@ def document(results: dict, plots: Path) -> str:
         if name not in results:
             continue
         result = results[name]
-        module = importlib.import_module(f"benchmarks.{name}")
+        module = importlib.import_module(f"hulldown.benchmarks.{name}")
         drawn = module.plots(result["figures"], plots) or []
         on = ", ".join(f"{key} {value}" for key, value in result["machine"].items())
         note = "quick sizes, " if result["quick"] else ""

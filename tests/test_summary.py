@@ -2,8 +2,10 @@
 
 import io
 import json
+import math
 
 import numpy as np
+import pytest
 from PIL import Image
 from rich.console import Console
 
@@ -58,6 +60,33 @@ def test_counts():
     assert [i for i, n in enumerate(slope["counts"]) if n] == [5, 29]
     assert found["histograms"]["distance_m"]["lowest"] == 5.0
     assert json.loads(json.dumps(found)) == found
+
+
+def test_what_is_in_an_image_besides_its_target_is_counted():
+    beside = [PlannedVehicle(**TARGET | {"vehicle": "car", "category": None, "label": "none"})]
+    rain = Weather(800.0, "rain")
+    rows = [
+        row(0, left_out=2, distractors=beside, weather=rain, hdri="dusk", air_contrast=0.5),
+        row(1, left_out=2, distractors=beside, companions=[PlannedVehicle(**TARGET | {"label": "ignored"})]),
+        row(2, background=True, category=None, vehicle="bales", bbox=None, label="none", exposure_ev=2.0),
+        row(3, weather=Weather(500.0, "fog"), air_contrast=0.25, exposure_ev=1.0),
+    ]
+    summary = summarise(rows)
+    found = summary.to_json()
+    assert found["distractors"] == {"car": 2}
+    assert found["backgrounds"] == {"bales": 1}
+    assert found["hdris"] == {"dusk": 1, "noon": 3}
+    assert found["labels"] == {"full": 3, "ignored": 1}
+    assert found["companions_left_out"] == 2
+    assert summary.open_sky == 1
+    assert summarise(rows, overcast=True).open_sky == 0
+    histograms = found["histograms"]
+    assert (histograms["air_contrast"]["lowest"], histograms["air_contrast"]["highest"]) == (0.25, 0.5)
+    assert sum(histograms["air_contrast"]["counts"]) == 2
+    assert histograms["elevation_deg"]["mean"] == pytest.approx(math.degrees(math.atan2(4.0, 3.0)))
+    assert histograms["box_px"]["mean"] == pytest.approx(math.sqrt(200.0))
+    assert histograms["exposure_ev"]["highest"] == 1.0
+    assert len(summary.notes()) == 2
 
 
 def test_an_empty_plan():

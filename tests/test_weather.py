@@ -43,6 +43,16 @@ def test_other_weather_changes_no_fog():
     assert (alone.visibility_m[foggy] == beside.visibility_m[foggy]).all()
 
 
+def test_wind_blows_from_all_sides_alike_whatever_its_speed():
+    air = drawn(**ALL, wind_m_s=(2.0, 5.0))
+    wind = air.wind_m_s[air.wind_m_s.any(axis=1)]
+    speed, turn = np.hypot(*wind.T), np.arctan2(wind[:, 1], wind[:, 0])
+    for some in (speed < 3.5, speed >= 3.5):
+        sectors, n = np.histogram(turn[some], np.linspace(-np.pi, np.pi, 9))[0], some.sum()
+        # Each is binomial; five standard deviations.
+        assert np.abs(sectors - n / 8).max() <= 5.0 * math.sqrt(n * 7 / 64)
+
+
 def test_what_is_drawn_is_within_the_config():
     weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01).weathers() if one is not None]
     of = {kind: [one for one in weathers if one.kind == kind] for kind in NAMES}
