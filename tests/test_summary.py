@@ -70,12 +70,13 @@ def test_what_is_in_an_image_besides_its_target_is_counted():
         row(1, left_out=2, distractors=beside, companions=[PlannedVehicle(**TARGET | {"label": "ignored"})]),
         row(2, background=True, category=None, vehicle="bales", bbox=None, label="none", exposure_ev=2.0),
         row(3, weather=Weather(500.0, "fog"), air_contrast=0.25, exposure_ev=1.0),
+        row(4, background=True, bbox=None, label="none"),
     ]
     summary = summarise(rows)
     found = summary.to_json()
     assert found["distractors"] == {"car": 2}
-    assert found["backgrounds"] == {"bales": 1}
-    assert found["hdris"] == {"dusk": 1, "noon": 3}
+    assert found["backgrounds"] == {"bales": 1, "": 1}
+    assert found["hdris"] == {"dusk": 1, "noon": 4}
     assert found["labels"] == {"full": 3, "ignored": 1}
     assert found["companions_left_out"] == 2
     assert summary.open_sky == 1
