@@ -1,4 +1,4 @@
-# `make help` lists the targets. PYTHON must be 3.11: the Blender module is built for it alone.
+# `make help` lists the targets. PYTHON is 3.11 or 3.13: the Blender module is built for these alone.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -21,10 +21,11 @@ KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP) ## create .venv and install hulldown, Blender and the development tools; no demo
+setup: $(STAMP) ## create .venv and install hulldown, Blender, the libraries it needs, and the development tools; no demo
 
 $(STAMP): pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11 or 3.13: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@$(PYTHON) -P reading/libraries.py
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) '.[blender,cluster,dev]'
 	@touch $@

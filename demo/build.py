@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hulldown.demo.catalogue import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.libraries import remedy_for
 
 FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
 ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
@@ -51,8 +52,8 @@ def build_demo_assets(
             return tuple(folder / file for file in FILES)
         if code >= 0:
             break  # it said what is wrong; only a crash is worth another try
-    if any("No module named 'bpy'" in line for line in said):
-        raise AssetError("building demo assets needs Blender", remedy="install hulldown[blender]")
+    if remedy := remedy_for("".join(said)):
+        raise AssetError("building demo assets needs Blender", remedy=remedy)
     last = said[-1].strip() if said else f"exit status {code}"
     raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
 

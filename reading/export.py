@@ -17,6 +17,7 @@ from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
 from hulldown.reading.formats import format_of
+from hulldown.reading.libraries import remedy_for
 from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import FileReport
 
@@ -182,8 +183,8 @@ def _explain(ended: Ended, path: str) -> NoReturn:
         raise AssetError(
             ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"
         )
-    if "No module named 'bpy'" in ended.said:
-        raise AssetError("needs Blender to be read", path=path, remedy="install hulldown[blender]")
+    if remedy := remedy_for(ended.said):
+        raise AssetError("needs Blender to be read", path=path, remedy=remedy)
     if ended.code < 0:
         problem = f"Blender crashed reading it (signal {-ended.code})"
         raise AssetError(problem, path=path, remedy="open it in Blender, save it again, or leave it out")

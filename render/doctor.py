@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import importlib.metadata
 import importlib.util
 import json
@@ -16,19 +15,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
+from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 
-# What the bpy wheel links against but does not bring, and the Debian or Ubuntu package that has it.
-SYSTEM_LIBRARIES = {
-    "libX11.so.6": "libx11-6",
-    "libXrender.so.1": "libxrender1",
-    "libXfixes.so.3": "libxfixes3",
-    "libXi.so.6": "libxi6",
-    "libXext.so.6": "libxext6",
-    "libxkbcommon.so.0": "libxkbcommon0",
-    "libSM.so.6": "libsm6",
-    "libICE.so.6": "libice6",
-    "libGL.so.1": "libgl1",
-}
 DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
 
 # Runs in a child: bpy may crash while it loads, and belongs in the main thread of its own process.
@@ -79,14 +67,13 @@ class Diagnosis:
 def diagnose() -> Diagnosis:
     """Look at this machine; changes nothing and takes a few seconds."""
     versions = {name: _version(name) for name in DISTRIBUTIONS}
-    missing = {lib: package for lib, package in SYSTEM_LIBRARIES.items() if not _loads(lib)}
+    missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []
     if missing:
-        packages = " ".join(sorted(set(missing.values())))
-        problems.append(f"Blender lacks {', '.join(missing)}; run: apt-get install {packages}")
+        problems.append(f"Blender lacks {', '.join(missing)}; run: {INSTALL}")
     blender, devices = None, []
     if importlib.util.find_spec("bpy") is None:
-        problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11 only)")
+        problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11 or 3.13)")
     elif not missing:
         found = _probe_blender()
         if isinstance(found, str):
@@ -102,16 +89,6 @@ def _version(distribution: str) -> str | None:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return None
-
-
-def _loads(library: str) -> bool:
-    if not sys.platform.startswith("linux"):
-        return True  # wheels for other systems bring all they need
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
 
 
 def _probe_blender() -> dict | str:

@@ -1,6 +1,7 @@
 """The package must be ours: found in the checkout, whole in the wheel, and nothing beside it."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 import tomllib
@@ -8,6 +9,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+
+from hulldown.reading import libraries
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -50,7 +55,8 @@ def test_dependencies_have_lower_and_upper_bounds():
 
 def test_constraints_are_names_and_versions_only():
     lines = [x for x in (ROOT / "constraints.txt").read_text().splitlines() if x and not x.startswith("#")]
-    assert [x for x in lines if x.count("==") != 1 or "/" in x or "@" in x or " " in x] == []
+    pin = re.compile(r"[\w.-]+==[\w.]+(; python_version == '3\.\d+')?")
+    assert [x for x in lines if not pin.fullmatch(x)] == []
 
 
 def test_import_rules_cover_every_package_in_the_order_of_the_pipeline():
@@ -59,11 +65,56 @@ def test_import_rules_cover_every_package_in_the_order_of_the_pipeline():
     assert rules["contracts"][0]["layers"] == [f"hulldown.{package}" for package in PACKAGES[::-1]]
 
 
-def test_it_cannot_be_uploaded_by_accident():
-    assert "Private :: Do Not Upload" in PYPROJECT["project"]["classifiers"]
-
-
 def test_the_core_does_not_import_blender():
     core = ["geometry.rays", "placement.terrain", "camera.projection", "annotate.boxes", "planning.planner"]
     code = f"import sys; import {', '.join(f'hulldown.{m}' for m in core)}; assert 'bpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
+
+
+def test_no_other_file_states_the_version():
+    version = PYPROJECT["project"]["version"]
+    files = [path for folder in ("docs", *SHIPPED) for path in [*(ROOT / folder).rglob("*.[mp][dy]"), ROOT / folder]]
+    texts = [ROOT / "README.md", ROOT / "Makefile", ROOT / "Dockerfile", *(path for path in files if path.is_file())]
+    assert len(texts) > 100
+    assert [path for path in texts if re.search(rf"(?<![\d.]){re.escape(version)}(?![\d.])", path.read_text())] == []
+
+
+@pytest.mark.parametrize("stack", ["3.11", "3.13"])
+def test_each_supported_python_has_one_blender_and_its_constraint(stack):
+    marker = f"; python_version == '{stack}'"
+    [wanted] = [x for x in PYPROJECT["project"]["optional-dependencies"]["blender"] if x.endswith(marker)]
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    [pinned] = [x.removesuffix(marker).split("==")[1] for x in lines if x.startswith("bpy==") and x.endswith(marker)]
+    assert Version(pinned) in Requirement(wanted).specifier
+    assert f"Programming Language :: Python :: {stack}" in PYPROJECT["project"]["classifiers"]
+
+
+def test_the_readme_has_the_line_that_installs_blenders_libraries():
+    assert f"\nsudo {libraries.INSTALL}\n" in (ROOT / "README.md").read_text()
+
+
+def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_path):
+    """Not even `venv` runs: a Python that finds no library is all that `make` may start."""
+    python = tmp_path / "python"
+    hide = "import ctypes, os, runpy, sys; os.geteuid = lambda: 1000; sys.argv = sys.argv[2:]; ctypes.CDLL('libc.so.6')"
+    fail = "ctypes.CDLL = lambda name: (_ for _ in ()).throw(OSError(name)); runpy.run_path(sys.argv[0], run_name='__main__')"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{hide}; {fail}" "$@"\n')
+    python.chmod(0o755)
+    ran = subprocess.run(
+        ["make", "setup", f"PYTHON={python}", f"VENV={tmp_path / 'venv'}"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert ran.returncode == 2
+    assert f"sudo {libraries.INSTALL}\n" in ran.stderr
+    assert not (tmp_path / "venv").exists()
+
+
+@pytest.mark.parametrize(
+    ("said", "remedy"),
+    [
+        ("ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n", libraries.INSTALL),
+        ("ModuleNotFoundError: No module named 'bpy'\n", "hulldown[blender]"),
+        ("ImportError: cannot import name 'x' from 'y'\n", "None"),
+    ],
+)
+def test_what_blender_lacks_has_a_remedy(said, remedy):
+    assert remedy in str(libraries.remedy_for(f"Traceback:\n{said}"))

@@ -1,0 +1,72 @@
+"""The system libraries that Blender needs, and what helps where it doesn't start.
+
+`make setup` runs this file before anything is installed, so it imports the standard library alone:
+``python reading/libraries.py`` installs what is missing, as root on Debian or Ubuntu, and else tells how.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+# What the bpy wheels link against but don't bring, and the Debian or Ubuntu package that has it.
+SYSTEM_LIBRARIES = {
+    "libX11.so.6": "libx11-6",
+    "libXrender.so.1": "libxrender1",
+    "libXfixes.so.3": "libxfixes3",
+    "libXi.so.6": "libxi6",
+    "libXext.so.6": "libxext6",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+    "libGL.so.1": "libgl1",
+}
+INSTALL = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
+
+
+def missing_libraries() -> tuple[str, ...]:
+    """Those of `SYSTEM_LIBRARIES` that this process can't load; none where wheels bring all they need."""
+    if not sys.platform.startswith("linux"):
+        return ()
+    return tuple(library for library in SYSTEM_LIBRARIES if not _loads(library))
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def remedy_for(said: str) -> str | None:
+    """What to do about a Blender that ended with these words; None if they are no sign of a missing part."""
+    if "No module named 'bpy'" in said:
+        return "install hulldown[blender]"
+    if re.search(r"ImportError: lib\S+: cannot open shared object file", said):
+        return f"Blender needs system libraries: run `{INSTALL}` as root"
+    return None
+
+
+def main() -> int:
+    """Install what is missing, or print the command that does and return 2."""
+    if not (missing := missing_libraries()):
+        return 0
+    if os.geteuid() == 0 and shutil.which("apt-get"):
+        quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+        command = [*INSTALL.split(), "--yes", "--quiet", "--no-install-recommends"]
+        for step in (["apt-get", "update", "--quiet"], command):
+            if subprocess.run(step, env=quiet, stdout=subprocess.DEVNULL, check=False).returncode:
+                break
+        if not (missing := missing_libraries()):
+            return 0
+    print(f"Blender needs {', '.join(missing)}. On Debian or Ubuntu: sudo {INSTALL}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
