@@ -95,13 +95,17 @@ def test_the_readme_has_the_line_that_installs_blenders_libraries():
 
 def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_path):
     """Not even `venv` runs: a Python that finds no library is all that `make` may start."""
+    (tmp_path / "bare.py").write_text(
+        "import ctypes, os, runpy, sys\n"
+        "def missing(name): raise OSError(name)\n"
+        "ctypes.CDLL, os.geteuid = missing, lambda: 1000\n"
+        "runpy.run_path(sys.argv[-1], run_name='__main__')\n"
+    )
     python = tmp_path / "python"
-    hide = "import ctypes, os, runpy, sys; os.geteuid = lambda: 1000; sys.argv = sys.argv[2:]; ctypes.CDLL('libc.so.6')"
-    fail = "ctypes.CDLL = lambda name: (_ for _ in ()).throw(OSError(name)); runpy.run_path(sys.argv[0], run_name='__main__')"
-    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{hide}; {fail}" "$@"\n')
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{tmp_path / "bare.py"}" "$@"\n')
     python.chmod(0o755)
     ran = subprocess.run(
-        ["make", "setup", f"PYTHON={python}", f"VENV={tmp_path / 'venv'}"], cwd=ROOT, capture_output=True, text=True
+        ["make", "setup", f"PYTHON={python}", f"VENV={tmp_path}/venv"], cwd=ROOT, capture_output=True, text=True
     )
     assert ran.returncode == 2
     assert f"sudo {libraries.INSTALL}\n" in ran.stderr
