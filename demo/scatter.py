@@ -143,22 +143,28 @@ def by_nodes(
         "GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed
     )
     pool = node("GeometryNodeCollectionInfo", Collection=made, Separate_Children=True, Reset_Children=True).outputs[0]
-    turn = tree.nodes.new("FunctionNodeRandomValue")
-    turn.data_type = "FLOAT_VECTOR"
-    turn.inputs[0].default_value, turn.inputs[1].default_value = (0, 0, 0), (0, 0, 6.28)
-    size = tree.nodes.new("FunctionNodeRandomValue")
-    size.inputs[2].default_value, size.inputs[3].default_value = scale
-    euler = node("FunctionNodeEulerToRotation", Euler=turn.outputs[0]).outputs[0]
+    turn = _random(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
+    size = _random(tree, "FLOAT", *scale)
+    euler = node("FunctionNodeEulerToRotation", Euler=turn).outputs[0]
     placed = node(
         "GeometryNodeInstanceOnPoints",
         Points=points.outputs[0],
         Instance=pool,
         Pick_Instance=True,
         Rotation=euler,
-        Scale=size.outputs[1],
+        Scale=size,
     )
     join = tree.nodes.new("GeometryNodeJoinGeometry")
     tree.links.new(placed.outputs[0], join.inputs[0])
     tree.links.new(source, join.inputs[0])
     node("NodeGroupOutput", Geometry=join.outputs[0])
     ground.modifiers.new("Scatter", "NODES").node_group = tree
+
+
+def _random(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
+    """Random values in a range. Blender 5.0 gives the node sockets of every kind and enables those of its own."""
+    new = tree.nodes.new("FunctionNodeRandomValue")
+    new.data_type = kind
+    least, most = [socket for socket in new.inputs if socket.enabled][:2]
+    least.default_value, most.default_value = low, high
+    return next(socket for socket in new.outputs if socket.enabled)
