@@ -126,12 +126,14 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     # What is beyond doubt says how large the vehicle is; judged from the smallest up, what is kept is added to it.
     doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
     sure = set(open_) - set(doubtful)
-    core = [p.bounds for i, p in enumerate(pieces) if i in sure or _kept(roles[i])]
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for bounds in [p.bounds for i, p in enumerate(pieces) if i in sure or _kept(roles[i])]:
+        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
     for i in doubtful:
         # Where all is doubtful the smallest thing is a vehicle if anything is.
-        roles[i] = _vehicle_by_place(pieces[i], core) if core else None
+        roles[i] = _vehicle_by_place(pieces[i], low, high) if (low <= high).all() else None
         if roles[i] is None:
-            core.append(pieces[i].bounds)
+            low, high = np.minimum(low, pieces[i].bounds[0]), np.maximum(high, pieces[i].bounds[1])
     return [role or Role("vehicle", "by default") for role in roles]
 
 
@@ -188,8 +190,8 @@ def _is_sheet(piece: Piece) -> bool:
     return bool(extent[2] <= FLAT * max(extent[:2]))
 
 
-def _vehicle_by_place(piece: Piece, rest: list[Float[np.ndarray, "2 3"]]) -> Role | None:
-    low, high = np.min([b[0] for b in rest], axis=0), np.max([b[1] for b in rest], axis=0)
+def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Role | None:
+    """Why a piece is dropped beside the rest, which is between `low` and `high`; None if it's kept."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
     if named := _stage_name(piece):

@@ -39,14 +39,10 @@ def test_a_damaged_file_is_one_clear_line(messy: Messy, name: str, problem: str)
     assert messy.errors[name].remedy
 
 
-def test_a_mesh_without_numbers_is_named(messy: Messy) -> None:
-    text = str(messy.errors["no_numbers"])
-    assert text.startswith(f"{messy.folder / 'no_numbers.blend'}: object 'Hull': mesh 'Hull': vertex 3 is [")
-    assert "nan" in text
-
-
-def test_nothing_that_is_rendered_is_no_vehicle(messy: Messy) -> None:
-    assert "no vehicle is left after clean-up; in it is nothing that is rendered" in str(messy.errors["nothing"])
+def test_nothing_that_is_rendered_says_what_hides_it(messy: Messy) -> None:
+    assert "nothing that is rendered: 'Hull' is hidden from render with its collection 'Off'" in str(
+        messy.errors["nothing"]
+    )
 
 
 def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:

@@ -40,13 +40,6 @@ def test_a_few_suns_without_end_are_as_bright_as_the_brightest_that_has_one(valu
     assert np.array_equal(mended.reshape(-1, 3)[count:], pixels.reshape(-1, 3)[count:])
 
 
-def test_a_little_that_is_negative_is_black() -> None:
-    pixels = with_pixels(-0.01, 3)
-    mended, notes = mend(pixels)
-    assert notes == ("3 pixels that are negative are black: they took 0.0 % of all light",)
-    assert np.array_equal(mended, pixels.clip(min=0))
-
-
 def test_a_sky_whose_sun_rings_is_mended_and_not_refused() -> None:
     # Lanczos windows of three lobes. Of 18 skies that a package ships, 14 ring by more than 0.1 % of their light.
     at = np.arange(-3, 4)[:, None] - np.array([0.5, 0.3])

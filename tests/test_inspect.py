@@ -1,6 +1,5 @@
 """What `hulldown inspect` says and draws."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,11 +12,8 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
-from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, Missing, PartRow, Row
-from hulldown.reading.roles import Link, Piece, Role
+from hulldown.reading.report import FileReport
 
 FILE = """
 import bpy, sys
@@ -31,20 +27,6 @@ image = bpy.data.images.new("gone", 1, 1)
 image.source, image.filepath = "FILE", "//gone.png"
 material.node_tree.nodes.new("ShaderNodeTexImage").image = image
 bpy.data.objects["Hull"].data.materials.append(material)
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-"""
-
-HIDDEN = """
-import bpy, sys
-bpy.ops.wm.read_factory_settings(use_empty=True)
-around = bpy.data.collections.new("layer 2")
-bpy.context.scene.collection.children.link(around)
-bpy.ops.mesh.primitive_cube_add()
-hull = bpy.context.object
-hull.name = "Hull"
-bpy.context.scene.collection.objects.unlink(hull)
-around.objects.link(hull)
-around.hide_render = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
@@ -118,45 +100,6 @@ def test_a_scenery_is_drawn_too(ground: bool) -> None:
     assert bool(green.sum() > 1000) is ground
 
 
-def report(**more: object) -> FileReport:
-    return FileReport(
-        kind="vehicle",
-        path="x.blend",
-        size=(7.0, 3.0, 2.0),
-        triangles=12,
-        unit=0.01,
-        up="y",
-        rows=(
-            Row("Hull", "MESH", "hull", "by default", 1, 12, (7.0, 3.0, 2.0)),
-            Row("Sun", "LIGHT", "dropped", "type light"),
-        ),
-        parts=(PartRow("turret", "hull", (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), (-3.0, 3.0), "origin of 'Turret'"),),
-        missing=(Missing("/a.png", ("Hull",)),),
-        doubts=("odd",),
-        written_by="Blender 4.2",
-        **more,
-    )
-
-
-def test_a_report_survives_json() -> None:
-    assert FileReport.from_json(json.loads(json.dumps(report().to_json()))) == report()
-
-
-def test_a_scenery_without_ground_says_so_first_and_loudly() -> None:
-    pose, bounds = np.eye(4), np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    pieces = [
-        Piece("Mesh", (Link(f"Thing {i}", (), "MESH", pose),), 0, pose, bounds * (1 + (i == 7)) + 3 * (i == 7), 12)
-        for i in range(20)
-    ]
-    roles = [Role("obstacle", "by default")] * 20
-    missing = (Missing("/a.png", ()),)
-    first, second = scenery_doubts((5.0, 5.0, 1.0), pieces, roles, missing, unit=1.0, options=Options())[:2]
-    assert "if it is 'Thing 7', give this scenery ground = [\"Thing 7\"]" in first
-    assert first.startswith("NO GROUND")
-    assert first.endswith("'Thing 10', 'Thing 11' and 8 more")
-    assert second == "the scenery is 5 m across; set scale if that is wrong (1 unit is 1 m)"
-
-
 @pytest.mark.blender
 def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
@@ -181,14 +124,6 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
         inspect(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
         write_pictures([inspected], tmp_path / "none" / "x.png")
-
-
-@pytest.mark.blender
-def test_a_file_with_nothing_to_see_says_what_hides_it(tmp_path: Path) -> None:
-    path = tmp_path / "hidden.blend"
-    subprocess.run([sys.executable, "-c", HIDDEN, str(path)], check=True, capture_output=True)
-    with pytest.raises(AssetError, match="nothing that is rendered: 'Hull' is hidden from render with its collection"):
-        inspect(path)
 
 
 def test_many_pictures_are_pages(tmp_path: Path) -> None:

@@ -81,23 +81,12 @@ def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, 
     assert bool(hints(name, stems)) is found
 
 
-def test_words_inside_words_count_only_where_no_word_fits() -> None:
-    belongs, _ = parts_of(link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0)))
-    assert belongs == {"Hull": "hull", "turretpivot": "turret", "gunbarrel": "gun"}
-    belongs, parts = parts_of(link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0)))
-    assert belongs["turretshelf"] == "hull"
-    assert parts.names == ("hull", "turret", "gun")
-
-
-def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
-    assert vehicle_uses(HULL, piece("UCX_Hull"), piece("box", link("Collision", kind="EMPTY"))) == [
-        *("vehicle", "dropped", "dropped"),
-    ]
-
-
 @pytest.mark.parametrize(
     ("thing", "use"),
     [
+        (piece("UCX_Hull"), "dropped"),
+        (piece("box", link("Collision", kind="EMPTY")), "dropped"),
+        *[(piece(n, size=(20, 20, 1.5)), "dropped") for n in ("Plane", "Grid.001", "Plane_Plane.002")],
         (piece("Floor", size=(20, 20, 0.1)), "dropped"),
         (piece("Floor", size=(2, 2, 0.02), at=(0, 0, 0.49)), "dropped"),
         (piece("Cabin_Floor", size=(2, 2, 0.1), at=(0, 0, 1.2)), "vehicle"),
@@ -109,14 +98,9 @@ def test_helpers_are_dropped_by_name_wherever_they_hang() -> None:
         (piece("Light bar", size=(0.2, 2, 0.2), at=(0, 0, 2)), "vehicle"),
     ],
 )
-def test_stages_and_sheets_are_dropped_by_place(thing: Piece, use: str) -> None:
+def test_helpers_go_by_name_and_stages_and_sheets_by_place(thing: Piece, use: str) -> None:
     for pieces in ((HULL, thing), (thing, HULL)):
         assert vehicle_uses(*pieces)[pieces.index(thing)] == use
-
-
-@pytest.mark.parametrize("name", ["Plane", "Grid.001", "Plane_Plane.002"])
-def test_a_sheet_with_the_name_of_a_new_one_that_reaches_out_is_a_stage(name: str) -> None:
-    assert vehicle_uses(HULL, piece(name, size=(20, 20, 1.5))) == ["vehicle", "dropped"]
 
 
 def test_a_body_modelled_from_a_plane_is_the_vehicle() -> None:
@@ -252,15 +236,23 @@ def test_names_that_mislead(chains: tuple, expected: tuple[str, ...]) -> None:
     assert parts_of(*chains)[1].names == expected
 
 
-def test_the_nearest_name_decides() -> None:
-    belongs, _ = parts_of(link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns"))
-    assert belongs == {"Hull": "hull", "Turret": "turret", "Sight": "turret", "Tube": "gun"}
-
-
-def test_the_config_names_parts() -> None:
-    belongs, _ = parts_of(link("Turret"), link("Turm"), link("Rohr"), turret="Turm", gun="roh*")
-    assert belongs == {"Turret": "hull", "Turm": "turret", "Rohr": "gun"}
-    assert parts_of(link("Hull"), link("Turret"), turret="")[1].names == ("hull",)
+@pytest.mark.parametrize(
+    ("chains", "options", "expected"),
+    [
+        # Words inside words count only where no word fits.
+        ((link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0))), {}, ("hull", "turret", "gun")),
+        ((link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0))), {},
+         ("hull", "turret", "hull", "gun")),
+        # The nearest name decides.
+        ((link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns")), {},
+         ("hull", "turret", "turret", "gun")),
+        # The config's names replace the words.
+        ((link("Turret"), link("Turm"), link("Rohr")), {"turret": "Turm", "gun": "roh*"}, ("hull", "turret", "gun")),
+        ((link("Hull"), link("Turret")), {"turret": ""}, ("hull", "hull")),
+    ],
+)  # fmt: skip
+def test_names_of_parts(chains: tuple, options: dict, expected: tuple[str, ...]) -> None:
+    assert tuple(parts_of(*chains, **options)[0].values()) == expected
 
 
 def test_a_pivot_may_be_an_empty_that_carries_nothing() -> None:

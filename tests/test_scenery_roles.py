@@ -182,7 +182,11 @@ def test_the_proposed_pattern_works_and_names_nothing_else() -> None:
         piece("Crate", data="Plane.003", size=(2, 2, 2), at=(0, 0, 50)),
     ]
     options = Options()
-    (first, *_) = scenery_doubts((1.0, 1.0, 1.0), pieces, scenery_roles(pieces, options), (), unit=1.0, options=options)
+    first, second = scenery_doubts(
+        (5.0, 5.0, 1.0), pieces, scenery_roles(pieces, options), (), unit=1.0, options=options
+    )
+    assert first.startswith("NO GROUND")
+    assert second.startswith("the scenery is 5 m across; set scale")
     assert "if it is 'Plane.003', give this scenery ground = [\"Plane.003\"]" in first
     assert uses(*pieces, ground=("Plane.003",)) == ["ground", "obstacle", "obstacle"]
 

@@ -21,6 +21,9 @@ VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths
 AXLES = 5  # of a vehicle on wheels; more are under tracks
 TUBE = 5.0  # a launching tube is longer than this many times its width
 RISE = np.radians(5.0)  # and raised by more than this
+CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
+BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
+NOT_FOUND = "which end is its nose was not found"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,32 +81,27 @@ def find_forward(
     votes = _votes(solids, names, (solids.centre - middle) @ ahead / half)
     raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     shape = _shape_votes(solids, wheels, ahead, middle)
-    toward = 0.0
-    doubt = ""
-    if raised and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool)):
-        # Tubes side by side may lie behind the middle, and yet they rise ahead.
-        toward, why_sign = raised, "its tubes rise there"
-    elif barrel is not None:
-        toward = float(np.sign((solids.centre[barrel] - middle) @ ahead))
-        why_sign = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
-        if votes * toward < -VOTE:
-            doubt = "its gun points one way and what is named front the other; forward is taken from the gun"
-    elif abs(votes) >= VOTE:
-        toward, why_sign = float(np.sign(votes)), "names of what is in front and behind"
-    elif raised:
-        toward, why_sign = raised, "its gun rises there"
-    elif total := sum(shape):
-        toward, why_sign = float(np.sign(total)), "its shape"
-        # Two that tell the same are as good as a name.
-        if abs(total) < 2 or abs(total) < len(shape):
-            doubt = "nothing in it is named front or rear; its nose was found by shape alone"
-    else:
-        toward = 1.0 if np.cos(line - default) >= 0 else -1.0
-        why_sign = "which end is its nose was not found"
-        doubt = "which end is its nose was not found"
+    # Tubes side by side may lie behind the middle, and yet they rise ahead.
+    tubes = raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool))
+    gun_end, gun_why = 0.0, ""
+    if barrel is not None:
+        gun_end = float(np.sign((solids.centre[barrel] - middle) @ ahead))
+        gun_why = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
+    total = sum(shape)
+    # Two that tell the same are as good as a name.
+    alone = abs(total) < 2 or abs(total) < len(shape)
+    # In order of trust: the end that a clue points to (0 for neither), the reason, the doubt.
+    clues = (
+        (raised * tubes, "its tubes rise there", ""),
+        (gun_end, gun_why, CONTRADICTED if votes * gun_end < -VOTE else ""),
+        (float(np.sign(votes)) * (abs(votes) >= VOTE), "names of what is in front and behind", ""),
+        (raised, "its gun rises there", ""),
+        (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
+        (1.0 if np.cos(line - default) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
+    )
+    toward, why_sign, doubt = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
-    angle = float(np.arctan2(np.sin(angle), np.cos(angle)))
-    angle = snapped(angle)
+    angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
     said = forward_said(angle)
     if doubt:
         doubt = f"{doubt}; taken as forward = {said}, set forward = {forward_said(angle + np.pi)} if it faces backwards"

@@ -100,10 +100,7 @@ def by_shape(
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
         return {}, [doubt + ("" if TURRET_PART in part_of else ' and turret = ""')]
-    carried: dict[Key, list[int]] = {}
-    for i, p in enumerate(pieces):
-        for link in p.chain:
-            carried.setdefault(key_of(link), []).append(i)
+    carried = _carried(pieces)
 
     def extent(link: Link) -> Float[np.ndarray, "2 3"]:
         some = bounds[carried[key_of(link)]]
@@ -127,6 +124,15 @@ def by_shape(
     return marks, [f"{taken}; set gun and turret if that is wrong"]
 
 
+def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
+    """The pieces that each object carries, itself included."""
+    carried: dict[Key, list[int]] = {}
+    for i, piece in enumerate(pieces):
+        for link in piece.chain:
+            carried.setdefault(key_of(link), []).append(i)
+    return carried
+
+
 def riding(
     chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
 ) -> list[int]:
@@ -135,10 +141,8 @@ def riding(
     if not mine or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in mine):
         return []
     roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in mine}
-    parents = [key_of(chains[i][1]) if len(chains[i]) > 1 else None for i in range(len(chains))]
-    if len(roots) > 1 or len({parents[i] for i in mine}) > 1:
-        return []
-    if len(mine) > PREFIXED:
+    parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
+    if len(roots) > 1 or len({parents[i] for i in mine}) > 1 or len(mine) > PREFIXED:
         return []
     turret = np.concatenate([points[i] for i in mine])
     low, high = turret.min(axis=0), turret.max(axis=0)
@@ -161,12 +165,7 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
     Shape tells by a ring or tubes that rise; a truck of numbered objects has neither, and nothing is asked about it.
     """
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    carried: dict[Key, list[int]] = {}
-    names: dict[Key, str] = {}
-    for i, piece in enumerate(pieces):
-        for link in piece.chain:
-            carried.setdefault(key_of(link), []).append(i)
-            names[key_of(link)] = link.name
+    carried = _carried(pieces)
     upper = [
         key
         for key, some in carried.items()
@@ -175,7 +174,7 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))
         return [
-            f"{len(carried[most])} objects hang from {names[most]!r} above the rest; if it turns, set turret to it, "
+            f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
             f'and gun to what rises; if nothing does, set turret = ""'
         ]
     if armed := next((p.name for p in pieces if says(p.name, ARMED)), None):
