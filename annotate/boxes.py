@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -113,7 +114,10 @@ class VehicleBoxes:
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
         self._parts = PosedParts(shape)
-        self._surface = ClusteredSurface(self._parts)
+
+    @cached_property
+    def _surface(self) -> ClusteredSurface:
+        return ClusteredSurface(self._parts)
 
     def box(
         self,

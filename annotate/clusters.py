@@ -31,6 +31,8 @@ class ClusteredSurface:
 
     def __init__(self, parts: PosedParts) -> None:
         self._parts = parts
+        if len(parts.faces) <= SMALL:
+            return  # all triangles are clipped
         clusters = [_clusters(parts.vertices, parts.faces[place]) for place in parts.face_slices]
         self._faces: Int[np.ndarray, "k leaf 3"] = np.concatenate(clusters)
         counts = [len(c) for c in clusters]

@@ -16,7 +16,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 2
+FORMAT = 3  # also when what finds undersides or extreme vertices changes
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -72,6 +72,8 @@ def save_scenery(path: Path | str, scenery: Scenery) -> None:
         face_counts=np.array([len(m.faces) for m in meshes], np.int64),
         vertices=np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)]),
         faces=np.concatenate([np.empty((0, 3), np.int32), *(m.faces for m in meshes)]),
+        extreme_counts=np.array([0 if m.extreme is None else len(m.extreme) for m in meshes], np.int64),
+        extreme=np.concatenate([np.empty(0, np.int64), *(m.extreme for m in meshes if m.extreme is not None)]),
         **packed([m.cutouts for m in meshes]),
         **{f: getattr(scenery, f) for f in _arrays(Scenery)},
     )
@@ -94,11 +96,13 @@ def load_scenery(path: Path | str) -> Scenery:
         "mesh_names",
         "vertex_counts",
         "face_counts",
+        "extreme_counts",
     }
-    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", *ARRAYS, *_arrays(Scenery)})
+    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", "extreme", *ARRAYS, *_arrays(Scenery)})
     vertices = np.split(data["vertices"], np.cumsum(data["vertex_counts"])[:-1])
     faces = np.split(data["faces"], np.cumsum(data["face_counts"])[:-1])
-    described = zip(vertices, faces, data["mesh_names"].tolist(), unpacked(data), strict=False)
+    extreme = [e if len(e) else None for e in np.split(data["extreme"], np.cumsum(data["extreme_counts"])[:-1])]
+    described = zip(vertices, faces, data["mesh_names"].tolist(), unpacked(data), extreme, strict=False)
     meshes = [Mesh(*of_one) for of_one in described]
     ground = meshes.pop() if data["has_ground"] else None
     return Scenery(

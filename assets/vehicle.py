@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -43,6 +43,8 @@ class VehicleShape:
     vehicle_from_file
         (4, 4) affine: from the world coordinates of the file it was read from to the vehicle frame
         (scale to metres, up and forward axis, origin), so that the renderer can place the file's own objects.
+    underside
+        (a, b) heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known.
     """
 
     name: str
@@ -54,6 +56,7 @@ class VehicleShape:
     part_axis: Float[np.ndarray, "p 3"]
     part_limits: Float[np.ndarray, "p 2"]
     vehicle_from_file: Float[np.ndarray, "4 4"]
+    underside: Float[np.ndarray, "a b"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def size_xyz(self) -> Float[np.ndarray, "3"]:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
-from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.rays import RayCaster, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine
@@ -265,13 +264,14 @@ def _bounds(
     """Tight world boxes of all instances, from the few points of each mesh that can be extreme."""
     bounds = np.empty((len(poses), 2, 3))
     for mesh in np.unique(instance_mesh):
-        used = meshes[mesh].vertices[np.unique(meshes[mesh].faces)]
-        extreme = used[extreme_points(used)]
+        x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertices()].T.copy()
         mine = np.flatnonzero(instance_mesh == mesh)
-        block = max(1, (1 << 18) // len(extreme))
-        for i in range(0, len(mine), block):
-            points = apply(poses[mine[i : i + block]], extreme)
-            bounds[mine[i : i + block]] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+        block = max(1, (1 << 18) // len(x))
+        for some in (mine[i : i + block] for i in range(0, len(mine), block)):
+            for axis in range(3):
+                a, b, c, shift = poses[some, axis].T[..., None]
+                moved = a * x + b * y + c * z + shift
+                bounds[some, :, axis] = np.stack([moved.min(axis=1), moved.max(axis=1)], axis=1)
     return bounds
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import replacing
+from hulldown.geometry.hulls import extreme_points
 
 FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
 
@@ -32,6 +33,8 @@ class Mesh:
         What errors call this mesh.
     cutouts
         Which faces textures cut out; None: none. Only `geometry.cutouts` looks at them.
+    extreme
+        (k,) the vertices that `extreme_vertices` finds, where they were stored with the mesh; None: not known.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class Mesh:
     faces: np.ndarray
     name: str = "mesh"
     cutouts: Cutouts | None = None
+    extreme: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices)
@@ -80,11 +84,27 @@ class Mesh:
     @property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of the axis-aligned box around all vertices that a face uses."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.faces] = True
+        used = self._used()
         # Column by column: NumPy reduces a long thin array many times slower along its length.
         columns = [column if used.all() else column[used] for column in self.vertices.T]
         return np.array([[c.min() for c in columns], [c.max() for c in columns]])
+
+    def _used(self) -> Bool[np.ndarray, " v"]:
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self.faces] = True
+        return used
+
+    @property
+    def used(self) -> Int[np.ndarray, " u"]:
+        """Vertices that a face uses, ascending."""
+        return np.flatnonzero(self._used())
+
+    def extreme_vertices(self) -> Int[np.ndarray, " k"]:
+        """Vertices, ascending, among which a linear function of all that a face uses is greatest."""
+        if self.extreme is not None:
+            return self.extreme
+        used = self.used
+        return used[extreme_points(self.vertices[used])]
 
     @property
     def triangles(self) -> Float[np.ndarray, "f 3 3"]:

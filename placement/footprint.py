@@ -71,7 +71,7 @@ class Underside:
     heights: Float[np.ndarray, "a b"]
 
 
-def underside(mesh: Mesh) -> Underside:
+def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
     """The underside of a vehicle over its contact footprint.
 
     The lowest of what a ray straight up through the middle of each cell meets and of the vertices and edges in it: a
@@ -81,11 +81,15 @@ def underside(mesh: Mesh) -> Underside:
     ----------
     mesh
         The vehicle at rest, in its own frame: z = 0 is what it stands on.
+    known
+        Heights that an earlier call found for the same mesh.
     """
-    used = mesh.vertices[np.unique(mesh.faces)]
+    used = mesh.vertices[mesh.used]
     box = contact_footprint(used)
     if (box[0] >= box[1]).any():
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
+    if known is not None and known.size:
+        return Underside(box, known)
     step = (box[1] - box[0]) / RASTER
     x, y = (box[0, i] + (np.arange(RASTER) + 0.5) * step[i] for i in range(2))
     heights = _lowest_faces(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))

@@ -14,7 +14,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
-from hulldown.placement.footprint import contact_footprint
+from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow
@@ -103,9 +103,10 @@ def build_vehicle(
     low, high = mesh.bounds
     if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
         raise AssetError("is a sheet on its edge, which has no length or no width to stand on", remedy="set its `up`")
-    underside = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    to_underside = np.eye(4)
-    to_underside[:3, 3] = -underside
+    base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    standing = mesh.at(mesh.vertices - base)
+    to_base = np.eye(4)
+    to_base[:3, 3] = -base
     for i, why in zip(kept, parts.piece_why, strict=True):
         if why:
             roles[i] = Role("vehicle", why)
@@ -113,14 +114,15 @@ def build_vehicle(
     piece_part[kept] = parts.piece_part
     shape = VehicleShape(
         name=name,
-        mesh=mesh.at(mesh.vertices - underside),
+        mesh=standing,
         vertex_part=np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed]),
         part_names=parts.names,
         part_parent=np.array(parts.parent),
-        part_pivot=np.concatenate([np.zeros((1, 3)), parts.pivot[1:] - underside]),
+        part_pivot=np.concatenate([np.zeros((1, 3)), parts.pivot[1:] - base]),
         part_axis=parts.axis,
         part_limits=parts.limits,
-        vehicle_from_file=to_underside @ vehicle_from_file,
+        vehicle_from_file=to_base @ vehicle_from_file,
+        underside=underside(standing).heights,
     )
     doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
     axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
@@ -194,13 +196,14 @@ def build_scenery(
     shapes = [(pieces[i].mesh, False) for i in obstacles] + [(pieces[i].mesh, True) for i in wet]
     unique = sorted(set(shapes))
     position = {shape: at for at, shape in enumerate(unique)}
+    shown = [part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
     scenery = Scenery(
         name=name,
         origin=origin,
         ground=merged,
         ground_names=tuple(pieces[i].name for i in ground),
         face_ground=source,
-        obstacle_meshes=tuple(part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique),
+        obstacle_meshes=tuple(replace(mesh, extreme=mesh.extreme_vertices()) for mesh in shown),
         instance_mesh=np.array([position[shape] for shape in shapes], np.int64),
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in instances),

@@ -29,6 +29,7 @@ def vehicle() -> VehicleShape:
         part_axis=np.array([[0, 0, 1.0], [0, 0, 1.0]]),
         part_limits=np.array([[0, 0], [-np.pi, np.pi]]),
         vehicle_from_file=np.diag([0.01, 0.01, 0.01, 1]),
+        underside=np.array([[0.1, np.inf], [0.0, 1 / 3]]),
     )
 
 
@@ -39,7 +40,7 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         ground=TRIANGLES if ground else None,
         ground_names=("Ground.001",) if ground else (),
         face_ground=np.zeros(2 * ground, np.int64),
-        obstacle_meshes=(replace(TRIANGLES, name="tree"), TRIANGLES) if obstacles else (),
+        obstacle_meshes=(replace(TRIANGLES, name="tree", extreme=np.array([0, 2, 3])), TRIANGLES) if obstacles else (),
         instance_mesh=np.array([0, 0, 1] if obstacles else [], np.int64),
         world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),
         instance_names=("tree", "tree", "rock") if obstacles else (),

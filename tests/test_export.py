@@ -9,6 +9,7 @@ import pytest
 from hulldown.assets.bundle import load_vehicle
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.transforms import apply
+from hulldown.placement.footprint import underside
 from hulldown.reading.export import export
 from hulldown.reading.options import Options
 from hulldown.tests.messy_export import SCENERIES, VEHICLES, Messy, alpha, into_asset, iou, silhouette
@@ -99,5 +100,6 @@ def test_an_export_in_its_own_process(messy: Messy, tmp_path: Path) -> None:
     assert shape.name == "leopard"
     assert np.array_equal(shape.mesh.vertices, messy.vehicle("clutter").mesh.vertices)
     assert np.allclose(apply(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
+    assert np.array_equal(shape.underside, underside(shape.mesh).heights), "kept for planning"
     with pytest.raises(AssetError, match=r"turret = 'Turm' matches nothing"):
         export(messy.folder / "clutter.blend", tmp_path, options=Options(turret="Turm"))

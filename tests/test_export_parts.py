@@ -1,5 +1,7 @@
 """Files as people bring them: what is vehicle, part, ground or obstacle, and what is dropped."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,8 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     assert (names.count("Oak"), names.count("Pebble"), names.count("Ground_cubes")) == (12 + 3, 9 + 3, 4)
     # Oak, pebble, and the cube of the geometry nodes: one mesh each, however often they stand there.
     assert len(scenery.obstacle_meshes) == 3
+    for mesh in scenery.obstacle_meshes:
+        assert np.array_equal(mesh.extreme, replace(mesh, extreme=None).extreme_vertices()), "kept for planning"
     assert messy.uses("scattered")["Skydome"] == {"backdrop"}
     for name in ("Volume", "Terrain_LOD1", "Terrain_LOD2"):
         assert messy.uses("scattered")[name] == {"dropped"}

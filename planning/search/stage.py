@@ -232,7 +232,7 @@ def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
     target, limits = VehicleTarget(shape), config.placement
     bounds = np.array([[part.hull.min(axis=0), part.hull.max(axis=0)] for part in target.parts])
     plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
-    under = underside(shape.mesh) if limits.contact == "footprint" else plate
+    under = underside(shape.mesh, known=shape.underside) if limits.contact == "footprint" else plate
     return Model(
         shape=shape,
         category=category,
