@@ -114,9 +114,9 @@ def document(results: dict, plots: Path) -> str:
     parts = [
         "# Benchmarks: speed against error",
         "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
-        "ratios, since machines differ. Each section ends with the commit that was measured. The raw figures are in "
-        "[benchmarks.json](benchmarks.json); studies that `make bench` no longer runs are in "
-        "[measured once](measured-once.md).",
+        "ratios, since machines differ. Each section ends with the commit that was measured; later changes of the code "
+        "are not in its figures. The raw figures are in [benchmarks.json](benchmarks.json); studies that `make bench` "
+        "no longer runs are in [measured once](measured-once.md).",
     ]
     for name in SUITES:
         if name not in results:
