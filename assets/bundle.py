@@ -48,9 +48,10 @@ def load_vehicle(path: Path | str) -> VehicleShape:
     data = _load(
         Path(path), "vehicle", {"name", "mesh_name", "vertices", "faces", "part_names", *ARRAYS, *_arrays(VehicleShape)}
     )
+    (cutouts,) = unpacked(data)
     return VehicleShape(
         name=str(data["name"]),
-        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"]), *unpacked(data)),
+        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"]), cutouts),
         part_names=tuple(data["part_names"].tolist()),
         **{f: data[f] for f in _arrays(VehicleShape)},
     )
