@@ -5,7 +5,7 @@ All on the CPU, on the demo assets.
 
 from __future__ import annotations
 
-import queue
+import math
 import tempfile
 import time
 from pathlib import Path
@@ -24,29 +24,12 @@ from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import RenderAssets, render_assets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.process import WorkerProcess, worker_command
+from hulldown.render.process import Allowance, Blender, Limits
 from hulldown.render.remaining import sort_key
 
 FEW = 4  # samples of the pictures whose sampling is not what is measured
 MORE = 32  # samples that, beside few, tell what one more sample takes
 STEPPE, HILLS = "dry_steppe", "temperate_hills"
-
-
-class Talk:
-    """A worker that is asked one thing after the other."""
-
-    def __init__(self, folder: Path, threads: int = 0) -> None:
-        self.answers: queue.SimpleQueue[dict | None] = queue.SimpleQueue()
-        self.worker = WorkerProcess(worker_command(None), folder / "log", lambda _, a: self.answers.put(a))
-        self.answers.get()
-        self.ask({"do": "start", "device": "cpu", "index": 0, "threads": threads})
-
-    def ask(self, message: dict) -> dict:
-        self.worker.send(message)
-        answer = self.answers.get()
-        assert answer is not None, "the worker has died"
-        assert "done" in answer, answer
-        return answer
 
 
 def run(quick: bool) -> dict:
@@ -100,19 +83,23 @@ def _overhead(parts: dict[str, float]) -> float:
     return parts["load"] + parts["sync"] + parts["save"]
 
 
+def _blender(folder: Path) -> Blender:
+    return Blender(folder / "log", device="cpu", allowance=Allowance(Limits(job_s=math.inf, attempts=1)))
+
+
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     """Measure twelve images of three vehicles; in a larger dataset a vehicle has many more that follow each other."""
     size = (160, 90) if quick else (480, 270)
     plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
     settings = {**FAST, "samples": FEW} if quick else FAST
     jobs = [_job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
-    start = time.perf_counter()
-    talk = Talk(folder)
-    started = time.perf_counter() - start
-    start = time.perf_counter()
-    parts = [talk.ask(message)["seconds"] for message in jobs]
-    ours = time.perf_counter() - start
-    talk.worker.stop()
+    with _blender(folder) as blender:
+        start = time.perf_counter()
+        blender.start()
+        started = time.perf_counter() - start
+        start = time.perf_counter()
+        parts = [blender.do(message).answer["seconds"] for message in jobs]
+        ours = time.perf_counter() - start
     overhead = [_overhead(p) for p in parts]
     return {
         "size": size,
@@ -135,12 +122,11 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     size = (192, 108) if quick else (1920, 1080)
     plan, assets = planned(folder, config_path, 4, size, scenery=STEPPE, one_of_a_class=True)
     rows = _in_order(plan)[:4]
-    talk = Talk(folder)
-    parts = [
-        talk.ask(_job(row, assets, {**PAPER, "samples": samples}, folder / "l.png"))["seconds"]
-        for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
-    ]
-    talk.worker.stop()
+    with _blender(folder) as blender:
+        parts = [
+            blender.do(_job(row, assets, {**PAPER, "samples": samples}, folder / "l.png")).answer["seconds"]
+            for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
+        ]
     overhead = float(np.median([_overhead(p) for p in parts[1:]]))
     few, more = parts[-2]["sample"], parts[-1]["sample"]
     sampling = few + (PAPER["samples"] - FEW) * (more - few) / (MORE - FEW)
@@ -163,10 +149,10 @@ def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     wood_plan, wood_assets = planned(folder, config_path, 1, size, scenery=HILLS, one_of_a_class=True, camera=hidden)
     pictures = [("open ground", open_plan[0], open_assets)]
     pictures += [(f"wood {i + 1}", wood_plan[i], wood_assets) for i in range(1 if quick else 2)]
-    talk = Talk(folder)
-    found = rendering_error.measure(pictures, talk.ask, folder, reference_samples=256 if quick else 4096)
-    talk.worker.stop()
-    return found
+    with _blender(folder) as blender:
+        return rendering_error.measure(
+            pictures, lambda message: blender.do(message).answer, folder, reference_samples=256 if quick else 4096
+        )
 
 
 def report(results: dict) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -275,18 +276,16 @@ def cycles_masks(
         def message(index: int) -> dict[str, Any]:
             return to_json(mask_job(plan[index], assets, folder / f"{index}.npy"))
 
-        def done(index: int, _answer: Mapping[str, Any]) -> None:
-            maps = np.load(folder / f"{index}.npy")
-            numbers = np.arange(1, len(maps))[:, None, None]
-            # Alone, a vehicle still has its own number.
-            found[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
-            if progress:
-                progress(len(found), len(rows))
-
-        def failed(index: int, reasons: list[str]) -> None:
-            raise HulldownError(f"the mask of image {index} cannot be rendered: {reasons[-1]}", path=plan.path)
-
         confinement = Confinement(folder, assets.readable, gpu=device != "cpu")
         with Pool(folder / "logs", blender=blender, device=device, workers=1, confinement=confinement) as pool:
-            pool.run(sorted(rows, key=lambda i: plan[i].scenery), message, done, failed)
+            for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), message):
+                if outcome.reasons:
+                    problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"
+                    raise HulldownError(problem, path=plan.path)
+                maps = np.load(io.BytesIO(outcome.content))
+                numbers = np.arange(1, len(maps))[:, None, None]
+                # Alone, a vehicle still has its own number.
+                found[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
+                if progress:
+                    progress(len(found), len(rows))
     return [found[index] for index in rows]

@@ -1,81 +1,389 @@
-"""A process that renders: a `geometry.child.Child` that is told jobs and answers as JSON."""
+"""A Blender that does one job after the other: one that crashes, hangs or uses too much memory is started again.
+
+Independent of what the jobs do: a job is a JSON object, and so is its answer.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
+import platform
+import queue
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from hulldown.geometry.child import Child
+from hulldown.geometry.errors import HulldownError
+from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
 from hulldown.render.confinement import Confinement
+from hulldown.render.messages import StartJob, to_json
+from hulldown.render.png import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # what a worker gets to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
 STEADY_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**17)}
+POLL_S = 0.2  # how often time and memory are looked at
+NEARLY = 0.8  # of the memory limit: a Blender that has grown so far is replaced between two jobs
+GIB = 2**30
 
 
-def worker_command(blender: str | None) -> list[str]:
-    """How to start a worker: in this Python, which has the bpy module, or in an installed Blender."""
-    if blender is None:
-        return [sys.executable, "-P", str(WORKER)]
-    options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
-    return [blender, *options, "--python", str(WORKER)]
-
-
-class WorkerProcess(Child):
-    """A running worker.
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a Blender is given up.
 
     Parameters
     ----------
-    command
-        See `worker_command`.
+    start_s
+        Seconds Blender gets to start.
+    job_s
+        Seconds a job gets; None for what `patience` makes of the first ones.
+    memory_bytes
+        Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
+        above four fifths of it is replaced.
+    attempts
+        How often a job is tried.
+    give_up_after
+        Attempts that fail one after the other, over all jobs, before the run is stopped: then it is not the jobs.
+    """
+
+    start_s: float = 300.0
+    job_s: float | None = None
+    memory_bytes: int | None = None
+    attempts: int = 3
+    give_up_after: int = 30
+
+
+DEFAULT_LIMITS = Limits()
+FIRST_JOBS = 5  # by which the time that the others get is judged
+FIRST_JOBS_S = 3600.0  # what they get themselves
+TIMES_LONGER = 20.0  # than the longest of them, a job is not thought to be honest
+SHORTEST_S = 300.0  # loading another scenery takes its time, however quick the first pictures were
+
+
+def patience(seconds: Sequence[float]) -> float:
+    """Seconds that a job gets after those that took `seconds`, the first first.
+
+    Examples
+    --------
+    >>> patience([2.0] * 4), patience([2.0] * 5), patience([60.0] * 4 + [90.0, 4000.0])
+    (3600.0, 300.0, 1800.0)
+    """
+    if len(seconds) < FIRST_JOBS:
+        return FIRST_JOBS_S
+    return max(SHORTEST_S, TIMES_LONGER * max(seconds[:FIRST_JOBS]))
+
+
+class Allowance:
+    """What each of the Blenders gets that share a machine.
+
+    Parameters
+    ----------
+    limits
+        When one is given up.
+    blenders
+        How many they are.
+    """
+
+    def __init__(self, limits: Limits, blenders: int = 1) -> None:
+        self.limits, self.blenders = limits, blenders
+        self.took: list[float] = []  # seconds of the jobs that are done
+
+    @property
+    def job_s(self) -> float:
+        """Seconds that the next job gets."""
+        return patience(self.took) if self.limits.job_s is None else self.limits.job_s
+
+    @property
+    def memory(self) -> float:
+        """Bytes."""
+        if self.limits.memory_bytes is not None:
+            return float(self.limits.memory_bytes)
+        return 0.9 * float(psutil.virtual_memory().total) / self.blenders
+
+    @property
+    def threads(self) -> int:
+        """Of the processor; 0 for all."""
+        return 0 if self.blenders == 1 else max(1, (psutil.cpu_count() or 1) // self.blenders)
+
+
+class Stopped(Exception):
+    """The caller doesn't want the result of a job any more."""
+
+
+class AttemptFailed(Exception):
+    """An attempt at a job has failed, for a reason that is told to the user."""
+
+
+class Lost(AttemptFailed):
+    """Blender has failed, and must be started again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a job.
+
+    Parameters
+    ----------
+    answer
+        Blender's.
+    content
+        Of the file that the job names as its output.
+    reasons
+        Why each attempt failed, if all did.
+    restarts
+        How often Blender had to be started again.
+    device, blender, system, confinement
+        What did the job.
+    """
+
+    answer: Mapping[str, Any] = field(default_factory=dict)
+    content: bytes = b""
+    reasons: tuple[str, ...] = ()
+    restarts: int = 0
+    device: str = ""
+    blender: str = ""
+    system: str = field(default_factory=lambda: platform.platform(terse=True))
+    confinement: str = field(default_factory=landlock.confinement)
+
+
+class Blender:
+    """A Blender that is started for its first job and stays open. Leaving it as a context ends it.
+
+    Parameters
+    ----------
     log
         File that its messages are added to.
-    hear
-        Called from another thread with the process and each of its answers, and with None when it has ended.
+    program
+        An installed Blender, or None for the bpy module of this Python.
+    device
+        What `render.blender.cycles.choose_device` takes.
+    number
+        Its place among those of this machine, by which it chooses a graphics card.
+    allowance
+        Time, memory and threads.
     confinement
         What it may read and write; None for everything.
+    say
+        Called with a line for the user, now and then.
+
+    Attributes
+    ----------
+    devices
+        How many graphics cards it has found; 1 if there is none.
     """
 
     def __init__(
         self,
-        command: Sequence[str],
         log: Path,
-        hear: Callable[[WorkerProcess, dict[str, Any] | None], None],
+        *,
+        program: str | None = None,
+        device: str = "auto",
+        number: int = 0,
+        allowance: Allowance | None = None,
         confinement: Confinement | None = None,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        if log.is_symlink():
-            log.unlink()
+        self.devices = 1
+        self._log, self._program, self._device, self._number = log, program, device, number
+        self._allowance = allowance or Allowance(DEFAULT_LIMITS)
+        self._confinement, self._say = confinement, say
+        # The doctor looks at the bpy module only.
+        self._remedy = "run `hulldown doctor`" if program is None else f"see whether `{program} --background` starts"
+        self._child: Child | None = None
+        self._stopping: Callable[[], bool] = lambda: False
+        self._restarts = 0
+        self._renders_on = self._version = ""
 
-        def answer(line: bytes) -> None:
-            text = line.decode("utf-8", "replace")
-            if not line:
-                hear(self, None)
-            elif text.startswith(ANSWER):
-                with contextlib.suppress(json.JSONDecodeError):  # half a line of a worker that was killed
-                    hear(self, json.loads(text[len(ANSWER) :]))
+    @property
+    def pid(self) -> int | None:
+        """Its process id; None if it isn't open."""
+        return self._child.pid if self._child else None
 
-        super().__init__(
-            list(command) if confinement is None else confinement.of(command),
-            env={**STEADY_MEMORY, **os.environ, **(confinement.environment if confinement else {})},
-            hear=answer,
-            log=log,
+    def do(self, message: Mapping[str, Any], *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
+        """Do a job, with several attempts; returns when it's done or has failed for good.
+
+        Parameters
+        ----------
+        message
+            What to tell Blender.
+        stopping
+            Asked several times a second whether to give up now.
+
+        Raises
+        ------
+        Stopped
+            If `stopping` said so.
+        HulldownError
+            If Blender can't be used.
+        """
+        self._stopping, self._restarts = stopping, 0
+        answer: dict[str, Any] = {}
+        content, reasons = b"", list[str]()
+        try:
+            while not answer and len(reasons) < self._allowance.limits.attempts:
+                self.start()
+                try:
+                    answer, content = self._attempt(message)
+                except AttemptFailed as failure:
+                    reasons.append(str(failure))
+        except BaseException:
+            self.close()
+            raise
+        return Outcome(
+            answer=answer,
+            content=content,
+            reasons=() if answer else tuple(reasons),
+            restarts=self._restarts,
+            device=self._renders_on,
+            blender=self._version,
         )
 
-    def send(self, message: Mapping[str, Any]) -> None:
-        """Give it a job."""
-        self.write(json.dumps(message).encode() + b"\n")
+    def _attempt(self, message: Mapping[str, Any]) -> tuple[dict[str, Any], bytes]:
+        began = time.monotonic()
+        try:
+            answer = self._ask(message, self._allowance.job_s)
+        except Lost as lost:
+            self._lose(lost)
+            raise
+        self._allowance.took.append(time.monotonic() - began)
+        wrong, content = answer.get("failed", ""), b""
+        if "output" in message and not wrong:
+            wrong, content = _written(message)
+        if wrong:
+            self._say(wrong)
+            raise AttemptFailed(wrong)
+        assert self._child is not None
+        if self._child.memory > NEARLY * self._allowance.memory:
+            self._say("has grown near its memory limit and is replaced")
+            self._child.close_stdin()
+            self._child.wait(STOP_S)
+            self.close()
+        return answer, content
 
-    def stop(self) -> None:
-        """Let it end by itself, if it is idle."""
-        self.close_stdin()
-        self.wait(STOP_S)
-        self.kill()
+    def start(self) -> None:
+        """Open it, if it isn't, and choose the device."""
+        reason = ""
+        for _ in range(self._allowance.limits.attempts):
+            if self._child is not None:
+                return
+            try:
+                self._launch()
+                self._version = self._hear(self._allowance.limits.start_s)["ready"]
+                start = StartJob(self._device, self._number, self._allowance.threads)
+                answer = self._ask(to_json(start), self._allowance.limits.start_s)
+            except Lost as lost:
+                reason = str(lost)
+                self._lose(lost)
+                continue
+            if "failed" in answer:
+                raise HulldownError(f"Blender cannot be used: {answer['failed']}", remedy=self._remedy)
+            self.devices, self._renders_on = answer["devices"], answer["device"]
+            self._say(f"renders on {self._renders_on}")
+        if self._child is None:
+            times = self._allowance.limits.attempts
+            raise HulldownError(
+                f"Blender has not started {times} times running: {reason}", path=self._log, remedy=self._remedy
+            )
+
+    def _launch(self) -> None:
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        if self._log.is_symlink():
+            self._log.unlink()
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        answers = self._answers  # those of a process that was killed are not heard
+
+        def hear(line: bytes) -> None:
+            text = line.decode("utf-8", "replace")
+            if not line:
+                answers.put(None)
+            elif text.startswith(ANSWER):
+                with contextlib.suppress(json.JSONDecodeError):  # half a line of a worker that was killed
+                    answers.put(json.loads(text[len(ANSWER) :]))
+
+        command = worker_command(self._program)
+        more = self._confinement.environment if self._confinement else {}
+        try:
+            self._child = Child(
+                self._confinement.of(command) if self._confinement else command,
+                env={**STEADY_MEMORY, **os.environ, **more},
+                hear=hear,
+                log=self._log,
+            )
+        except OSError as error:
+            raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
+
+    def _ask(self, message: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        assert self._child is not None
+        self._child.write(json.dumps(message).encode() + b"\n")
+        return self._hear(seconds)
+
+    def _hear(self, seconds: float) -> dict[str, Any]:
+        """The next answer, if it comes in time and in memory."""
+        assert self._child is not None
+        end = time.monotonic() + seconds
+        while True:
+            if self._stopping():
+                raise Stopped
+            try:
+                answer = self._answers.get(timeout=POLL_S)
+            except queue.Empty:
+                limit = self._allowance.memory
+                if time.monotonic() > end:
+                    raise Lost(f"no answer within {seconds:g} s") from None
+                if (held := self._child.memory) > limit:
+                    over = f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB"
+                    raise Lost(over) from None
+                continue
+            if answer is None:
+                raise Lost(f"Blender {self._child.last_words()}")
+            if "unusable" in answer:
+                raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
+            return answer
+
+    def _lose(self, lost: Lost) -> None:
+        self.close()
+        self._restarts += 1
+        self._say(f"{lost}; it is started again")
+
+    def close(self) -> None:
+        """End it now; the next job opens another."""
+        if self._child is not None:
+            self._child.kill()
+        self._child = None
+
+    def __enter__(self) -> Blender:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def worker_command(program: str | None) -> list[str]:
+    """How to start a worker: in this Python, which has the bpy module, or in an installed Blender."""
+    if program is None:
+        return [sys.executable, "-P", str(WORKER)]
+    options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
+    return [program, *options, "--python", str(WORKER)]
+
+
+def _written(message: Mapping[str, Any]) -> tuple[str, bytes]:
+    """What is wrong with the file that a job has written, or its content."""
+    output = Path(message["output"])
+    if message["do"] == "render":
+        wrong = damage(output, message["camera"]["width"], message["camera"]["height"])
+        if wrong:
+            return wrong, b""
+    try:
+        return "", output.read_bytes()
+    except OSError as error:
+        return f"what Blender wrote cannot be read ({error})", b""

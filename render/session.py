@@ -7,7 +7,7 @@ one picture; the next run does it again under the same name and id.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,15 +20,16 @@ from hulldown.dataset.provenance import add_provenance, read_provenance
 from hulldown.dataset.store.pictures import confined, publish, unwritten
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
-from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.png import damage, without_notes
+from hulldown.render.png import without_notes
 from hulldown.render.pool import Pool
+from hulldown.render.process import Limits, Outcome
 from hulldown.render.remaining import Remaining, stamp_of
 
 if TYPE_CHECKING:
@@ -56,6 +57,8 @@ class Session:
     ----------
     plan, dataset, remaining, assets
         What is rendered, into what.
+    limits
+        When a run is given up.
     progress
         Called after each image and with each message.
 
@@ -63,6 +66,10 @@ class Session:
     ----------
     begun
         Whether an image has been given its name, or given up.
+    devices
+        What has rendered.
+    restarts
+        How often Blender had to be started again.
     """
 
     def __init__(
@@ -71,11 +78,16 @@ class Session:
         dataset: CocoDataset,
         remaining: Remaining,
         assets: RenderAssets,
+        *,
+        limits: Limits,
         progress: Callable[[Progress], None],
     ) -> None:
-        self.rendered = 0
+        self.rendered = self.restarts = self._failed_in_a_row = 0
         self.failed: list[str] = []
         self.begun = False
+        self.devices: set[str] = set()
+        self._blenders, self._systems, self._confinements = set[str](), set[str](), set[str]()
+        self._limits = limits
         self._plan, self._dataset, self._remaining, self._assets = plan, dataset, remaining, assets
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
@@ -104,7 +116,7 @@ class Session:
         self._progress(Progress(finished, len(self.failed), self._remaining.wanted, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
-        """Render what is left; see `render.pool.Pool.run` for what it raises."""
+        """Render what is left; see `render.pool.Pool.results` for what it raises."""
         if self._unfinished.is_symlink() or self._unfinished.is_file():
             self._unfinished.unlink()  # and not what a link leads to
         shutil.rmtree(self._unfinished, ignore_errors=True)
@@ -112,14 +124,31 @@ class Session:
         self._pool = pool
         self.say("")
         try:
-            pool.run(
-                self._remaining.order,
-                self._message,
-                lambda index, answer: self._done(index, answer, pool),
-                self._give_up,
-            )
+            for index, outcome in pool.results(self._remaining.order, self._message):
+                self._take_in(index, outcome)
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
+
+    def _take_in(self, index: int, outcome: Outcome) -> None:
+        self.restarts += outcome.restarts
+        if outcome.device:
+            self.devices.add(outcome.device)
+            self._blenders.add(outcome.blender)
+            self._systems.add(outcome.system)
+            self._confinements.add(outcome.confinement)
+        if not outcome.reasons:
+            self._done(index, outcome)
+            self._failed_in_a_row = 0
+            return
+        self._give_up(index, outcome.reasons)
+        self._failed_in_a_row += len(outcome.reasons)
+        if self._failed_in_a_row >= self._limits.give_up_after:
+            raise HulldownError(
+                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
+                f"{outcome.reasons[-1]}",
+                path=logs if (logs := self._folder / LOGS_NAME).is_dir() else self._folder,
+                remedy="mend the cause and run again, which goes on from here",
+            )
 
     def _begin(self) -> None:
         """Once Blender works: what failed in an earlier run gets its attempts anew."""
@@ -127,13 +156,13 @@ class Session:
             self.begun = True
             write_failures(self._folder, self._failures)
 
-    def _record(self, pool: Pool | ClusterPool) -> None:
+    def _record(self) -> None:
         """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
         made_by = {
-            "blender": [pool.blender_version],
-            "devices": sorted(pool.devices),
-            "systems": sorted(pool.systems),
-            "confinement": sorted(pool.confinements),
+            "blender": sorted(self._blenders),
+            "devices": sorted(self.devices),
+            "systems": sorted(self._systems),
+            "confinement": sorted(self._confinements),
         }
         if made_by == self._recorded:
             return
@@ -171,35 +200,32 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, answer: Mapping[str, Any], pool: Pool | ClusterPool) -> str | None:
+    def _done(self, index: int, outcome: Outcome) -> None:
         row = self._row(index)
         picture = self._output(index)
-        if wrong := damage(picture, row.width, row.height):
-            return wrong
         run, name = self._remaining.run, self._remaining.run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._remaining.first_annotation[index])
         self._begin()
-        self._record(pool)
+        self._record()
+        content = without_notes(outcome.content)
         try:
-            content = without_notes(picture.read_bytes())
             picture.write_bytes(content)
         except OSError as error:
             raise unwritten(self._folder, name, error) from error
         publish(picture, self._folder, name)
-        about = {"id": run.image_offset + index + 1, "file_name": name, "device": answer["device"]}
+        about = {"id": run.image_offset + index + 1, "file_name": name, "device": outcome.device}
         self._dataset.append(
             {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1
         self.say("")
-        return None
 
-    def _give_up(self, index: int, reasons: list[str]) -> None:
+    def _give_up(self, index: int, reasons: Sequence[str]) -> None:
         self._begin()
         name = self._remaining.run.file_name(self._row(index).file_name)
-        self._failures.append({"index": index, "file_name": name, "reasons": reasons})
+        self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
         write_failures(self._folder, self._failures)
         self.failed.append(name)
         self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")

@@ -21,7 +21,8 @@ from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_assets
-from hulldown.render.pool import DEFAULT_LIMITS, Limits, Pool, Stopped
+from hulldown.render.pool import Pool
+from hulldown.render.process import DEFAULT_LIMITS, Limits, Stopped
 from hulldown.render.remaining import Outline, Remaining
 from hulldown.render.session import LOGS_NAME, Progress, Session
 
@@ -217,12 +218,10 @@ def render_plan(
     with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
-        pool: Pool | ClusterPool | None = None
         try:
             remaining = Remaining(outline, dataset, wanted, share=part.share)
-            session = Session(plan, dataset, remaining, assets, say)
-            pool = engine.pool(confined(folder, LOGS_NAME), assets, session, stopping)
-            with pool:
+            session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=say)
+            with engine.pool(confined(folder, LOGS_NAME), assets, session, stopping) as pool:
                 session.render(pool)
         except Stopped:
             interrupted = True
@@ -233,20 +232,19 @@ def render_plan(
                 raise
             # A Blender that does not start says why itself; why attempts fail is in the log.
             logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
-            started = pool is not None and bool(pool.devices)
+            started = session is not None and bool(session.devices)
             keep_logs = had_logs or (logged and started)
             _leave_no_trace(dataset, keep_logs=keep_logs)
             if logged and not keep_logs:
                 raise type(error)(error.problem, remedy=error.remedy) from error
             raise
-        assert session is not None
-        assert pool is not None  # only a pool is ever stopped
+        assert session is not None  # only a session is ever stopped
     return RenderReport(
         images=remaining.wanted,
         already=remaining.already,
         rendered=session.rendered,
         failed=tuple(session.failed),
-        restarts=pool.restarts,
+        restarts=session.restarts,
         interrupted=interrupted,
         seconds=time.monotonic() - start,
     )

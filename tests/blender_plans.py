@@ -13,7 +13,7 @@ from hulldown.planning.loading import load_assets
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.pool import Limits, Pool
+from hulldown.render.process import Allowance, Blender, Limits
 
 IMAGES = 12
 CONFIG = """
@@ -61,12 +61,16 @@ def job(row, assets, settings, output):
 
 
 def draw(folder, messages):
-    """Pictures of a worker of our own, in the order of the messages; no failure is hidden by another attempt."""
-    with Pool(folder / "logs", workers=1, limits=Limits(attempts=1)) as pool:
-        failures = {}
-        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
-    assert failures == {}
-    return [pixels(message["output"]) for message in messages]
+    """Pictures of a Blender of our own, in the order of the messages; no failure is hidden by another attempt."""
+    with Blender(folder / "logs" / "log", allowance=Allowance(Limits(attempts=1))) as blender:
+        return [drawn(blender, message) for message in messages]
+
+
+def drawn(blender, message):
+    """A picture (H, W, 3) of a Blender."""
+    outcome = blender.do(message)
+    assert not outcome.reasons
+    return pixels(message["output"])
 
 
 def pixels(path):

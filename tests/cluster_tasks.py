@@ -3,7 +3,11 @@
 import time
 from pathlib import Path
 
-from hulldown.render.cluster.workers import wanted
+from hulldown.render.cluster.workers import Answer, wanted
+
+
+def no_refusal():
+    return ""
 
 
 def until_unwanted(folder):
@@ -13,7 +17,19 @@ def until_unwanted(folder):
     while is_wanted():
         time.sleep(0.05)
     (Path(folder) / "ended").touch()
+    return Answer()
 
 
-def no_refusal():
-    return ""
+def with_contents(digest, *contents):
+    """Lack a content that wasn't sent."""
+    return Answer(b"".join(contents)) if contents else Answer(lacking=(digest,))
+
+
+def slow_at_first(folder):
+    """The first call takes ten minutes."""
+    try:
+        (Path(folder) / "called").touch(exist_ok=False)
+    except FileExistsError:
+        return Answer("second")
+    time.sleep(600)
+    return Answer("first")

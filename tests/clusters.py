@@ -14,6 +14,7 @@ import psutil
 from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[1]
+PYTHONPATH = str(ROOT / ".dev")  # where the package is found
 LOST_S = "600s"  # without a sign of life, until a worker counts as lost: on a busy machine one may be silent for long
 # Landlock hides a folder from a worker, as if it were on another machine, and leaves it the network.
 HIDDEN = """
@@ -94,7 +95,12 @@ class Cluster:
             client.wait_for_workers(sum(worker.poll() is None for worker in self.workers), timeout=120)
 
     def _start(self, command, environment, before=None):
-        everything = {**os.environ, "PYTHONPATH": str(ROOT), "HULLDOWN_CACHE": str(self.folder / "sent"), **environment}
+        everything = {
+            **os.environ,
+            "PYTHONPATH": PYTHONPATH,
+            "HULLDOWN_CACHE": str(self.folder / "sent"),
+            **environment,
+        }
         return subprocess.Popen(
             command, env=everything, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=before
         )
@@ -104,6 +110,14 @@ class Cluster:
             process.kill()
             process.wait()
         self.log.close()
+
+
+def rendering(plan, dataset, scheduler, **options):
+    """`hulldown render` on a cluster, as a process of its own."""
+    command = [sys.executable, "-P", "-m", "hulldown.cli", "render", str(plan), "-o", str(dataset)]
+    command += ["--device", "cpu", "--scheduler", str(scheduler)]
+    environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, **options)
 
 
 @contextmanager

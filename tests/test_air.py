@@ -1,14 +1,12 @@
 """Dust, rain and snow in Cycles' pictures: the veil follows its law, the streaks are those that were drawn."""
 
 import math
-import queue
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from hulldown.camera.fog import DUST_ALBEDO, even_sky, extinction
 from hulldown.camera.intrinsics import Intrinsics
@@ -16,7 +14,8 @@ from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, vie
 from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
 from hulldown.dataset.verification.sky import displayed
 from hulldown.render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
-from hulldown.render.process import WorkerProcess, worker_command
+from hulldown.render.process import Blender
+from hulldown.tests.blender_plans import drawn
 
 pytestmark = pytest.mark.blender
 WORLDS = """
@@ -54,15 +53,7 @@ class Studio:
         root = Path(__file__).parents[1]
         np.save(folder / "sunny.npy", SUNNY)
         subprocess.run([sys.executable, "-c", WORLDS, str(folder)], check=True, capture_output=True, cwd=root)
-        self.folder, self._answers, self._count = folder, queue.SimpleQueue(), 0
-        self.worker = WorkerProcess(worker_command(None), folder / "log", lambda _, answer: self._answers.put(answer))
-        assert "ready" in self._answers.get(timeout=120)
-        self._ask({"do": "start", "device": "cpu", "index": 0, "threads": 0})
-
-    def _ask(self, message):
-        self.worker.send(message)
-        answer = self._answers.get(timeout=300)
-        assert "failed" not in answer, answer
+        self.folder, self.blender, self._count = folder, Blender(folder / "log", device="cpu"), 0
 
     def picture(self, weather, *, world="wall", sky="grey", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
         output = self.folder / f"{self._count}.png"
@@ -77,16 +68,14 @@ class Studio:
             settings=Settings(samples, False, 0.0, 2),
             output=str(output),
         )
-        self._ask(to_json(job))
-        with Image.open(output) as image:
-            return np.asarray(image.convert("RGB")).astype(np.float64)
+        return drawn(self.blender, to_json(job))
 
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
     made = Studio(tmp_path_factory.mktemp("air"))
-    yield made
-    made.worker.stop()
+    with made.blender:
+        yield made
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from hulldown.render.cluster.workers import Cluster
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
 from hulldown.tests.certificates import certificates, needs_openssl
-from hulldown.tests.clusters import HIDDEN, ROOT, blenders, cluster
+from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, rendering
 
 pytestmark = pytest.mark.blender
 
@@ -159,18 +159,7 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
 
 @pytest.mark.thorough
 def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "hulldown.cli",
-        "render",
-        str(folder / "plan.jsonl"),
-        "-o",
-        str(tmp_path / "d"),
-    ]
-    command += ["--device", "cpu", "--scheduler", str(nodes.file)]
-    client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
+    client = rendering(folder / "plan.jsonl", tmp_path / "d", nodes.file)
     images = tmp_path / "d" / "images"
     while not images.is_dir() or len(list(images.iterdir())) < 3:
         assert client.poll() is None
@@ -207,15 +196,15 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
     for entry in Path(next(p for p in site.getsitepackages() + sys.path if (Path(p) / "bpy").is_dir())).iterdir():
         if not entry.name.startswith("bpy"):
             (packages / entry.name).symlink_to(entry)
-    environment = {"PYTHONPATH": f"{ROOT}{os.pathsep}{packages}"}
-    other = tmp_path / "other"
+    environment = {"PYTHONPATH": f"{PYTHONPATH}{os.pathsep}{packages}"}
+    other = tmp_path / "other" / "hulldown"
     ignored = shutil.ignore_patterns(".*", "tests", "docs", "benchmarks")
     shutil.copytree(ROOT, other, ignore=ignored)
     fog = other / "camera" / "fog.py"
     fog.write_text(fog.read_text() + "\nOTHER = 1\n")
     bad = [
         nodes.add(python=(sys.executable, "-P", "-S"), environment=environment),
-        nodes.add(environment={"PYTHONPATH": str(other)}),
+        nodes.add(environment={"PYTHONPATH": str(other.parent)}),
         nodes.add(largest_file=4096),
     ]
     nodes.wait()
@@ -236,7 +225,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
 @pytest.mark.thorough
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
 def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
-    before = (sys.executable, "-c", HIDDEN, str(ROOT), str(folder))
+    before = (sys.executable, "-c", HIDDEN, PYTHONPATH, str(folder))
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=before)
         Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
@@ -263,7 +252,7 @@ def test_libraries_and_textures_are_sent_too(tmp_path):
     plan = plan_in(made, vehicle="vehicles/tank.obj", scenery="sceneries/field.blend")
     render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:
-        nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(made)))
+        nodes.add(before=(sys.executable, "-c", HIDDEN, PYTHONPATH, str(made)))
         course = Course(tmp_path / "d", plan, nodes.address)
         kept = contents_of(nodes).keys()
     assert course.report.complete
@@ -288,25 +277,12 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
 
 @pytest.mark.thorough
 def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_path):
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "hulldown.cli",
-        "render",
-        str(folder / "plan.jsonl"),
-        "-o",
-        str(tmp_path / "d"),
-    ]
-    command += ["--device", "cpu", "--scheduler", nodes.address]
-
     def bound():
         resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384))
 
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ran = subprocess.run(command, env=environment, preexec_fn=bound, capture_output=True, text=True)
-    assert ran.returncode == 2
-    (line,) = (line for line in ran.stderr.splitlines() if line.startswith("hulldown: "))
+    client = rendering(folder / "plan.jsonl", tmp_path / "d", nodes.address, preexec_fn=bound)
+    (line,) = (line for line in client.communicate()[1].splitlines() if line.startswith("hulldown: "))
+    assert client.returncode == 2
     assert "File too large" in line
     Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert_same(folder / "whole", tmp_path / "d")
@@ -350,7 +326,7 @@ def test_a_texture_elsewhere_is_as_missing_as_on_one_machine(folder, tmp_path, h
     plan = plan_in(client, images=2)
     render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:
-        nodes.add(before=(sys.executable, "-c", HIDDEN, str(ROOT), str(tmp_path / "client")) if hidden else ())
+        nodes.add(before=(sys.executable, "-c", HIDDEN, PYTHONPATH, str(tmp_path / "client")) if hidden else ())
         Course(tmp_path / "d", plan, nodes.address)
         kept = contents_of(nodes) if (nodes.folder / "sent").is_dir() else {}
     assert_same(tmp_path / "whole", tmp_path / "d", images=2)

@@ -16,7 +16,7 @@ from hulldown.tests.test_study import SMALL, tree, written
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.study import elsewhere
 from hulldown.training.study.config import load_study
-from hulldown.training.study.elsewhere import NANNYS, Order, run_here
+from hulldown.training.study.elsewhere import NANNYS, Order, run_here, unseen
 from hulldown.training.study.manifest import settle, write_manifest
 from hulldown.training.study.report import write_report
 from hulldown.training.study.runs import Options, run_study
@@ -92,7 +92,7 @@ def order(study, tmp_path):
     [({"study": "/nowhere"}, "does not see /nowhere"), ({"manifest": "0" * 64}, "sees another study in ")],
 )
 def test_a_worker_that_does_not_see_the_study_says_so(order, changes, says):
-    assert run_here(replace(order, **changes), lambda: True).refused.startswith(says)
+    assert unseen(replace(order, **changes)).startswith(says)
 
 
 def test_a_run_leaves_the_workers_environment_as_it_is(order, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_run_leaves_the_workers_environment_as_it_is(order, monkeypatch):
         seen.update(arguments[-1])
 
     monkeypatch.setattr(elsewhere, "in_a_process", in_a_process)
-    assert run_here(order, lambda: True).failed is None
+    assert run_here(order, lambda: True) is None
     assert os.environ == before
     assert not seen.keys() & set(NANNYS)
     assert seen.keys() | set(NANNYS) == before.keys()

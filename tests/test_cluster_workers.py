@@ -1,8 +1,7 @@
 """Tasks on the workers of a Dask cluster, without Blender: who gets them, and what becomes of them."""
 
-import operator
+import contextlib
 import time
-from concurrent.futures import CancelledError
 
 import pytest
 
@@ -10,7 +9,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.tests.certificates import certificates, needs_openssl
-from hulldown.tests.cluster_tasks import no_refusal, until_unwanted
+from hulldown.tests.cluster_tasks import no_refusal, slow_at_first, until_unwanted, with_contents
 from hulldown.tests.clusters import cluster
 
 pytestmark = pytest.mark.thorough
@@ -31,29 +30,42 @@ def workers(nodes):
         yield made
 
 
+def never():
+    return False
+
+
 def until(holds):
     while not holds():
         time.sleep(0.05)
 
 
-@pytest.mark.parametrize(
-    "leave", [lambda workers, task: workers.cancel([task]), lambda workers, task: workers.client.close()]
-)
+@pytest.mark.parametrize("leave", ["stops", "is killed"])
 def test_a_task_learns_that_nobody_waits_for_it(workers, tmp_path, leave):
     """So that a training ends with the study that wanted it, even if that was killed."""
-    task = workers.submit(until_unwanted, str(tmp_path))
-    until((tmp_path / "begun").exists)
-    time.sleep(0.5)
-    assert not (tmp_path / "ended").exists()
-    leave(workers, task)
+
+    def stopping():
+        if (tmp_path / "begun").exists():
+            if leave == "is killed":
+                workers.client.close()
+            assert not (tmp_path / "ended").exists()
+            return leave == "stops"
+        return False
+
+    with contextlib.suppress(HulldownError):
+        assert not list(workers.results([str(tmp_path)], until_unwanted, str, stopping=stopping))
     until((tmp_path / "ended").exists)
 
 
 def test_contents_are_sent_once_and_shared(workers):
-    one, other = workers.fit
-    content = workers.content("0" * 64, lambda digest: digest.encode(), one)
-    assert workers.content("0" * 64, pytest.fail, other) is content
-    assert workers.submit(operator.add, content, b"!", avoiding=[one]).result(timeout=60) == b"0" * 64 + b"!"
+    read = []
+
+    def content(digest):
+        read.append(digest)
+        return digest.encode()
+
+    found = workers.results(range(3), with_contents, lambda job: "0" * 64, stopping=never, content=content)
+    assert [answer.value for _, answer in found] == [b"0" * 64] * 3
+    assert 1 <= len(read) <= 2
 
 
 def test_a_refused_worker_gets_no_tasks_and_when_all_are_the_run_ends(workers):
@@ -65,21 +77,22 @@ def test_a_refused_worker_gets_no_tasks_and_when_all_are_the_run_ends(workers):
         workers.look()
 
 
-def test_a_task_whose_workers_are_all_gone_can_be_submitted_again(tmp_path):
+def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
     with (
         cluster(tmp_path / "nodes", 1) as nodes,
         Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None) as workers,
     ):
         until(lambda: workers.look() and workers.fit)
-        task = workers.submit(time.sleep, 600)
-        until(lambda: task.client.processing()[next(iter(workers.fit))])
-        nodes.workers[0].kill()
-        nodes.add()
-        until(lambda: workers.look() and task.done())
-        with pytest.raises(CancelledError):
-            task.result()
-        until(lambda: workers.look() and workers.fit)
-        assert workers.submit(operator.add, 1, 2).result(timeout=60) == 3
+        killed = []
+
+        def kill():
+            if not killed and any(workers.client.processing().values()):
+                killed.append(nodes.workers[0].kill())
+                nodes.add()
+            return False
+
+        ((job, answer),) = workers.results([tmp_path], slow_at_first, str, stopping=kill)
+        assert (job, answer.value, killed) == (tmp_path, "second", [None])
 
 
 @needs_openssl

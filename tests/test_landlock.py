@@ -19,7 +19,7 @@ from hulldown.reading.export import export
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.pool import Pool
+from hulldown.render.process import Blender
 from hulldown.tests.parameters import few
 from hulldown.tests.render_plans import ASSETS, make_row
 
@@ -237,10 +237,8 @@ def test_rendering_them_writes_nothing_with_the_list_alone(
         )
         row = decode_row(orjson.dumps(make_row(0)))
         messages.append(to_json(render_job(row, assets, settings, tmp_path / f"{case}.png")))
-    failures: dict[int, str] = {}
-    with Pool(tmp_path / "logs", workers=1, device="cpu", confinement=Confinement(tmp_path, ())) as pool:
-        pool.run(range(len(messages)), messages.__getitem__, lambda job, answer: None, failures.__setitem__)
-    assert failures == {}
+    with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
+        assert not any(blender.do(message).reasons for message in messages)
     assert {path.stem for path in tmp_path.glob("*.png")} == set(CASES)
     assert contents(blends) == before
 

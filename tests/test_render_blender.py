@@ -1,10 +1,14 @@
 """Pictures by Cycles: is in them what was planned, and nothing that a file wanted otherwise?"""
 
+import json
 import math
+import os
 import queue
+import shlex
 import sys
 import time
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +18,16 @@ from msgspec.structs import replace as altered
 from hulldown.annotate.masks import iou, mask_box, vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
-from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.child import Child
+from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Source
 from hulldown.render.jobs import SceneryFile, mask_job, render_assets
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.messages import to_json
-from hulldown.render.process import WORKER, WorkerProcess, worker_command
+from hulldown.render.process import WORKER, Blender, worker_command
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import copied, draw, job, make_plan, pixels
+from hulldown.tests.blender_plans import copied, draw, drawn, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
 SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
@@ -184,21 +189,13 @@ def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, 
     assert not (worlds / "driven").exists()
 
 
-class Conversation:
-    """A worker that is spoken to directly."""
-
-    def __init__(self, command, log):
-        self.answers = queue.SimpleQueue()
-        self.worker = WorkerProcess(command, log, lambda _, answer: self.answers.put(answer))
-        assert "ready" in self.hear()
-        assert self.ask({"do": "start", "device": "cpu", "index": 0, "threads": 0})["done"] == "start"
-
-    def hear(self):
-        return self.answers.get(timeout=120)
-
-    def ask(self, message):
-        self.worker.send(message)
-        return self.hear()
+def in_place_of_blender(folder, code):
+    """A program that runs `code` and then the worker."""
+    program = folder / "blender"
+    code = f"{code}; sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
+    program.write_text(f"#!/bin/sh\nexec {sys.executable} -P -c {shlex.quote('import runpy, sys; ' + code)}\n")
+    program.chmod(0o755)
+    return str(program)
 
 
 def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
@@ -216,42 +213,28 @@ def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
         "trimesh",
         "embreex",
     ]
-    code = (
-        f"import runpy, sys; sys.modules.update(dict.fromkeys({hidden!r}));"
-        f"sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
-    )
-    talk = Conversation([sys.executable, "-P", "-c", code], tmp_path / "log")
-    assert talk.ask(job(plan[0], assets, SETTINGS, tmp_path / "0.png"))["done"] == "render"
-    assert talk.ask(to_json(mask_job(plan[0], assets, tmp_path / "0.npy")))["done"] == "mask"
-    talk.worker.stop()
+    program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
+    with Blender(tmp_path / "log", program=program) as blender:
+        drawn(blender, job(plan[0], assets, SETTINGS, tmp_path / "0.png"))
+        assert blender.do(to_json(mask_job(plan[0], assets, tmp_path / "0.npy"))).content
 
 
 def test_a_blender_without_numpy_says_so(tmp_path):
     """Debian's does not bring it."""
-    code = (
-        f"import runpy, sys; sys.modules['numpy'] = None; sys.argv = [{str(WORKER)!r}];"
-        f"runpy.run_path({str(WORKER)!r}, run_name='__main__')"
-    )
-    answers = queue.SimpleQueue()
-    command = [sys.executable, "-P", "-c", code]
-    worker = WorkerProcess(command, tmp_path / "log", lambda _, answer: answers.put(answer))
-    answer = answers.get(timeout=120)
-    assert "has no numpy" in answer["unusable"]
-    assert answer["remedy"] == "install numpy for that Python"
-    worker.kill()
+    blender = Blender(tmp_path / "log", program=in_place_of_blender(tmp_path, "sys.modules['numpy'] = None"))
+    with pytest.raises(HulldownError, match=r"has no numpy; install numpy for that Python$"):
+        blender.do({})
 
 
 def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
-    talk = Conversation(worker_command(None), tmp_path / "log")
     good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
-    bad = {**good, "light": {**good["light"], "hdri": str(tmp_path / "nowhere.exr")}}
-    assert "nowhere.exr" in talk.ask(bad)["failed"]
+    bad, cut = ({**good, "light": {**good["light"], "hdri": str(tmp_path / f"{name}.exr")}} for name in ("gone", "cut"))
     (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
-    for _ in range(2):
-        cut = {**good, "light": {**good["light"], "hdri": str(tmp_path / "cut.exr")}}
-        assert "cut.exr: Blender cannot read this picture" in talk.ask(cut)["failed"]
-    assert talk.ask(good)["done"] == "render"
-    talk.worker.stop()
+    with Blender(tmp_path / "log") as blender:
+        assert ["gone.exr" in reason for reason in blender.do(bad).reasons] == [True] * 3
+        reasons = blender.do(cut).reasons
+        assert ["cut.exr: Blender cannot read this picture" in reason for reason in reasons] == [True] * 3
+        assert not blender.do(good).reasons
 
 
 def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
@@ -260,13 +243,10 @@ def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, asset
     packing = replace(assets, sceneries={"field": replace(field, path=folder / "leaking.blend")})
     pictures = []
     for a in (replace(assets, sceneries={"field": field}), packing):
-        talk = Conversation(worker_command(None), tmp_path / "log")
-        for hdri in ("sky", "grey", "sky"):
-            row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
-            output = tmp_path / f"{len(pictures)}.png"
-            assert talk.ask(job(row, a, SETTINGS, output)).get("done") == "render"
-            pictures.append(pixels(output))
-        talk.worker.stop()
+        with Blender(tmp_path / "log") as blender:
+            for hdri in ("sky", "grey", "sky"):
+                row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
+                pictures.append(drawn(blender, job(row, a, SETTINGS, tmp_path / f"{len(pictures)}.png")))
     sky, grey, again, *packed = pictures
     assert not np.array_equal(sky, grey)
     for picture, expected in zip(packed, (sky, grey, again), strict=True):
@@ -274,12 +254,14 @@ def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, asset
 
 
 def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
-    talk = Conversation(worker_command(None), tmp_path / "log")
-    talk.worker.send(job(plan[0], assets, {**SETTINGS, "samples": 1_000_000}, tmp_path / "0.png"))
-    time.sleep(1.0)
-    talk.worker.close_stdin()
-    assert talk.answers.get(timeout=30) is None
-    talk.worker.kill()
+    heard = queue.SimpleQueue()
+    with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
+        assert b"ready" in heard.get(timeout=120)
+        message = job(plan[0], assets, {**SETTINGS, "samples": 1_000_000}, tmp_path / "0.png")
+        worker.write(json.dumps(message).encode() + b"\n")
+        time.sleep(1.0)
+        worker.close_stdin()
+        assert heard.get(timeout=30) == b""
 
 
 def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
@@ -317,10 +299,8 @@ def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg):
     up = np.eye(4)
     up[2, 3] = 500.0
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
-    talk = Conversation(worker_command(None), tmp_path / "log")
-    assert talk.ask(to_json(mask_job(row, assets, tmp_path / "m.npy")))["done"] == "mask"
-    talk.worker.stop()
-    seen = np.load(tmp_path / "m.npy")[1] == 1
+    with Blender(tmp_path / "log") as blender:
+        seen = np.load(BytesIO(blender.do(to_json(mask_job(row, assets, tmp_path / "m.npy"))).content))[1] == 1
     expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99

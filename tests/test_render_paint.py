@@ -5,7 +5,6 @@ import colorsys
 import numpy as np
 import pytest
 from msgspec.structs import replace as altered
-from PIL import Image
 
 from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
@@ -18,8 +17,7 @@ from hulldown.planning.loading import load_assets, load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.pool import Pool
-from hulldown.tests.blender_plans import copied, make_worlds
+from hulldown.tests.blender_plans import copied, draw, make_worlds
 
 pytestmark = pytest.mark.blender
 SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
@@ -99,15 +97,7 @@ def pictures(row, assets, folder):
 def rendered(rows, assets, folder):
     """Pictures of rows by one worker."""
     messages = [to_json(render_job(row, assets, SETTINGS, folder / f"{number}.png")) for number, row in enumerate(rows)]
-    failures = {}
-    with Pool(folder / "logs", workers=1) as pool:
-        pool.run(range(len(messages)), messages.__getitem__, lambda i, answer: None, failures.__setitem__)
-    assert failures == {}
-    found = []
-    for message in messages:
-        with Image.open(message["output"]) as image:
-            found.append(np.asarray(image.convert("RGB")).astype(np.float64))
-    return found
+    return draw(folder, messages)
 
 
 @pytest.fixture(scope="module")

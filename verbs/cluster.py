@@ -49,10 +49,11 @@ def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Ite
 
 def _train_here(order: Any) -> Any:
     """What runs in a worker of the cluster."""
-    from hulldown.render.cluster.workers import own_address, wanted
-    from hulldown.training.study.elsewhere import run_here
+    from hulldown.render.cluster.workers import Answer, wanted
+    from hulldown.training.study.elsewhere import run_here, unseen
 
-    return own_address(), run_here(order, wanted())
+    refused = unseen(order)
+    return Answer(refused=refused) if refused else Answer(run_here(order, wanted()))
 
 
 def _cluster(arguments: argparse.Namespace) -> int:

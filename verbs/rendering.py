@@ -39,7 +39,7 @@ from hulldown.verbs.terminal import (
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from hulldown.render.pool import DEFAULT_LIMITS
+    from hulldown.render.process import DEFAULT_LIMITS
     from hulldown.render.supervisor import Engine, Part, render_plan
 
     with titled_bar(unit="images") as advance:

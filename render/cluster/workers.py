@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster that can do this client's tasks; knows nothing about pictures or trainings.
+"""Tasks on the workers of a Dask cluster; knows nothing about pictures or trainings.
 
 Dask schedules tasks, gives those of a lost worker to others, and moves data. This module leaves out workers that can't
 do the tasks, which Dask doesn't know.
@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import queue
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from typing import Any, Generic, TypeVar
+from weakref import WeakValueDictionary
 
-from distributed import Client, Future, Security, get_worker
+from distributed import Client, Future, KilledWorker, Security, get_worker
 from distributed.comm import CommClosedError
 from distributed.worker import thread_state
 
@@ -28,10 +29,69 @@ from hulldown.render.cluster.scheduler import Scheduler
 
 GONE_S = 15.0  # how long a scheduler may be out of reach
 LOOK_S = 1.0  # how often the client asks which workers there are
+POLL_S = 0.05
+GATHER_S = 60.0  # that a result may take over the network before it's asked for again
+LOSSES = 3  # of workers over a task, until it's tried alone
+STRIKES = 3  # tasks that a worker fails at and others don't, until it gets no more
+
+Job = TypeVar("Job")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a task returns.
+
+    Parameters
+    ----------
+    value
+        Its result.
+    has_failed
+        Whether another worker shall try it, if there is one.
+    lacking
+        SHA-256 of the contents that the worker must be sent first.
+    refused
+        Why this worker can do no task; empty if it can.
+    lines
+        Messages for the user.
+    worker
+        Address of the worker.
+    """
+
+    value: Any = None
+    has_failed: bool = False
+    lacking: tuple[str, ...] = ()
+    refused: str = ""
+    lines: tuple[str, ...] = ()
+    worker: str = field(default_factory=lambda: str(get_worker().address))
+
+
+@dataclass(eq=False, slots=True)
+class _Task(Generic[Job]):
+    """A job that isn't done yet.
+
+    Parameters
+    ----------
+    job
+        The caller's.
+    failed_on
+        Workers that failed at it.
+    contents
+        Data that its next worker is sent.
+    losses
+        How many workers were lost over it.
+    is_suspect
+        Whether it's tried alone, since it may be what ends workers.
+    """
+
+    job: Job
+    failed_on: list[str] = field(default_factory=list)
+    contents: list[Future] = field(default_factory=list)
+    losses: int = 0
+    is_suspect: bool = False
 
 
 class Cluster:
-    """A connection to the workers of a cluster. Leaving it as a context takes back its tasks.
+    """A connection to the workers of a cluster, for any thread. Leaving it as a context takes back its tasks.
 
     Parameters
     ----------
@@ -43,6 +103,8 @@ class Cluster:
         Called on each new worker with `about`; returns why it can't do the tasks, empty if it can.
     about
         Data of the client.
+    at_once
+        Tasks that each worker is given: one that it does, and more that wait there.
     say
         Told a line now and then.
 
@@ -59,11 +121,10 @@ class Cluster:
         refusal: Callable[..., str],
         about: tuple[Any, ...],
         *,
+        at_once: int = 1,
         say: Callable[[str], None],
     ) -> None:
-        self._address, self._resource = scheduler.address, resource
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of other threads too
-        self._tell, self._say = say, self._lines.put
+        self._address, self._resource, self._at_once, self._say = scheduler.address, resource, at_once, say
         self._refusal, self._about = refusal, about
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we report what matters
         self.client = _connect(scheduler)
@@ -71,9 +132,10 @@ class Cluster:
         self._reached, self._looked = time.monotonic(), 0.0
         self._fit: set[str] = set()
         self._refused: dict[str, str] = {}
-        self._asked: set[str] = set()
+        self._asked: dict[str, Future] = {}
         self._told = -1
-        self._tasks: WeakKeyDictionary[Future, frozenset[str]] = WeakKeyDictionary()  # who may do each
+        self._strikes: dict[str, int] = {}
+        self._tasks: dict[Future, frozenset[str]] = {}  # who may do each
         self._contents: WeakValueDictionary[str, Future] = WeakValueDictionary()
         if "dashboard" in self.client.scheduler_info()["services"]:
             self._say(f"dashboard: {self.client.dashboard_link}")
@@ -83,6 +145,124 @@ class Cluster:
         """Addresses of the workers that get tasks."""
         return frozenset(self._fit)
 
+    def results(
+        self,
+        jobs: Iterable[Job],
+        function: Callable[..., Answer],
+        order: Callable[[Job], Any],
+        *,
+        stopping: Callable[[], bool],
+        content: Callable[[str], bytes] = lambda digest: b"",
+    ) -> Iterator[tuple[Job, Answer | None]]:
+        """Have the workers do some jobs; yields each with its answer as it ends, None if its workers were lost.
+
+        Parameters
+        ----------
+        jobs
+            Any objects.
+        function
+            What a worker calls with an order, and contents that it lacked; see `Answer`.
+        order
+            The order for a job.
+        stopping
+            Asked several times a second whether to end early.
+        content
+            Data by its SHA-256.
+
+        Raises
+        ------
+        HulldownError
+            If the scheduler is lost, or there are workers and all are refused.
+        """
+        waiting, suspects = deque(_Task(job) for job in jobs), deque[_Task[Job]]()
+        running: dict[Future, _Task[Job]] = {}
+        try:
+            while (waiting or suspects or running) and not stopping():
+                with self._lock:
+                    is_connected = self.look()
+                    while is_connected and waiting and len(self._tasks) < self._at_once * len(self._fit):
+                        task = waiting.popleft()
+                        running[self._submit(function, order(task.job), task)] = task
+                    if is_connected and self._fit and suspects and not self._tasks and not waiting:
+                        task = suspects.popleft()
+                        running[self._submit(function, order(task.job), task)] = task
+                ended = [future for future in running if future.done()]
+                for future in ended:
+                    task = running.pop(future)
+                    answer: Answer | None = None
+                    try:
+                        answer = future.result(timeout=GATHER_S)
+                    except TimeoutError:
+                        running[future] = task
+                        continue
+                    except CancelledError:  # with its workers, its contents or the scheduler
+                        task.losses += 1
+                    except KilledWorker:  # Dask has tried it on several workers
+                        task.losses = LOSSES
+                    self._tasks.pop(future, None)
+                    task.contents = []
+                    if answer is None and task.losses < LOSSES and not task.is_suspect:
+                        waiting.appendleft(task)
+                    elif answer is None and not task.is_suspect:
+                        task.is_suspect = True
+                        suspects.append(task)
+                    elif answer is None or self._is_final(answer, task, content):
+                        yield task.job, answer
+                    else:
+                        waiting.appendleft(task)
+                if not ended:
+                    time.sleep(POLL_S)
+        finally:
+            self.cancel(running)
+
+    def _submit(self, function: Callable[..., Answer], order: Any, task: _Task[Any]) -> Future:
+        workers = self.fit - set(task.failed_on) or self.fit
+        future = self.client.submit(
+            function,
+            order,
+            *task.contents,
+            key=f"hulldown-{uuid.uuid4().hex}",
+            workers=sorted(workers),
+            allow_other_workers=False,
+            resources={self._resource: 1},
+            pure=False,
+        )
+        self._tasks[future] = workers
+        return future
+
+    def _is_final(self, answer: Answer, task: _Task[Any], content: Callable[[str], bytes]) -> bool:
+        """Whether a task is done; what it needs to be tried again is arranged otherwise."""
+        with self._lock:
+            for line in answer.lines:
+                self._say(f"{answer.worker}: {line}")
+            if answer.refused:
+                self.refuse(answer.worker, answer.refused)
+                return False
+            if answer.lacking:
+                found = (self._content(digest, content, answer.worker) for digest in answer.lacking)
+                task.contents = [future for future in found if future is not None]
+                return False
+            if answer.has_failed:
+                task.failed_on.append(answer.worker)
+                return len(task.failed_on) > 1 or not self._fit - {answer.worker}
+            for address in task.failed_on:
+                self._strikes[address] = self._strikes.get(address, 0) + 1
+                if self._strikes[address] == STRIKES:
+                    self.refuse(address, f"has failed at {STRIKES} images that others could render")
+            return True
+
+    def _content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
+        """Data in the cluster's memory by its SHA-256, put on a worker first; None if that worker is gone."""
+        future = self._contents.get(digest)
+        if future is None or future.status in ("cancelled", "lost", "error"):
+            try:
+                key = f"hulldown-{digest}"
+                future = self.client.scatter({key: read(digest)}, workers=[worker])[key]
+            except (OSError, ValueError, KeyError, TimeoutError):
+                return None
+            self._contents[digest] = future
+        return future
+
     def look(self) -> bool:
         """Find workers that came or went; whether the scheduler is in reach.
 
@@ -91,7 +271,6 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        self._tell_lines()
         with self._lock:
             if not self._is_connected():
                 return False
@@ -99,14 +278,10 @@ class Cluster:
                 self._looked = time.monotonic()
                 with contextlib.suppress(OSError):
                     self._count(self._workers())
-            if self._asked and self._asked <= self._refused.keys():
+            if self._asked and self._asked.keys() == self._refused.keys():
                 address = next(reversed(self._refused))
                 raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
             return True
-
-    def _tell_lines(self) -> None:
-        while not self._lines.empty():
-            self._tell(self._lines.get())
 
     def _is_connected(self) -> bool:
         now = time.monotonic()
@@ -131,32 +306,29 @@ class Cluster:
             self._say(f"{address}: is gone; others do its tasks")
         self._fit &= there
         self._refused = {address: why for address, why in self._refused.items() if address in there}
-        self._asked &= there
-        for address in there - self._asked:
-            self._asked.add(address)
-            threading.Thread(target=self._ask, args=(address,), daemon=True).start()
-        if len(self._fit) != self._told and (self._fit or self._asked == self._refused.keys()):
+        self._asked = {
+            address: self._asked.get(address)
+            or self.client.submit(self._refusal, *self._about, workers=[address], priority=1, pure=False)
+            for address in there
+        }
+        for address in there - self._fit - self._refused.keys():
+            if self._asked[address].done():
+                self._judge(address, self._asked[address])
+        if len(self._fit) != self._told and (self._fit or self._asked.keys() == self._refused.keys()):
             self._told = len(self._fit)
             many = f"{self._told} workers are in use"
             self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
         # Dask would wait for one of the workers that a task was meant for.
         self.cancel([task for task, workers in self._tasks.items() if not workers & there and not task.done()])
 
-    def _ask(self, address: str) -> None:
-        """Find out whether a worker can do the tasks; in a thread, since a worker may never answer."""
-        try:
-            answers = self.client.run(self._refusal, *self._about, workers=[address], on_error="return")
-            answer = answers.get(address, OSError())
-        except (OSError, CancelledError) as error:
-            answer = error
-        with self._lock:
-            if isinstance(answer, OSError | CommClosedError | CancelledError):
-                self._asked.discard(address)  # it's gone, or will be asked again
-            elif answer:
-                why = answer if isinstance(answer, str) else f"fails: {type(answer).__name__}: {answer}"
-                self.refuse(address, why)
-            elif address in self._asked:
-                self._fit.add(address)
+    def _judge(self, address: str, asked: Future) -> None:
+        error = CancelledError() if asked.cancelled() else asked.exception()
+        if isinstance(error, OSError | CommClosedError | CancelledError | KilledWorker):
+            del self._asked[address]  # it's gone, or will be asked again
+        elif why := f"fails: {type(error).__name__}: {error}" if error else asked.result():
+            self.refuse(address, why)
+        else:
+            self._fit.add(address)
 
     def refuse(self, address: str, why: str) -> None:
         """Give a worker no more tasks; `why` completes a sentence about it."""
@@ -166,41 +338,13 @@ class Cluster:
                 self._say(f"{address}: is not used: it {why}")
             self._fit.discard(address)
 
-    def submit(self, function: Callable[..., Any], *data: Any, avoiding: Iterable[str] = ()) -> Future:
-        """Have one of the fit workers call a function; not one of `avoiding` if there's another.
-
-        A future that ends as cancelled was lost with its workers or data, and can be submitted again.
-        """
-        with self._lock:
-            workers = self.fit - set(avoiding) or self.fit
-            future = self.client.submit(
-                function,
-                *data,
-                key=f"hulldown-{uuid.uuid4().hex}",
-                workers=sorted(workers),
-                allow_other_workers=False,
-                resources={self._resource: 1},
-                pure=False,
-            )
-            self._tasks[future] = workers
-            return future
-
-    def content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
-        """Data in the cluster's memory by its SHA-256, put on a worker first; None if that worker is gone."""
-        future = self._contents.get(digest)
-        if future is None or future.status in ("cancelled", "lost", "error"):
-            try:
-                key = f"hulldown-{digest}"
-                future = self.client.scatter({key: read(digest)}, workers=[worker])[key]
-            except (OSError, ValueError, KeyError, TimeoutError):
-                return None
-            self._contents[digest] = future
-        return future
-
     def cancel(self, futures: Iterable[Future]) -> None:
         """Take tasks back; one that has begun finds out by `wanted`."""
-        if (futures := list(futures)) and self.client.status == "running":
-            self.client.cancel(futures, force=True)
+        with self._lock:
+            for future in (futures := list(futures)):
+                self._tasks.pop(future, None)
+            if futures and self.client.status == "running":
+                self.client.cancel(futures, force=True)
 
     def __enter__(self) -> Cluster:
         return self
@@ -209,12 +353,6 @@ class Cluster:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.client.close(timeout=5)
-        self._tell_lines()
-
-
-def own_address() -> str:
-    """For the task that calls this: its worker's address."""
-    return str(get_worker().address)
 
 
 def wanted() -> Callable[[], bool]:

@@ -53,19 +53,9 @@ def render(plan: Path, dataset: Path, kills: Sequence[Kill] = ()) -> Course:
     with (dataset.parent / f"{dataset.name}.log").open("ab") as log:
         while course.started <= len(kills) + SPARE_RUNS:
             course.started += 1
-            command = [
-                sys.executable,
-                "-P",
-                "-m",
-                "hulldown.cli",
-                "render",
-                str(plan),
-                "-o",
-                str(dataset),
-                "--device",
-                "cpu",
-            ]
-            environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+            command = [sys.executable, "-P", "-m", "hulldown.cli", "render", str(plan), "-o", str(dataset)]
+            command += ["--device", "cpu"]
+            environment = {**os.environ, "PYTHONPATH": str(ROOT / ".dev")}
             run = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
             try:
                 _strike(run, dataset, left, course)

@@ -10,7 +10,6 @@ import hashlib
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from hulldown.training.study.runs import Launch, Options, Progress, in_a_process
 
 RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
 POLL_S = 0.2
-LOSSES = 3  # of workers over one run, until it is set aside
 LEFT_S = 60.0  # what a run gets to end whose worker is gone, until another continues it
 # Dask's nanny sets these to 1 for tasks that share a process. A run has its own, and its weights depend on them.
 NANNYS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -40,65 +38,29 @@ class Order:
     options: Options
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What became of a run: `refused` is why its worker can run nothing, `failed` why the run has failed."""
-
-    refused: str = ""
-    failed: str | None = None
-
-
-def launch_on(workers: Any, function: Callable[[Order], tuple[str, Answer]]) -> Launch:
-    """What runs each run on a worker of a cluster, no more at a time than there are workers.
+def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
+    """What runs each run on a worker of a cluster.
 
     Parameters
     ----------
-    workers
+    cluster
         A `render.cluster.workers.Cluster`.
     function
-        What a worker calls, which comes to `run_here`; returns the worker's address too.
+        What a worker calls, which comes to `run_here`.
     """
-    lock = threading.Lock()
-    running: set[str] = set()
-
-    def begin(name: str, order: Order) -> Any:
-        with lock:
-            if not workers.look() or len(running) >= len(workers.fit):
-                return None
-            running.add(name)
-        return workers.submit(function, order)
 
     def launch(study: Path, name: str, options: Options, progress: Progress, stop: threading.Event) -> str | None:
         study = study.resolve()
         order = Order(str(study), _sha256(study / MANIFEST_NAME), name, options)
-        losses = 0
-        while losses < LOSSES:
-            while (task := begin(name, order)) is None:
-                if stop.wait(POLL_S):
-                    return "stopped"
-            try:
-                while not task.done():
-                    if stop.wait(POLL_S):
-                        workers.cancel([task])
-                        return "stopped"
-                    workers.look()
-                worker, answer = task.result()
-            except CancelledError:
-                losses += 1
-                continue
-            finally:
-                with lock:
-                    running.discard(name)
-            if not answer.refused:
-                return answer.failed
-            workers.refuse(worker, answer.refused)
-        return f"{LOSSES} workers were lost over it"
+        for _, answer in cluster.results([order], function, lambda order: order, stopping=stop.is_set):
+            return answer.value if answer else "its workers were lost"
+        return "stopped"
 
     return launch
 
 
-def run_here(order: Order, wanted: Callable[[], bool]) -> Answer:
-    """Run what a client has ordered, in a process of its own.
+def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
+    """Run what a client has ordered, in a process of its own; why it failed, None if it didn't.
 
     Parameters
     ----------
@@ -107,8 +69,6 @@ def run_here(order: Order, wanted: Callable[[], bool]) -> Answer:
     wanted
         Asked now and then whether the client still waits for it; the run is ended if not.
     """
-    if wrong := _difference(order):
-        return Answer(refused=wrong)
     study = Path(order.study)
     stop, ended = threading.Event(), threading.Event()
 
@@ -122,14 +82,13 @@ def run_here(order: Order, wanted: Callable[[], bool]) -> Answer:
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
     try:
         _wait_for(study / RUNS_NAME / read_manifest(study).run(order.name).folder)
-        failed = in_a_process(study, order.name, order.options, lambda what, done, total: None, stop, environment)
+        return in_a_process(study, order.name, order.options, lambda what, done, total: None, stop, environment)
     finally:
         ended.set()
-    return Answer(failed=failed)
 
 
-def _difference(order: Order) -> str:
-    """Why this machine can't run a run; empty if it can."""
+def unseen(order: Order) -> str:
+    """Why this machine can't run a run, whose files it doesn't see; empty if it can."""
     study = Path(order.study)
     try:
         if _sha256(study / MANIFEST_NAME) != order.manifest:
