@@ -65,7 +65,7 @@ class Session:
     Attributes
     ----------
     begun
-        Whether an image has been given its name, or given up.
+        Whether an image has been given its name, or the run has come to its end.
     devices
         What has rendered.
     restarts
@@ -126,6 +126,8 @@ class Session:
         try:
             for index, outcome in pool.results(self._remaining.order, self._message):
                 self._take_in(index, outcome)
+            if self.failed:
+                self._begin()
         finally:
             shutil.rmtree(self._unfinished, ignore_errors=True)
 
@@ -151,7 +153,7 @@ class Session:
             )
 
     def _begin(self) -> None:
-        """Once Blender works: what failed in an earlier run gets its attempts anew."""
+        """Once an image is there: what failed in an earlier run gets its attempts anew."""
         if not self.begun:
             self.begun = True
             write_failures(self._folder, self._failures)
@@ -223,9 +225,9 @@ class Session:
         self.say("")
 
     def _give_up(self, index: int, reasons: Sequence[str]) -> None:
-        self._begin()
         name = self._remaining.run.file_name(self._row(index).file_name)
         self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
-        write_failures(self._folder, self._failures)
+        if self.begun:
+            write_failures(self._folder, self._failures)
         self.failed.append(name)
         self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.render_worlds import box, field, fresh, grey, save
+from hulldown.tests.render_worlds import box, field, fresh, grey, save
 
 FOLDER = Path(sys.argv[1])
 

@@ -165,7 +165,7 @@ def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
         assert client.poll() is None
         time.sleep(0.01)
     client.kill()
-    client.wait()
+    client.communicate()
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert course.report.already >= 2
     assert_same(folder / "whole", tmp_path / "d")

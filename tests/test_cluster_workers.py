@@ -96,11 +96,22 @@ def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
 
 
 @needs_openssl
-def test_nobody_comes_in_without_a_certificate(tmp_path):
+def test_tasks_go_over_tls_and_nobody_comes_in_without_a_certificate(tmp_path):
     files, options = certificates(tmp_path)
-    with cluster(tmp_path / "nodes", 0, tls=options) as nodes:
+    with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
         assert nodes.address.startswith("tls://")
-        with Cluster(Scheduler(nodes.address, **files), "render", no_refusal, (), say=lambda line: None) as workers:
-            assert workers.look()
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
             Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None)
+        with Cluster(Scheduler(nodes.address, **files), "render", no_refusal, (), say=lambda line: None) as workers:
+            found = workers.results(["data"], with_contents, str, stopping=never, content=str.encode)
+            assert [answer.value for _, answer in found] == [b"data"]
+
+
+def test_a_lost_scheduler_ends_the_run_in_one_line(tmp_path):
+    with (
+        cluster(tmp_path / "nodes", 1) as nodes,
+        Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None) as workers,
+        pytest.raises(HulldownError, match=r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$"),
+    ):
+        for _ in workers.results(range(10**9), with_contents, str, stopping=never, content=str.encode):
+            nodes.scheduler.kill()
