@@ -113,5 +113,4 @@ def test_a_lost_scheduler_ends_the_run_in_one_line(tmp_path):
         Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None) as workers,
         pytest.raises(HulldownError, match=r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$"),
     ):
-        for _ in workers.results(range(10**9), with_contents, str, stopping=never, content=str.encode):
-            nodes.scheduler.kill()
+        list(workers.results([""], with_contents, str, stopping=nodes.scheduler.kill))

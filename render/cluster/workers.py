@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -174,7 +175,8 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        waiting, suspects = deque(_Task(job) for job in jobs), deque[_Task[Job]]()
+        new = map(_Task, jobs)  # one after the other, however many there are
+        waiting, suspects = deque(islice(new, 1)), deque[_Task[Job]]()
         running: dict[Future, _Task[Job]] = {}
         try:
             while (waiting or suspects or running) and not stopping():
@@ -183,6 +185,8 @@ class Cluster:
                     while is_connected and waiting and len(self._tasks) < self._at_once * len(self._fit):
                         task = waiting.popleft()
                         running[self._submit(function, order(task.job), task)] = task
+                        if not waiting:
+                            waiting.extend(islice(new, 1))
                     if is_connected and self._fit and suspects and not self._tasks and not waiting:
                         task = suspects.popleft()
                         running[self._submit(function, order(task.job), task)] = task
