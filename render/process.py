@@ -380,8 +380,8 @@ def _written(message: Mapping[str, Any]) -> tuple[str, bytes]:
     """What is wrong with the file that a job has written, or its content."""
     output = Path(message["output"])
     if message["do"] == "render":
-        wrong = damage(output, message["camera"]["width"], message["camera"]["height"])
-        if wrong:
+        size = message["camera"]["intrinsics"]
+        if wrong := damage(output, size["width"], size["height"]):
             return wrong, b""
     try:
         return "", output.read_bytes()

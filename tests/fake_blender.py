@@ -78,12 +78,12 @@ def main():
             else:
                 how = ""
         message = misbehave(how)
-        if message is None and job["do"] == "render" and job["camera"]["width"] == TOO_WIDE:
+        if message is None and job["do"] == "render" and job["camera"]["intrinsics"]["width"] == TOO_WIDE:
             message = {"failed": "MemoryError: "}
         if message is None and job["do"] == "render":
             time.sleep(random.uniform(0.0, 0.01))
-            camera = job["camera"]
-            Path(job["output"]).write_bytes(png(camera["width"], camera["height"], job["seed"] % 256))
+            size = job["camera"]["intrinsics"]
+            Path(job["output"]).write_bytes(png(size["width"], size["height"], job["seed"] % 256))
         answer(message or {"done": job["do"], "pid": os.getpid(), "name": job.get("name")})
 
 

@@ -12,8 +12,6 @@ from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.cluster_tasks import no_refusal, slow_at_first, until_unwanted, with_contents
 from hulldown.tests.clusters import cluster
 
-pytestmark = pytest.mark.thorough
-
 
 @pytest.fixture(scope="module")
 def nodes(tmp_path_factory):
