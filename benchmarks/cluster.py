@@ -23,7 +23,8 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.pool import DEFAULT_LIMITS, Pool
+from hulldown.render.pool import Pool
+from hulldown.render.process import DEFAULT_LIMITS
 from hulldown.render.remaining import sort_key
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster
@@ -65,7 +66,7 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
 
     def once(pool: Pool | ClusterPool) -> float:
         began = time.perf_counter()
-        pool.run(range(len(rows)), message, lambda i, answer: None, lambda i, why: None)
+        assert not any(outcome.reasons for _, outcome in pool.results(range(len(rows)), message))
         return time.perf_counter() - began
 
     took: dict[str, list[float]] = {"local": [], "cluster": []}
