@@ -116,7 +116,7 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
     ("said", "remedy"),
     [
         ("ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n", libraries.INSTALL),
-        ("ModuleNotFoundError: No module named 'bpy'\n", "hulldown[blender]"),
+        ("No module named 'bpy'\n", "hulldown[blender]"),
         ("ImportError: cannot import name 'x' from 'y'\n", "None"),
     ],
 )
