@@ -24,8 +24,9 @@ from hulldown.geometry.transforms import apply, invert_affine
 RAYS = 1 << 16  # rays whose crossings are held at a time
 # Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
 FLATTEST = 1e-6
-# From so many instances on, Embree first tells which rays cross no box at all.
+# From so many instances on, Embree first tells which rays cross no box at all, if there are rays enough to build for.
 MANY = 16
+FEW_RAYS = 1024
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -213,7 +214,7 @@ class InstancedScene:
 
     def _queue(self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, threads: int) -> _Queue:
         rows = np.arange(len(start))
-        if self._boxes is not None:
+        if self._boxes is not None and len(start) >= FEW_RAYS:
             # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
             far = (reach + self._widest) * (1 + 1e-4)
             rows = np.flatnonzero(self._boxes.occluded(start, along, max_distance=far, threads=threads))
