@@ -37,6 +37,14 @@ def test_the_underside_is_low_at_the_tracks_and_high_between_them():
     np.testing.assert_array_equal(seen.heights[:, np.abs(y) < 0.97], 0.45)
 
 
+def test_a_barrel_beyond_the_footprint_is_over_none_of_it():
+    wheels = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in (-2.0, 2.0) for y in (-1.0, 1.0)]
+    barrels = [box((2.5, -0.1, 1.7), (5.0, 0.1, 1.9)), box((-0.1, -5.0, 1.7), (0.1, -2.5, 1.9))]
+    seen = underside(merge([*wheels, *barrels])[0])
+    np.testing.assert_allclose(seen.box, [[-2.1, -1.1], [2.1, 1.1]])
+    assert np.isin(seen.heights, [0.0, np.inf]).all()
+
+
 def test_a_sheet_of_small_pieces_on_its_edge_stands():
     x = np.linspace(-2.0, 2.0, 301)  # shorter than a cell
     i = np.arange(300)
