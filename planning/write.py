@@ -73,7 +73,7 @@ def write_plan(
         start = _resume(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (8 * workers), _SMALLEST_BLOCK), BLOCK)
+        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _planned(planner, blocks, workers):
