@@ -10,7 +10,7 @@ from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Piece
-from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles
+from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
 from hulldown.tests.test_roles import link, piece
 
 HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
@@ -203,3 +203,9 @@ def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
     with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
         build_scenery("s", Evaluated(pieces=[HILLS]), [], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
+
+
+def test_only_drop_names_what_carries_a_piece():
+    leaves = [piece("leaf", carrier="Emitter")]
+    assert unmatched(leaves, Options(drop=("Emitter",))) is None
+    assert unmatched(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")
