@@ -1,1 +1,88 @@
-"""Plan, render, and annotate synthetic detection datasets of vehicles on terrain."""
+"""Plan, render, and annotate synthetic detection datasets of vehicles on terrain.
+
+The names below are the whole of what a script needs; docs/python.md shows them in use. Each is imported when it's first
+asked for, so that `import hulldown` waits for nothing.
+
+Examples
+--------
+>>> import hulldown as hd
+>>> hills = hd.Mesh([[0.0, 0, 0], [40, 0, 8], [40, 40, 8], [0, 40, 0]], [[0, 1, 2], [0, 2, 3]])
+>>> hd.Terrain(hills).top_hits([[20.0, 10.0]]).z.tolist()
+[4.0]
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hulldown.dataset.exports.export import export
+    from hulldown.dataset.join import join
+    from hulldown.dataset.table import Dataset
+    from hulldown.dataset.verification.verify import verify
+    from hulldown.geometry.errors import HulldownError
+    from hulldown.geometry.meshes import Mesh
+    from hulldown.placement.settle import settle
+    from hulldown.placement.terrain import Terrain
+    from hulldown.planning.config.schema import Config
+    from hulldown.planning.plan_file import read_plan
+    from hulldown.planning.write import plan
+    from hulldown.render.supervisor import render
+    from hulldown.training.evaluation.report import evaluate_files as evaluate
+    from hulldown.training.predict import predict
+    from hulldown.training.train import train
+
+__all__ = [
+    "Config",
+    "Dataset",
+    "HulldownError",
+    "Mesh",
+    "Terrain",
+    "evaluate",
+    "export",
+    "join",
+    "plan",
+    "predict",
+    "read_plan",
+    "render",
+    "settle",
+    "train",
+    "verify",
+]
+
+_HOMES = {
+    "Config": "planning.config.schema",
+    "Dataset": "dataset.table",
+    "HulldownError": "geometry.errors",
+    "Mesh": "geometry.meshes",
+    "Terrain": "placement.terrain",
+    "evaluate": "training.evaluation.report:evaluate_files",
+    "export": "dataset.exports.export",
+    "join": "dataset.join",
+    "plan": "planning.write",
+    "predict": "training.predict",
+    "read_plan": "planning.plan_file",
+    "settle": "placement.settle",
+    "train": "training.train",
+    "verify": "dataset.verification.verify",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "render":  # a package that can be called
+        return import_module("hulldown.render")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'hulldown' has no attribute {name!r}")
+    if name == "train":
+        from hulldown.training.extra import require_extra
+
+        require_extra()
+    module, _, attribute = _HOMES[name].partition(":")
+    value = getattr(import_module(f"hulldown.{module}"), attribute or name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

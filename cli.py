@@ -25,16 +25,15 @@ import hulldown.verbs.rendering
 import hulldown.verbs.study
 import hulldown.verbs.training
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.terminal import STDERR, say
 from hulldown.verbs.terminal import (
     DONE,
     FOUND,
     MISTAKE,
-    STDERR,
     STDOUT,
     STOPPED,
     in_one_line,
     print_json,
-    say,
     show_list,
     silence_stdout,
     warnings_in_one_line,
@@ -109,9 +108,9 @@ def _demo(arguments: argparse.Namespace) -> int:
         if code := main(words):
             return code
     from hulldown.annotate.sheets import save_sheet
-    from hulldown.dataset.reports.overlay import dataset_sheet
+    from hulldown.dataset.table import Dataset
 
-    save_sheet(dataset_sheet(dataset, count=12, columns=3, masks=False), folder / "contact_sheet.png")
+    save_sheet(Dataset.read(dataset).sheet(count=12, columns=3, masks=False), folder / "contact_sheet.png")
     say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
     return DONE
 

@@ -32,7 +32,7 @@ CHECKED = {
         "hulldown.camera.projection",
         "hulldown.annotate.boxes",
     ],
-    "all": [f"hulldown.{package.removesuffix('.py')}" for package in PACKAGES if package != "__init__.py"],
+    "all": [f"hulldown.{name.removesuffix('.py')}" for name in PACKAGES if name not in ("__init__.py", "py.typed")],
     "off": [],
 }
 install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "beartype.beartype")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from collections.abc import Mapping
+from html import escape
+from io import BytesIO
 from pathlib import Path
 
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import open_regular, replacing
+from hulldown.geometry.files import make_room, open_regular, replacing
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"
@@ -50,3 +54,23 @@ def refuse_foreign(path: Path) -> None:
         raise HulldownError(
             "exists and is no picture that hulldown drew", path=path, remedy="name another file by -o, or move it away"
         )
+
+
+def make_room_for_picture(path: Path) -> None:
+    """As `make_room`, and refuse to replace what is no picture of ours."""
+    make_room(path)
+    refuse_foreign(path)
+
+
+def notebook_page(title: str, facts: Mapping[str, object], sheet: Image.Image | None) -> str:
+    """HTML that a notebook shows of a plan or dataset: what there is in a table, then pictures."""
+    rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts.items())
+    png = f'<img src="data:image/png;base64,{b64encode(encoded(sheet)).decode()}">' if sheet else ""
+    return f"<div><b>{escape(title)}</b><table>{rows}</table>{png}</div>"
+
+
+def encoded(sheet: Image.Image) -> bytes:
+    """A picture as the content of a PNG file."""
+    file = BytesIO()
+    sheet.save(file, format="PNG")
+    return file.getvalue()

@@ -7,6 +7,7 @@ was, and one that is repeated adds what has come since.
 from __future__ import annotations
 
 import filecmp
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -21,6 +22,7 @@ from hulldown.dataset.provenance import add_provenance, read_provenance
 from hulldown.dataset.store.pictures import confined, own_picture, place
 from hulldown.dataset.store.runs import Run
 from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.terminal import shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +64,8 @@ class _Move:
 
 
 def join(
-    parts: Sequence[Path | str],
-    dataset: Path | str,
+    parts: Sequence[str | os.PathLike[str]],
+    dataset: str | os.PathLike[str],
     *,
     allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -79,13 +81,24 @@ def join(
     allow_links
         Folders outside the parts that pictures which are links may lead to.
     progress
-        Told (done, all) after each image that is added.
+        Told (done, all) after each image that is added; None for a bar on a terminal or in a notebook.
 
     Raises
     ------
     DatasetError
         If a part cannot be used, a picture is a link that leads elsewhere, or two different images have one name or
         one id; the dataset is then as it was.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from hulldown.dataset.coco import CocoDataset
+    >>> part, whole = Path(mkdtemp()), mkdtemp()
+    >>> with CocoDataset.open(part, categories=["truck"]) as dataset:
+    ...     (part / "1.jpg").touch()
+    ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [])
+    >>> join([part], whole)
+    Joined(added=1, already=0, failed=0, missing=0)
     """
     folder = Path(dataset)
     allowed = [Path(path) for path in allow_links]
@@ -107,12 +120,11 @@ def join(
     except BaseException:
         target.abandon()
         raise
-    with target:
+    with target, shown("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
             place(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
             target.append(*_records(move))
-            if progress is not None:
-                progress(done, len(left))
+            advance(done, len(left))
         for part in read:
             add_provenance(folder, _provenance(part, target))
         unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +14,13 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from PIL import Image as Pictures
 
-from hulldown.annotate.drawing import draw
+from hulldown.annotate.drawing import contact_sheet, draw
+from hulldown.annotate.sheets import encoded, notebook_page
 from hulldown.dataset.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.planned import image_record, label_records
-from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
@@ -101,7 +103,7 @@ class Dataset:
         self._opened = opened
 
     @classmethod
-    def read(cls, folder: Path | str) -> Dataset:
+    def read(cls, folder: str | os.PathLike[str]) -> Dataset:
         """The dataset in a folder, photographs too.
 
         Raises
@@ -167,6 +169,52 @@ class Dataset:
         except ValueError as error:
             problem = f"{self.images[i].file_name}: {error}"
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
+
+    def sheet(self, *, count: int = 24, columns: int = 4, tile_width: int = 480, masks: bool = True) -> Pictures.Image:
+        """A contact sheet of pictures with their labels on them, taken evenly from the whole dataset.
+
+        Raises
+        ------
+        DatasetError
+            If the dataset has no images, or one of them can't be read.
+        """
+        n = len(self.images)
+        if not n:
+            raise DatasetError("has no images yet", path=self.name, remedy="render some first")
+        chosen = np.unique(np.linspace(0, n - 1, min(count, n)).round().astype(int)).tolist()
+        return contact_sheet([self.picture(i, masks=masks) for i in chosen], columns=columns, tile_width=tile_width)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __fspath__(self) -> str:
+        return self.name
+
+    def __repr__(self) -> str:
+        return f"Dataset({self.name!r}, {len(self):,} images)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: how many labels each class has, and a few pictures."""
+        classes, counts = np.unique(
+            [label.category for image in self.images for label in image.labels], return_counts=True
+        )
+        labels = {f"labels of {name}": f"{n:,}" for name, n in zip(classes.tolist(), counts.tolist(), strict=True)}
+        facts: dict[str, object] = {"images": f"{len(self):,}", **labels}
+        try:
+            picture = self._thumbnails if self.images else None
+        except HulldownError as error:
+            return notebook_page(self.name, {**facts, "no pictures": error}, None)
+        return notebook_page(self.name, facts, picture)
+
+    def _repr_png_(self) -> bytes | None:
+        try:
+            return encoded(self._thumbnails)
+        except HulldownError:
+            return None
+
+    @cached_property
+    def _thumbnails(self) -> Pictures.Image:
+        return self.sheet(count=6, columns=3, tile_width=320)
 
     @cached_property
     def labels(self) -> Columns:

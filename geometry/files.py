@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import BinaryIO, TypeGuard, cast
 
+from hulldown.geometry.errors import HulldownError
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
@@ -122,3 +124,21 @@ def stays_inside(file_name: object) -> TypeGuard[str]:
         return False
     unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)
     return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)
+
+
+def make_room(path: Path) -> None:
+    """Make the folder of a file that shall be written, before the long work.
+
+    Raises
+    ------
+    HulldownError
+        If the path is a folder's, or the folder can't be made.
+    """
+    if path.is_dir():
+        raise HulldownError("is a folder", path=path, remedy="name a file in it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HulldownError(
+            f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
+        ) from None

@@ -8,29 +8,38 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, overload
 
 import filelock
 import msgspec
 import numpy as np
+import orjson
 from jaxtyping import Int
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import open_in_place
 from hulldown.planning.misfit import misfit
 from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
 from hulldown.planning.search.tally import BY_KEY
+
+if TYPE_CHECKING:
+    import pandas
+    from PIL import Image
+
+    from hulldown.planning.preview import Artist
+    from hulldown.planning.summary import Summary
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
 
 
 class Plan:
-    """A plan file, opened for reading: `len(plan)`, `plan[i]`, `for row in plan`.
+    """A plan file, opened for reading: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; a path for functions.
 
     Parameters
     ----------
@@ -66,9 +75,19 @@ class Plan:
         if i + 1 < len(self):
             raise self._too_short(i + 1)
 
-    def __getitem__(self, index: int) -> Row:
-        if not 0 <= index < len(self):
-            raise IndexError(f"index: expected 0 to {len(self) - 1}, got {index}")
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Row]: ...
+
+    def __getitem__(self, index: int | slice) -> Row | list[Row]:
+        """A row, from the end if `index` is negative, or those of a slice."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"index: expected {-len(self)} to {len(self) - 1}, got {index}")
+        index %= len(self)
         with self.path.open("rb") as file:
             if self._starts is None:
                 self._starts = line_starts(file)
@@ -76,6 +95,97 @@ class Plan:
                 raise self._too_short(len(self._starts) - 2)
             file.seek(int(self._starts[index + 1]))
             return self._row(file.readline(), index)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Counts, rejections, and histograms of all rows."""
+        from hulldown.planning.config.config_file import parse_config
+        from hulldown.planning.summary import summarise
+
+        overcast = bool(parse_config(self.header.config, path=self.path).light.overcast)
+        return summarise(self, left_out=self.header.left_out, overcast=overcast)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A table with a row an image, whose columns are named by the keys of docs/plan-file.md: `target.vehicle`.
+
+        Raises
+        ------
+        HulldownError
+            If pandas isn't installed.
+        ConfigError
+            If a row is damaged.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise HulldownError("pandas: not installed", remedy="pip install pandas") from None
+        return pandas.json_normalize([orjson.loads(encode(row)) for row in self])
+
+    def preview(self, indices: Sequence[int] | None = None, *, columns: int = 3, width: int = 480) -> Image.Image:
+        """Shade images without Blender, with their boxes on them, next to each other.
+
+        Parameters
+        ----------
+        indices
+            Which images; None for up to six, evenly from the plan.
+        columns, width
+            Images side by side, and the width of each in pixels.
+
+        Raises
+        ------
+        HulldownError
+            If an asset can't be read any more, or a row is damaged.
+        """
+        from hulldown.planning.preview import evenly, sheet
+
+        chosen = evenly(len(self), 6) if indices is None else indices
+        return sheet(self, self._artist, chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
+
+    @cached_property
+    def _artist(self) -> Artist:
+        from hulldown.geometry.terminal import reading_status
+        from hulldown.planning.loading import load_planned_assets
+        from hulldown.planning.preview import Artist
+
+        with reading_status() as progress:
+            return Artist(self, load_planned_assets(self, progress=progress))
+
+    def __repr__(self) -> str:
+        return f"Plan({str(self.path)!r}, {len(self):,} images)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what the header holds, and previews of a few images if the assets are there."""
+        from hulldown.annotate.sheets import notebook_page
+
+        header = self.header
+        facts: dict[str, object] = {
+            "images": f"{len(self):,}",
+            "classes": ", ".join(header.categories),
+            "vehicles": ", ".join(header.vehicles),
+            "sceneries": ", ".join(header.sceneries),
+            "HDRIs": ", ".join(header.hdris),
+            "seed": header.seed,
+        }
+        try:
+            picture = self._thumbnails
+        except HulldownError as error:
+            return notebook_page(str(self.path), {**facts, "no previews": error}, None)
+        return notebook_page(str(self.path), facts, picture)
+
+    def _repr_png_(self) -> bytes | None:
+        from hulldown.annotate.sheets import encoded
+
+        try:
+            return encoded(self._thumbnails)
+        except HulldownError:
+            return None
+
+    @cached_property
+    def _thumbnails(self) -> Image.Image:
+        return self.preview(width=320)
 
     def _too_short(self, rows: int) -> ConfigError:
         return ConfigError(
@@ -109,6 +219,11 @@ def _damaged(path: Path, number: int, what: str) -> ConfigError:
     return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
 
 
+def picture_of(plan: Path, what: str) -> Path:
+    """The name of a picture beside a plan: `plan.jsonl.summary.png`."""
+    return plan.with_name(f"{plan.name}.{what}.png")
+
+
 class _Names:
     """The names of pictures so far; of those that a planner gave, which are one's own by their number, none is kept."""
 
@@ -130,7 +245,7 @@ class _Names:
         return other if (other := self._others.setdefault(name, index)) != index else None
 
 
-def read_plan(path: str | Path) -> Plan:
+def read_plan(path: str | os.PathLike[str]) -> Plan:
     """Open a plan; rows are read when asked for.
 
     Raises

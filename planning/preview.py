@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -57,18 +57,34 @@ def preview_sheet(
     progress
         Called with images done and their number.
     """
-    count = min(count, len(plan))
-    indices = sorted({round(i) for i in np.linspace(0, len(plan) - 1, count).tolist()}) if count else []
-    artist = Artist(plan, assets)
+    chosen = evenly(len(plan), count)
+    made = sheet(plan, Artist(plan, assets), chosen, columns=columns, tile_width=tile_width, progress=progress)
+    save_sheet(made, Path(path))
+
+
+def evenly(n: int, count: int) -> list[int]:
+    """At most `count` of the indices below `n`, spread evenly."""
+    return np.unique(np.linspace(0, n - 1, min(count, n)).round().astype(int)).tolist()
+
+
+def sheet(
+    plan: Plan,
+    artist: Artist,
+    indices: Sequence[int],
+    *,
+    columns: int,
+    tile_width: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Image.Image:
+    """A contact sheet of these images of a plan; `progress` is called with images done and their number."""
     pictures, captions = [], []
-    for done, index in enumerate(indices):
+    for done, index in enumerate(indices, start=1):
         row = plan[index]
         pictures.append(artist.picture(row, width=tile_width))
         captions.append(caption(row))
         if progress:
-            progress(done + 1, len(indices))
-    sheet = contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
-    save_sheet(sheet, Path(path))
+            progress(done, len(indices))
+    return contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
 
 
 def caption(row: Row) -> str:

@@ -8,6 +8,7 @@ import platform
 import signal
 import sys
 import threading
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -18,15 +19,76 @@ from pathlib import Path
 
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
-from hulldown.planning.plan_file import Plan, PlanWriter, read_plan
+from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
 from hulldown.planning.search.pairs import Pairs
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 Progress = Callable[[int, int], None]
 _AHEAD = 3  # blocks a worker may be ahead of the file: bounds memory when one block is slow
 _SMALLEST_BLOCK = 64
+
+
+def plan(
+    config: Config,
+    path: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    strict: bool = False,
+    cache: Path | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    progress: Progress | None = None,
+) -> Plan:
+    """Read a config's assets, plan every pose, and write the plan and the picture of its summary.
+
+    Calling it again after it was stopped continues. What a person should look at is warned of.
+
+    Parameters
+    ----------
+    config
+        What is wanted.
+    path
+        The plan file, such as ``plan.jsonl``; replaced when, and only when, the new plan is complete.
+    workers
+        Processes that plan; None for one a core. The plan doesn't depend on their number.
+    strict
+        Refuse missing textures and libraries, and vehicles without a place on a scenery.
+    cache
+        Where what is read of assets is kept; what the config says if None.
+    limits
+        When reading an asset is given up.
+    progress
+        Called with the images planned so far and their total; None for a bar on a terminal or in a notebook.
+
+    Raises
+    ------
+    HulldownError
+        If an asset can't be read, the config can't be met, or the plan can't be written.
+
+    Examples
+    --------
+    >>> config = Config.read("project/hulldown.toml")  # doctest: +SKIP
+    >>> made = plan(config, "project/plan.jsonl")  # doctest: +SKIP
+    """
+    # Not at the top: the processes that plan import this module.
+    from hulldown.annotate.sheets import make_room_for_picture
+    from hulldown.geometry.terminal import reading_status, shown
+    from hulldown.planning.loading import load_assets
+
+    path = Path(path)
+    if path.suffix.lower() == ".png":
+        raise ConfigError("a plan is text, and its picture gets this name", path=path, remedy="name it .jsonl")
+    make_room(path)
+    make_room_for_picture(picture_of(path, "summary"))
+    with reading_status() as reading:
+        assets = load_assets(config, strict=strict, cache=cache, progress=reading, warn=warnings.warn, limits=limits)
+    with shown("planning", progress) as advance:
+        made = write_plan(config, assets, path, workers=workers or os.cpu_count() or 1, strict=strict, progress=advance)
+    made.summary.draw(picture_of(path, "summary"))
+    return made
 
 
 def write_plan(

@@ -7,4 +7,29 @@
     masks                                                    the annotations held against Cycles' own masks
 
 `doctor` looks at the machine.
+
+Called, it is `supervisor.render`: importing this package binds it to `hulldown.render`, the public name of that
+function.
 """
+
+import sys
+from types import ModuleType
+from typing import Any
+
+
+class _Callable(ModuleType):
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        from hulldown.render.supervisor import render
+
+        return render(*arguments, **options)
+
+    @property
+    def __signature__(self) -> Any:
+        from inspect import signature
+
+        from hulldown.render.supervisor import render
+
+        return signature(render)
+
+
+sys.modules[__name__].__class__ = _Callable

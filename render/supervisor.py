@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.failures import FAILURES_NAME
 from hulldown.dataset.store.pictures import confined
+from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.terminal import say, titled_bar, watched
 from hulldown.planning.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from hulldown.reading.confinement.watch import ReadLimits
@@ -160,9 +165,88 @@ class Engine:
 DEFAULT_ENGINE = Engine()
 
 
+def render(
+    plan: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    scheduler: str | Scheduler | None = None,
+    device: str = "auto",
+    part: Part = WHOLE,
+    cache: Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Dataset:
+    """Render what a plan plans and the dataset in `folder` doesn't have yet, and return that dataset.
+
+    Calling it again after it was stopped continues. Images that fail are warned of.
+
+    Parameters
+    ----------
+    plan
+        A plan, or its file.
+    folder
+        The dataset to add to; made if it isn't there.
+    workers
+        Processes of this machine; None for one a GPU, or one if there is none.
+    scheduler
+        Of a Dask cluster whose workers render, or its address; None for processes of this machine.
+    device
+        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
+    part
+        Which images of the plan.
+    cache
+        Where the plan's assets are kept; beside the plan if None.
+    progress
+        Called after each image and with each message; None for a bar on a terminal or in a notebook.
+
+    Raises
+    ------
+    HulldownError
+        If plan, assets or dataset can't be used, or Blender doesn't work at all.
+    KeyboardInterrupt
+        If it was stopped; what was rendered is kept.
+
+    Examples
+    --------
+    >>> dataset = render("project/plan.jsonl", "project/dataset")  # doctest: +SKIP
+    """
+    if scheduler is not None and workers is not None:
+        raise ValueError("workers: expected None with a scheduler, whose workers set that themselves")
+    engine = Engine(workers=workers, device=device, scheduler=_scheduler(scheduler))
+    with contextlib.ExitStack() as stack:
+        if progress is None and watched():
+            progress = stack.enter_context(render_bar())
+        report = render_plan(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
+    if report.interrupted:
+        raise KeyboardInterrupt
+    if report.failed:
+        warnings.warn(
+            f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2
+        )
+    return Dataset.read(folder)
+
+
+def _scheduler(named: str | Scheduler | None) -> Scheduler | None:
+    return Scheduler(named) if isinstance(named, str) else named
+
+
+@contextlib.contextmanager
+def render_bar() -> Iterator[Callable[[Progress], None]]:
+    """A bar on stderr, with the messages above it; yields what `render` calls."""
+    with titled_bar(unit="images") as advance:
+
+        def show(progress: Progress) -> None:
+            if progress.line:
+                say(progress.line)
+            workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
+            advance(f"rendering{workers}", progress.finished, progress.images)
+
+        yield show
+
+
 def render_plan(
-    plan_path: Path | str,
-    dataset_folder: Path | str,
+    plan_path: str | os.PathLike[str],
+    dataset_folder: str | os.PathLike[str],
     *,
     engine: Engine = DEFAULT_ENGINE,
     part: Part = WHOLE,
@@ -204,12 +288,12 @@ def render_plan(
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
-    say = progress or (lambda _: None)
+    tell = progress or (lambda _: None)
     if assets is None:
         assets = render_assets(
             plan,
             cache=cache,
-            progress=lambda path: say(Progress(0, 0, len(plan), f"reading {path}")),
+            progress=lambda path: tell(Progress(0, 0, len(plan), f"reading {path}")),
             limits=read_limits,
         )
     outline = Outline(plan)
@@ -220,7 +304,7 @@ def render_plan(
         session: Session | None = None
         try:
             remaining = Remaining(outline, dataset, wanted, share=part.share)
-            session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=say)
+            session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=tell)
             with engine.pool(confined(folder, LOGS_NAME), assets, session, stopping) as pool:
                 session.render(pool)
         except Stopped:

@@ -2,8 +2,8 @@
 
 import io
 
-from hulldown.verbs import terminal
-from hulldown.verbs.terminal import Terminal, titled_bar
+from hulldown.geometry import terminal
+from hulldown.geometry.terminal import Terminal, titled_bar
 
 
 def test_a_bar_of_images_shows_who_renders_how_fast_and_for_how_long(monkeypatch):

@@ -81,11 +81,6 @@ def test_a_mistake_is_one_line_with_exit_code_2(words, named, run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_help_does_not_wait_for_the_stages():
-    code = "import sys, cli; cli.parser().format_help(); assert not {'numpy', 'scipy', 'bpy'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=60)
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 
 from hulldown.cli import main
+from hulldown.geometry.terminal import Terminal
 from hulldown.planning.config.config_file import load_config
 from hulldown.reading.report import FileReport, Row
 from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.verbs import terminal
-from hulldown.verbs.terminal import Terminal, show_table
+from hulldown.verbs.terminal import show_table
 
 LONG = "Panzerkampfwagen_Geschuetzrohr_Muendungsbremse_links_oben_" * 3 + "1"
 

@@ -5,7 +5,7 @@ from PIL import Image
 from hulldown.annotate.drawing import colour_of, contact_sheet, draw
 from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.reports.overlay import dataset_sheet
+from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
 
 NAMES = {1: "tank", 2: "truck"}
@@ -82,12 +82,12 @@ def test_sheet_of_a_dataset(tmp_path):
                 {"file_name": f"images/{i}.png", "width": 64, "height": 36},
                 [{"category": "tank", "bbox": [30, 10, 20, 20]}],
             )
-    sheet = np.asarray(dataset_sheet(tmp_path, count=3, columns=3, tile_width=64))
+    sheet = np.asarray(Dataset.read(tmp_path).sheet(count=3, columns=3, tile_width=64))
     # First, middle and last.
     assert [int(sheet[2 + 33, 2 + i * 66 + 5, 0]) for i in range(3)] == [0, 40, 80]
     (tmp_path / "images" / "8.png").write_bytes(b"")
     with pytest.raises(DatasetError, match=r"8\.png: cannot be read as a picture"):
-        dataset_sheet(tmp_path)
+        Dataset.read(tmp_path).sheet()
 
 
 def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
@@ -96,10 +96,10 @@ def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
         box = {"category": "tank", "bbox": [4, 4, 8, 8], "segmentation": [1]}
         dataset.append({"file_name": "1.png", "width": 32, "height": 24}, [box])
     with pytest.raises(DatasetError, match=r"1\.png: segmentation: expected polygons.*hulldown verify"):
-        dataset_sheet(tmp_path)
+        Dataset.read(tmp_path).sheet()
 
 
 def test_sheet_of_nothing_is_explained(tmp_path):
     CocoDataset.open(tmp_path).close()
     with pytest.raises(DatasetError, match="has no images yet; render some first"):
-        dataset_sheet(tmp_path)
+        Dataset.read(tmp_path).sheet()

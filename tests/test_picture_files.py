@@ -8,7 +8,6 @@ from PIL import Image
 
 from hulldown.annotate.drawing import draw
 from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
-from hulldown.dataset.reports.overlay import dataset_sheet
 from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
@@ -120,7 +119,7 @@ def test_every_reader_shows_what_is_displayed(turned):
     np.testing.assert_array_equal(read_sources({"real": turned})[1][0].sample(0).picture, shown)
     label = json.loads((turned / "annotations.json").read_text())["annotations"]
     drawn = draw(Image.fromarray(shown), label, {1: "tank"})
-    sheet = np.asarray(dataset_sheet(turned, columns=1, tile_width=64).convert("RGB"))
+    sheet = np.asarray(Dataset.read(turned).sheet(columns=1, tile_width=64).convert("RGB"))
     assert (sheet[..., :].reshape(-1, 3) == np.asarray(drawn)[16, 48]).all(axis=1).any()
 
 

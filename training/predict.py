@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -16,7 +17,8 @@ from jaxtyping import UInt8
 
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import open_in_place, replace_file
+from hulldown.geometry.files import make_room, open_in_place, replace_file
+from hulldown.geometry.terminal import shown
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
     Detections,
@@ -95,9 +97,9 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
 
 
 def predict(
-    run: Path | str,
-    dataset: Path | str,
-    output: Path | str,
+    run: str | os.PathLike[str],
+    dataset: str | os.PathLike[str],
+    output: str | os.PathLike[str],
     *,
     device: str = "auto",
     batch: int = BATCH,
@@ -118,27 +120,33 @@ def predict(
     batch
         Images that go through the network at once.
     progress
-        Told (done, all) after each batch.
+        Told (done, all) after each batch; None for a bar on a terminal or in a notebook.
 
     Raises
     ------
     HulldownError
         If the detector cannot be loaded, knows none of the dataset's classes, or a picture cannot be read. What was
         done until then is kept, and the same call goes on from there.
+
+    Examples
+    --------
+    >>> predict("run", "photographs", "predictions.json").images  # doctest: +SKIP
+    120
     """
+    require_extra()
     output = Path(output)
-    labels = read_labels(dataset)
-    detector = load_detector(run, device)
+    make_room(output)
+    labels = read_labels(Path(dataset))
+    detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, labels)
     key = _key(Path(run), labels, detector.classes)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
-    with _kept(unfinished, key) as (done, keep):
+    with shown("predicting", progress) as advance, _kept(unfinished, key) as (done, keep):
         already = len(done)
         left = [k for k, image in enumerate(labels.image_id.tolist()) if image not in done]
         for found in _detected(detector, labels, ids, left, batch):
             keep(found)
-            if progress is not None:
-                progress(len(done), len(labels.images))
+            advance(len(done), len(labels.images))
     results = [one for image in labels.image_id.tolist() for one in done[image]]
     info = {
         "detector": str(run),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -84,7 +85,7 @@ class Source:
 
 
 def read_sources(
-    folders: Mapping[str, Path | str], *, classes: Sequence[str] | None = None
+    folders: Mapping[str, str | os.PathLike[str]], *, classes: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], tuple[Source, ...]]:
     """The classes of all datasets, and each dataset with labels that index them.
 

@@ -19,6 +19,8 @@ import torch
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replace_file
+from hulldown.geometry.terminal import progress_bars, watched
+from hulldown.geometry.terminal import say as show_line
 from hulldown.training.augment import changed_table
 from hulldown.training.data import Batches, DrawnExamples
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device
@@ -29,24 +31,24 @@ from hulldown.training.extra import quiet
 from hulldown.training.fitting import Training
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import opened
-from hulldown.training.settings import Settings
+from hulldown.training.settings import Settings, load_settings
 from hulldown.training.sources import Source, check_pictures, follow_masks, read_sources, shared_pictures
 
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
 
 def train(
-    data: Mapping[str, Path | str],
-    out: Path | str,
+    data: Mapping[str, str | os.PathLike[str]],
+    out: str | os.PathLike[str],
     *,
-    settings: Settings,
-    valid: Path | str | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
+    valid: str | os.PathLike[str] | None = None,
     draws_file: Path | None = None,
     workers: int | None = None,
     device: str = "auto",
     checkpoint_every: int | None = None,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-    say: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str, int, int], None] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Train a detector, or go on with the training that was killed in the same folder.
 
@@ -57,7 +59,8 @@ def train(
     out
         The run's folder.
     settings
-        Completed, see `training.settings.load_settings`.
+        Completed, see `training.settings.load_settings`; or what isn't to be as the model has it, by the keys of
+        docs/training.md.
     valid
         A dataset that the result is measured on. It decides nothing.
     draws_file
@@ -69,7 +72,7 @@ def train(
     checkpoint_every
         Steps between checkpoints; None: as many as pass in a minute.
     progress
-        Told what is done, how much of it, and all.
+        Told what is done, how much of it, and all; None for bars on a terminal or in a notebook.
     say
         Told a line now and then.
 
@@ -82,7 +85,22 @@ def train(
     HulldownError
         If a dataset, a setting, the weights to start from, the device or the run's folder cannot be used. Nothing has
         been written then.
+
+    Examples
+    --------
+    >>> run = train({"synthetic": "dataset"}, "run", settings={"model": "small", "budget": 600})  # doctest: +SKIP
+    >>> run["status"]  # doctest: +SKIP
+    'finished'
     """
+    if not isinstance(settings, Settings):
+        settings = load_settings(None, settings or {})
+    if progress is None and watched():
+        with progress_bars() as bars:
+            return train(
+                data, out, settings=settings, valid=valid, draws_file=draws_file, workers=workers, device=device,
+                checkpoint_every=checkpoint_every, progress=bars, say=say or show_line,
+            )  # fmt: skip
+    progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
     out = Path(out)
     table = changed_table(settings.augmentation)
     chosen = chosen_device({"gpu": "cuda"}.get(device, device))
@@ -178,7 +196,7 @@ def _workers() -> int:
 
 
 def _description(
-    settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, Path | str],
+    settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[Source], draws: Draws, device: torch.device,
 ) -> dict[str, Any]:  # fmt: skip
     """run.json of a run that begins."""

@@ -7,12 +7,13 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.reading.confinement.landlock import OFF, unconfined
-from hulldown.reading.confinement.watch import GIB, ReadLimits
-from hulldown.verbs.terminal import reading_status, warn
+from hulldown.geometry.terminal import reading_status, warn
+
+if TYPE_CHECKING:
+    from hulldown.reading.confinement.watch import ReadLimits
 
 Value = TypeVar("Value")
 
@@ -94,6 +95,9 @@ def read_limits(arguments: argparse.Namespace) -> ReadLimits:
     HulldownError
         If the command requires confinement and there is none.
     """
+    from hulldown.reading.confinement.landlock import OFF, unconfined
+    from hulldown.reading.confinement.watch import GIB, ReadLimits
+
     if why := unconfined():
         if arguments.require_confinement:
             remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hulldown.geometry.code import difference, versions
+from hulldown.geometry.terminal import say
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.verbs.arguments import AddVerb, at_least_one, port
-from hulldown.verbs.terminal import DONE, print_json, say
+from hulldown.verbs.terminal import DONE, print_json
 
 
 def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
@@ -39,6 +39,8 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 @contextmanager
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
     """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
+    from hulldown.geometry.code import difference, versions
+
     with needing_dask():
         from hulldown.render.cluster.workers import Cluster
     from hulldown.training.study.elsewhere import PACKAGES, RESOURCE, launch_on

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any
 
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import make_room
+from hulldown.geometry.terminal import progress_bar, reading_status, say, warn
 from hulldown.verbs.arguments import (
     AddVerb,
     add_cache,
@@ -18,20 +19,7 @@ from hulldown.verbs.arguments import (
     planned_assets,
     read_limits,
 )
-from hulldown.verbs.terminal import (
-    DONE,
-    FOUND,
-    STDOUT,
-    make_room,
-    make_room_for_picture,
-    print_json,
-    progress_bar,
-    reading_status,
-    say,
-    show_list,
-    show_table,
-    warn,
-)
+from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, show_table
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -67,6 +55,7 @@ def _init_from(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
+    from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.planning.config.config_file import HDRI_SUFFIXES, load_config
     from hulldown.planning.loading import inspect_config
     from hulldown.reading.inspect import Inspected, inspect, pages, write_pictures
@@ -117,58 +106,33 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config.config_file import load_config
-    from hulldown.planning.loading import load_assets
-    from hulldown.planning.write import write_plan
+    from hulldown.planning.config.schema import Config
+    from hulldown.planning.plan_file import picture_of
+    from hulldown.planning.write import plan
 
     if arguments.check:
         arguments.plan = arguments.config
         return _check(arguments)
-    if arguments.output is None:
+    output = arguments.output
+    if output is None:
         raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
-    if arguments.output.suffix.lower() == ".png":
-        raise HulldownError(
-            "a plan is text, and its picture gets this name", path=arguments.output, remedy="name it .jsonl"
-        )
-    config = load_config(arguments.config)
-    make_room(arguments.output)
-    make_room_for_picture(picture_of(arguments.output, "summary"))
-    with reading_status() as progress:
-        assets = load_assets(
-            config,
-            strict=arguments.strict,
-            cache=arguments.cache,
-            progress=progress,
-            warn=warn,
-            limits=read_limits(arguments),
-        )
     with progress_bar("planning") as advance:
-        plan = write_plan(
-            config,
-            assets,
-            arguments.output,
+        made = plan(
+            Config.read(arguments.config),
+            output,
             workers=arguments.workers,
             strict=arguments.strict,
+            cache=arguments.cache,
+            limits=read_limits(arguments),
             progress=advance,
         )
-    return _summarise(plan, arguments)
-
-
-def _summarise(plan: Any, arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config.config_file import parse_config
-    from hulldown.planning.summary import summarise
-
-    overcast = bool(parse_config(plan.header.config, path=plan.path).light.overcast)
-    summary = summarise(plan, left_out=plan.header.left_out, overcast=overcast)
-    picture = picture_of(arguments.output, "summary")
-    summary.draw(picture)
     if arguments.json:
-        print_json(summary.to_json())
+        print_json(made.summary.to_json())
     else:
-        for table in summary.tables():
+        for table in made.summary.tables():
             STDOUT.print(table)
-        show_list(summary.notes())
-    say(f"wrote {arguments.output} ({len(plan)} images) and {picture}; next: hulldown preview {arguments.output}")
+        show_list(made.summary.notes())
+    say(f"wrote {output} ({len(made)} images) and {picture_of(output, 'summary')}; next: hulldown preview {output}")
     return DONE
 
 
@@ -189,7 +153,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.plan_file import read_plan
+    from hulldown.annotate.sheets import make_room_for_picture
+    from hulldown.planning.plan_file import picture_of, read_plan
     from hulldown.planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
@@ -200,11 +165,6 @@ def _preview(arguments: argparse.Namespace) -> int:
         preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
     say(f"wrote {output}")
     return DONE
-
-
-def picture_of(plan: Path, what: str) -> Path:
-    """The name of a picture of a plan, which says whose it is and of what."""
-    return plan.with_name(f"{plan.name}.{what}.png")
 
 
 def add(verb: AddVerb) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.terminal import progress_bar, say, warn
 from hulldown.verbs.arguments import (
     AddVerb,
     add_allow_links,
@@ -23,48 +24,30 @@ from hulldown.verbs.arguments import (
     three_shares,
 )
 from hulldown.verbs.cluster import add_scheduler, scheduler_of
-from hulldown.verbs.terminal import (
-    DONE,
-    FOUND,
-    STDOUT,
-    STOPPED,
-    print_json,
-    progress_bar,
-    reading_status,
-    say,
-    show_list,
-    titled_bar,
-    warn,
-)
+from hulldown.verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, show_list
 
 
 def _render(arguments: argparse.Namespace) -> int:
     from hulldown.render.process import DEFAULT_LIMITS
-    from hulldown.render.supervisor import Engine, Part, render_plan
+    from hulldown.render.supervisor import Engine, Part, render_bar, render_plan
 
-    with titled_bar(unit="images") as advance:
-
-        def show(progress: Any) -> None:
-            if progress.line:
-                say(progress.line)
-            workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
-            advance(f"rendering{workers}", progress.finished, progress.images)
-
+    engine = Engine(
+        workers=arguments.workers,
+        device=arguments.device,
+        blender=arguments.blender,
+        scheduler=_scheduler(arguments),
+        require_confinement=arguments.require_confinement,
+        limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
+    )
+    with render_bar() as show:
         report = render_plan(
             arguments.plan,
             arguments.output,
-            read_limits=read_limits(arguments),
-            cache=arguments.cache,
-            progress=show,
-            engine=Engine(
-                workers=arguments.workers,
-                device=arguments.device,
-                blender=arguments.blender,
-                scheduler=_scheduler(arguments),
-                require_confinement=arguments.require_confinement,
-                limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
-            ),
+            engine=engine,
             part=Part(limit=arguments.limit, share=arguments.share),
+            cache=arguments.cache,
+            read_limits=read_limits(arguments),
+            progress=show,
         )
     if arguments.json:
         print_json(dataclasses.asdict(report))
@@ -113,10 +96,10 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    look, findings = _look(arguments)
     with progress_bar("checking") as advance:
-        options = {"plan": arguments.plan, "fast": arguments.fast, "look": look, "progress": advance}
-        findings += verify(arguments.dataset, **options)
+        findings = verify(
+            arguments.dataset, arguments.plan, fast=arguments.fast, cache=arguments.cache, progress=advance
+        )
     checked = 0
     if arguments.masks:
         from hulldown.render.masks import verify_masks
@@ -142,23 +125,6 @@ def _verify(arguments: argparse.Namespace) -> int:
     masks = f", {checked} masks rendered" if arguments.masks else ""
     say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
     return FOUND if errors else DONE
-
-
-def _look(arguments: argparse.Namespace) -> tuple[Any, list[Any]]:
-    """What `verify` looks for in pictures of a plan, and what it has to say if it cannot."""
-    if arguments.plan is None or arguments.fast:
-        return None, []
-    from hulldown.dataset.records import Finding
-    from hulldown.dataset.store.document import read_coco
-    from hulldown.dataset.verification.check_skies import sky_check
-    from hulldown.planning.plan_file import read_plan
-
-    coco = read_coco(arguments.dataset)
-    try:
-        with reading_status():
-            return sky_check(read_plan(arguments.plan), coco, cache=arguments.cache), []
-    except HulldownError as error:
-        return None, [Finding("warning", arguments.plan.name, f"skies are not looked at: {error}")]
 
 
 def _export(arguments: argparse.Namespace) -> int:

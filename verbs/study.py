@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import replacing
+from hulldown.geometry.files import make_room, replacing
+from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import AddVerb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
-from hulldown.verbs.terminal import DONE, FOUND, STDOUT, make_room, print_json, progress_bar, progress_bars, say, warn
+from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
 
 MOST_AT_ONCE = 256  # runs that a cluster is asked for
 

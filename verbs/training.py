@@ -6,6 +6,8 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from hulldown.geometry.files import make_room
+from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import (
     AddVerb,
     at_least_one,
@@ -15,7 +17,7 @@ from hulldown.verbs.arguments import (
     picture_name,
     threshold_or_best,
 )
-from hulldown.verbs.terminal import DONE, make_room, print_json, progress_bar, progress_bars, say, warn
+from hulldown.verbs.terminal import DONE, print_json
 
 
 def _subset(arguments: argparse.Namespace) -> int:
@@ -68,12 +70,8 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _predict(arguments: argparse.Namespace) -> int:
-    from hulldown.training.extra import require_extra
-
-    require_extra()
     from hulldown.training.predict import predict
 
-    make_room(arguments.output)
     with progress_bar("predicting") as advance:
         done = predict(
             arguments.detector, arguments.dataset, arguments.output, device=arguments.device, batch=arguments.batch,

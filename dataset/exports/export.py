@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from hulldown.dataset.store.seals import changed
 from hulldown.dataset.store.unfinished import all_or_nothing
 from hulldown.dataset.verification.floors import ALL_LABELS, LabelFloors
 from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.terminal import shown
 
 # What each layout is written by, from the shares to a folder that is there; docs/exports.md says who reads which.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
@@ -32,8 +34,8 @@ WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface", "webdataset")
 
 
 def export(
-    dataset: Path | str,
-    out: Path | str,
+    dataset: str | os.PathLike[str],
+    out: str | os.PathLike[str],
     *,
     layout: str = "coco",
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
@@ -66,7 +68,7 @@ def export(
     allow_links
         Folders outside the dataset that pictures which are links may lead to.
     progress
-        Told (done, all) after each image.
+        Told (done, all) after each image; None for a bar on a terminal or in a notebook.
 
     Returns
     -------
@@ -78,6 +80,18 @@ def export(
         If the dataset cannot be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
         masks or boxes cannot be used, the layout has no polygons, or `out` has something in it or cannot be written.
         Nothing is left in `out` then.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from PIL import Image
+    >>> from hulldown.dataset.coco import CocoDataset
+    >>> folder, out = Path(mkdtemp()), Path(mkdtemp())
+    >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
+    ...     Image.new("RGB", (64, 48)).save(folder / "1.png")
+    ...     _ = dataset.append({"file_name": "1.png", "width": 64, "height": 48}, [])
+    >>> export(folder, out, layout="yolo", fractions=(1.0, 0.0, 0.0))
+    {'train': 1, 'valid': 0, 'test': 0}
     """
     if layout not in LAYOUTS:
         raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {layout!r}")
@@ -103,11 +117,10 @@ def export(
     def tick() -> None:
         nonlocal done
         done += 1
-        if progress is not None:
-            progress(done, len(images))
+        advance(done, len(images))
 
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
-    with all_or_nothing(Path(out)) as unfinished:
+    with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
         LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
     return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
 

@@ -6,8 +6,9 @@ import contextlib
 import io
 import json
 import math
+import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,32 +23,37 @@ from hulldown.dataset.records import Finding, check_annotations, check_categorie
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import Look, check_pictures
+from hulldown.dataset.verification.check_skies import sky_check
 from hulldown.dataset.verification.planned import check_planned
 from hulldown.geometry.arrays import checked
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.terminal import reading_status, shown
+from hulldown.planning.plan_file import Plan, read_plan
 
 
 def verify(
-    dataset: Path | str,
+    dataset: str | os.PathLike[str],
+    plan: str | os.PathLike[str] | None = None,
     *,
-    plan: Path | str | None = None,
     fast: bool = False,
-    look: Look | None = None,
+    cache: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Iterator[Finding]:
-    """Everything that is wrong with a dataset, as it is found.
+) -> list[Finding]:
+    """Everything that is wrong with a dataset.
 
     Parameters
     ----------
     dataset
-        Its folder.
+        Its folder, or a `Dataset`.
     plan
-        A plan it was rendered from: names, sizes, poses, classes and boxes are held against it, row by row.
+        A plan it was rendered from: names, sizes, poses, classes and boxes are compared with it, row by row, and the
+        skies in pictures with those that the plan's assets give.
     fast
         Whether pictures are not opened and hashes not compared.
-    look
-        What else to look for in each picture that was rendered here, such as `check_skies.SkyCheck`.
+    cache
+        Where the plan's assets are kept; beside it if None.
     progress
-        Told (done, all) after each image.
+        Told (done, all) after each image; None for a bar on a terminal or in a notebook.
 
     Raises
     ------
@@ -55,9 +61,41 @@ def verify(
         If there is no dataset, or it cannot be read at all.
     ConfigError
         If the plan is none.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from hulldown.dataset.coco import CocoDataset
+    >>> folder = mkdtemp()
+    >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
+    ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [])
+    >>> print(*verify(folder))
+    error: 1.jpg: is missing
     """
     folder = Path(dataset)
     coco = read_coco(folder)
+    look, findings = (None, []) if plan is None or fast else _sky_check(read_plan(plan), coco, cache)
+    with shown("checking", progress) as advance:
+        return [*findings, *_findings(folder, coco, plan, fast, look, advance)]
+
+
+def _sky_check(plan: Plan, coco: Mapping[str, Any], cache: Path | None) -> tuple[Look | None, list[Finding]]:
+    """What looks at skies, or a warning that nothing does since the plan's assets can't be read."""
+    try:
+        with reading_status():
+            return sky_check(plan, coco, cache=cache), []
+    except HulldownError as error:
+        return None, [Finding("warning", plan.path.name, f"skies are not looked at: {error}")]
+
+
+def _findings(
+    folder: Path,
+    coco: Mapping[str, Any],
+    plan: str | os.PathLike[str] | None,
+    fast: bool,
+    look: Look | None,
+    progress: Callable[[int, int], None],
+) -> Iterator[Finding]:
     yield from check_categories(coco["categories"])
     yield from check_images(coco["images"])
     yield from check_annotations(coco)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ HDRI_SUFFIXES = (".exr", ".hdr")
 __all__ = ["Config", "hdri_paths", "load_config", "parse_config"]
 
 
-def load_config(path: str | Path) -> Config:
+def load_config(path: str | os.PathLike[str]) -> Config:
     """The config in a TOML file, complete with defaults.
 
     Raises

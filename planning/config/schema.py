@@ -7,6 +7,7 @@ Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -322,7 +323,22 @@ class RenderSection(Section):
 
 
 class Config(Section):
-    """A whole config; see docs/config.md for every key."""
+    """A whole config; see docs/config.md for every key.
+
+    Examples
+    --------
+    >>> config = Config.of(
+    ...     {
+    ...         "assets": {
+    ...             "vehicles": [{"path": "tank.blend", "category": "tank"}],
+    ...             "sceneries": [{"path": "hills.blend"}],
+    ...         },
+    ...         "budget": {"images_per_class": 100},
+    ...     }
+    ... )
+    >>> config.camera.fov_x_deg
+    (40.0, 60.0)
+    """
 
     seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random draws")
     assets: AssetsSection
@@ -350,6 +366,32 @@ class Config(Section):
                     f"annotate.{key} = {value:g}: expected {source}, {limit:g}, since every target has a label"
                 )
         return self
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Config:
+        """The config in a TOML file, complete with defaults.
+
+        Raises
+        ------
+        ConfigError
+            Naming file, key, value and what is allowed.
+        """
+        from hulldown.planning.config.config_file import load_config
+
+        return load_config(path)
+
+    @classmethod
+    def of(cls, sections: Mapping[str, Any]) -> Config:
+        """The config in nested dictionaries, with the keys of the file; paths are relative to the current folder.
+
+        Raises
+        ------
+        ConfigError
+            Naming key, value and what is allowed.
+        """
+        from hulldown.planning.config.config_file import parse_config
+
+        return parse_config(sections)
 
     def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
         """How a vehicle or distractor is painted; not at all if there is none of this name."""

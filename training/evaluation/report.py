@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from jaxtyping import Float
 
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.geometry.files import replace_file, replacing
+from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
 from hulldown.training.evaluation.cases import cases
@@ -35,13 +38,13 @@ SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 
 
 def evaluate_files(
-    dataset: Path | str,
-    predictions: Sequence[Path | str],
-    output: Path | str,
+    dataset: str | os.PathLike[str],
+    predictions: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
     *,
     threshold: float | str = 0.5,
     iou: float = 0.5,
-    validation: Sequence[Path | str] = (),
+    validation: Sequence[str | os.PathLike[str]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Judge one or several files of detections in a dataset, and write the report.
@@ -51,7 +54,7 @@ def evaluate_files(
     dataset
         See `training.evaluation.labels.read_labels`.
     predictions
-        Files of COCO results. With several, the others are compared with the first.
+        A file of COCO results, or several: then the others are compared with the first.
     output
         Folder of the report, made if it is not there: ``report.html``, ``report.json``, ``metrics.csv``, sheets of
         pictures; with several, a folder for each file of detections too.
@@ -63,7 +66,7 @@ def evaluate_files(
         Another dataset and, for each of `predictions`, the same detector's detections in it: the threshold is then
         that of the highest F1 there.
     progress
-        Told (done, all) after each step.
+        Told (done, all) after each step; None for a bar on a terminal or in a notebook.
 
     Returns
     -------
@@ -73,25 +76,49 @@ def evaluate_files(
     ------
     DatasetError
         If a file cannot be read or does not fit the dataset, or nothing gives a threshold. Nothing is written then.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from hulldown.dataset.coco import CocoDataset
+    >>> folder = Path(mkdtemp())
+    >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
+    ...     label = {"category": "truck", "bbox": [10, 10, 80, 40]}
+    ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [label])
+    >>> result = {"image_id": 1, "category_id": 1, "bbox": [10, 10, 80, 40], "score": 0.9}
+    >>> _ = (folder / "found.json").write_bytes(orjson.dumps([result]))
+    >>> evaluate_files(folder, folder / "found.json", folder / "report")["overall"]["recall"]
+    1.0
     """
     output = Path(output)
-    paths = [Path(path) for path in predictions]
+    several = [predictions] if isinstance(predictions, str | os.PathLike) else predictions
+    paths = [Path(path) for path in several]
     if validation and len(validation) != len(paths) + 1:
         raise HulldownError(
             f"--validation names {len(validation) - 1} files of detections where {len(paths)} are evaluated",
             remedy="name a dataset and then the detections of each detector in it",
         )
-    steps, done = 3 * len(paths), 0
+    with shown("evaluating", progress) as advance:
+        return _evaluate(Path(dataset), paths, output, threshold, iou, validation, advance)
+
+
+def _evaluate(
+    dataset: Path,
+    paths: Sequence[Path],
+    output: Path,
+    threshold: float | str,
+    iou: float,
+    validation: Sequence[str | os.PathLike[str]],
+    progress: Callable[[int, int], None],
+) -> dict[str, Any]:
+    ticks = count(1)
 
     def step() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, steps)
+        progress(next(ticks), 3 * len(paths))
 
     labels = read_labels(dataset)
     found = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
-    valid = read_labels(validation[0]) if validation else None
+    valid = read_labels(Path(validation[0])) if validation else None
     thresholds = []
     for k, detections in enumerate(found):
         thresholds.append(

@@ -1,0 +1,161 @@
+"""What a terminal or a notebook shows during long work: messages and progress on stderr, which names can't steer."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.segment import Segment
+from rich.text import Text
+
+SPEED_S = 300.0  # over which the speed of a bar is taken
+
+
+class Terminal(Console):
+    """Where the command writes to; what is written cannot steer it."""
+
+    def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+        """As Rich does, but names from other people's files cannot steer the terminal."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+    def on_broken_pipe(self) -> None:
+        """Leave it to `main`: Rich would end the process with exit code 1, as if something had been found."""
+        raise BrokenPipeError
+
+
+STDERR = Terminal(stderr=True, highlight=False)
+
+
+def printable(text: str) -> str:
+    r"""The text with what would steer a terminal written out: escape codes, returns, changes of direction.
+
+    Examples
+    --------
+    >>> print(printable("tank" + chr(27) + "[2J" + chr(0x202E)))
+    tank\x1b[2J\u202e
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c == "\n" or not unicodedata.category(c).startswith("C") else _written_out(c) for c in text)
+
+
+def _written_out(char: str) -> str:
+    return char.encode("unicode_escape").decode("ascii")
+
+
+def say(line: str) -> None:
+    """Tell the user something on stderr."""
+    STDERR.print(escape(line), soft_wrap=True)
+
+
+def warn(line: str) -> None:
+    """Tell the user on stderr what deserves a look."""
+    STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
+
+
+@contextmanager
+def reading_status() -> Iterator[Callable[[str], None]]:
+    """A sign of life on stderr; yields what is to be called with the path that is read."""
+    with STDERR.status("reading assets") as status:
+        yield lambda path: status.update(f"reading {escape(path)}")
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr; yields what is to be called with the steps done and their total."""
+    with titled_bar() as advance:
+        yield lambda done, total: advance(title, done, total)
+
+
+@contextmanager
+def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
+    """A bar on stderr; yields what is to be called with its title, the steps done and their total.
+
+    Parameters
+    ----------
+    unit
+        What the steps are, to show how many a second there are; empty for not.
+    """
+    speed = [Speed(unit)] if unit else []
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *speed, TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    bar = Progress(*columns, console=STDERR, speed_estimate_period=SPEED_S)
+    task = bar.add_task("", total=None)
+
+    def advance(title: str, done: int, total: int) -> None:
+        bar.start()
+        bar.update(task, description=title, completed=done, total=total)
+
+    try:
+        yield advance
+    finally:
+        # A bar that never started has nothing to say: a mistake stays one line.
+        if bar.live.is_started:
+            bar.stop()
+
+
+class Speed(ProgressColumn):
+    """Steps a second, lately.
+
+    Parameters
+    ----------
+    unit
+        What the steps are.
+    """
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """As Rich asks for it."""
+        return Text(f"{task.speed:.3g} {self._unit}/s" if task.speed else "", style="progress.data.speed")
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Bars on stderr, one after the other; yields what is to be called with a title, the steps done, their total."""
+    with ExitStack() as bars:
+        advance: dict[str, Callable[[int, int], None]] = {}
+
+        def show(title: str, done: int, total: int) -> None:
+            if title not in advance:
+                bars.close()
+                advance[title] = bars.enter_context(progress_bar(title))
+            advance[title](done, total)
+
+        yield show
+
+
+@contextmanager
+def shown(title: str, progress: Callable[[int, int], None] | None) -> Iterator[Callable[[int, int], None]]:
+    """What to call with the steps done and their total: `progress`, or if that's None a bar where a person looks on."""
+    if progress is not None:
+        yield progress
+    elif watched():
+        with progress_bar(title) as advance:
+            yield advance
+    else:
+        yield lambda done, total: None
+
+
+def watched() -> bool:
+    """Whether stderr is a terminal or a notebook."""
+    return STDERR.is_terminal or STDERR.is_jupyter

@@ -1,0 +1,175 @@
+"""`import hulldown`: what it offers, what it does not load, and how plans and datasets show themselves."""
+
+import importlib
+import io
+import json
+import shutil
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import hulldown as hd
+from hulldown.dataset.coco import CocoDataset
+from hulldown.demo.project import create_project
+from hulldown.planning.write import write_plan
+from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.training.settings import load_settings
+
+HEAVY = {"bpy", "torch", "dask", "distributed", "numpy", "scipy", "PIL", "pandas", "matplotlib", "pydantic", "psutil"}
+# Section 10 of the design, and the names of `import hulldown`.
+PROMISED = [
+    "geometry.meshes.Mesh",
+    "placement.terrain.Terrain",
+    "placement.terrain.Hits",
+    "placement.settle.settle",
+    "placement.settle.Settled",
+    "camera.intrinsics.Intrinsics",
+    "camera.projection.Camera",
+    "annotate.boxes.surface_box",
+    "annotate.boxes.VehicleBoxes",
+    "planning.plan_file.read_plan",
+    "dataset.coco.CocoDataset",
+    "dataset.table.Dataset",
+]
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    return write_plan(small_config(), small_assets(), tmp_path_factory.mktemp("plan") / "plan.jsonl")
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    with CocoDataset.open(tmp_path / "dataset", categories=["tank", "truck"]) as writer:
+        for i in range(8):
+            Image.new("RGB", (64, 48), (30 * i, 90, 90)).save(tmp_path / "dataset" / f"{i}.png")
+            label = {"category": "tank", "bbox": [8, 8, 40, 30]}
+            writer.append({"file_name": f"{i}.png", "width": 64, "height": 48}, [label])
+    return hd.Dataset.read(tmp_path / "dataset")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import hulldown; dir(hulldown); hulldown.HulldownError",
+        "from hulldown import cli; cli.parser().format_help()",
+    ],
+)
+def test_import_and_help_load_nothing_heavy(code):
+    code += f"; import sys; print(*({HEAVY} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_names_that_other_code_relies_on_can_be_imported(name):
+    module, _, attribute = name.rpartition(".")
+    assert hasattr(importlib.import_module(f"hulldown.{module}"), attribute)
+
+
+@pytest.mark.parametrize("name", hd.__all__)
+def test_every_public_name_is_there_and_explains_itself_by_an_example(name):
+    assert name in dir(hd)
+    found = getattr(hd, name)
+    found = sys.modules["hulldown.render.supervisor"].render if name == "render" else found
+    assert ">>>" in found.__doc__
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'trian'"):
+        _ = hd.trian
+
+
+def test_a_plan_is_a_sequence(plan):
+    assert [row.index for row in plan[2:8:3]] == [2, 5]
+    assert plan[-1].index == len(plan) - 1
+    assert [row.index for row in plan] == list(range(len(plan)))
+    for beyond in (len(plan), -len(plan) - 1):
+        with pytest.raises(IndexError):
+            plan[beyond]
+
+
+def test_a_table_of_a_plan_has_the_keys_of_its_lines(plan):
+    table = plan.to_pandas()
+    line = json.loads(plan.path.read_bytes().splitlines()[4])
+    assert len(table) == len(plan)
+    assert table["target.vehicle"][3] == line["target"]["vehicle"]
+    assert table["fov_x_deg"][3] == line["fov_x_deg"]
+
+
+def test_without_pandas_the_table_says_what_to_install(plan, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(hd.HulldownError, match="pip install pandas"):
+        plan.to_pandas()
+
+
+def test_a_plan_whose_assets_are_gone_still_shows_what_it_holds(plan):
+    page = plan._repr_html_()
+    assert "tank" in page
+    assert "<img" not in page
+    assert plan._repr_png_() is None
+
+
+def test_a_dataset_shows_counts_and_pictures(dataset):
+    page = dataset._repr_html_()
+    assert "<th>labels of tank</th><td>8</td>" in page
+    assert "<img" in page
+    with Image.open(io.BytesIO(dataset._repr_png_())) as picture:
+        assert picture.width > 900
+
+
+def test_what_is_shown_cannot_be_html_of_the_files(tmp_path):
+    with CocoDataset.open(tmp_path, categories=["<script>"]) as writer:
+        writer.append({"file_name": "none.png", "width": 64, "height": 48}, [])
+    page = hd.Dataset.read(tmp_path)._repr_html_()
+    assert "<script>" not in page
+    assert "none.png" in page  # which can't be read
+
+
+def test_datasets_and_plans_are_paths(dataset, plan, tmp_path):
+    assert hd.verify(dataset) == []
+    assert hd.join([dataset], tmp_path / "joined").added == 8
+    assert sum(hd.export(dataset, tmp_path / "out").values()) == 8
+    assert len(hd.read_plan(plan)) == len(plan)
+    with pytest.raises(hd.HulldownError):
+        hd.render(plan, tmp_path / "rendered")
+    assert not (tmp_path / "rendered").exists()
+
+
+def test_settings_of_a_training_are_checked_by_key():
+    with pytest.raises(hd.HulldownError, match="budgt"):
+        hd.train({}, "run", settings={"budgt": 5})
+    assert load_settings(None, {"budget": 5}).budget == 5
+
+
+def test_a_config_built_in_python_is_checked_like_a_file():
+    sections = {
+        "assets": {"vehicles": [{"path": "a.blend", "category": "tank"}], "sceneries": [{"path": "b.blend"}]},
+        "budget": {"images_per_class": 4},
+    }
+    assert hd.Config.of(sections).budget.images_per_class == 4
+    with pytest.raises(hd.HulldownError, match=r"camera\.fov"):
+        hd.Config.of({**sections, "camera": {"fov": 3}})
+
+
+@pytest.mark.blender
+@pytest.mark.thorough
+def test_a_project_from_config_to_dataset(tmp_path):
+    """Plan, look, render half, go on, verify: as docs/python.md has it, at the least size."""
+    config = hd.Config.read(create_project(tmp_path, small=True))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        plan = hd.plan(config, tmp_path / "plan.jsonl", workers=1)
+    assert (tmp_path / "plan.jsonl.summary.png").exists()
+    assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
+    assert "<img" in plan._repr_html_()
+    from hulldown.render.supervisor import Part
+
+    half = hd.render(plan, tmp_path / "dataset", part=Part(limit=1), device="cpu")
+    assert len(half) == 1
+    shutil.copytree(tmp_path / "dataset", tmp_path / "one")
+    assert len(hd.render(plan, tmp_path / "dataset", part=Part(limit=2), device="cpu")) == 2
+    assert [one for one in hd.verify(tmp_path / "one", plan) if one.severity == "error"] == []
