@@ -90,6 +90,20 @@ class Dataset:
         In the order of the file.
     opened
         Gives the picture of an image, without labels.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from hulldown.dataset.coco import CocoDataset
+    >>> folder = mkdtemp()
+    >>> label = {"category": "truck", "bbox": [1, 2, 3, 4]}
+    >>> with CocoDataset.open(folder) as writer:
+    ...     _ = writer.append({"file_name": "images/1.png", "width": 64, "height": 48}, [label])
+    >>> dataset = Dataset.read(folder)
+    >>> dataset.images[0].labels[0].category
+    'truck'
+    >>> dataset.labels["box_size"].round(2)
+    array([3.46])
     """
 
     def __init__(
@@ -110,20 +124,6 @@ class Dataset:
         ------
         DatasetError
             If there is none, or a record cannot be used.
-
-        Examples
-        --------
-        >>> from tempfile import mkdtemp
-        >>> from hulldown.dataset.coco import CocoDataset
-        >>> folder = mkdtemp()
-        >>> label = {"category": "truck", "bbox": [1, 2, 3, 4]}
-        >>> with CocoDataset.open(folder) as writer:
-        ...     _ = writer.append({"file_name": "images/1.png", "width": 64, "height": 48}, [label])
-        >>> dataset = Dataset.read(folder)
-        >>> dataset.images[0].labels[0].category
-        'truck'
-        >>> dataset.labels["box_size"].round(2)
-        array([3.46])
         """
         folder = Path(folder)
         coco = read_usable(folder)

@@ -18,6 +18,11 @@ class HulldownError(Exception):
         The file it was found in, if any.
     remedy
         What to do about it, as an imperative sentence without a full stop.
+
+    Examples
+    --------
+    >>> print(HulldownError("no such plan", path="plan.jsonl", remedy="make one with `hulldown plan`"))
+    plan.jsonl: no such plan; make one with `hulldown plan`
     """
 
     def __init__(self, problem: str, *, path: Path | str | None = None, remedy: str | None = None) -> None:

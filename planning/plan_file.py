@@ -109,7 +109,7 @@ class Plan:
         return summarise(self, left_out=self.header.left_out, overcast=overcast)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A table with a row an image, whose columns are named by the keys of docs/plan-file.md: `target.vehicle`.
+        """A table with a row an image, whose columns are named by the keys of docs/plan-file.md.
 
         Raises
         ------

@@ -39,9 +39,9 @@ def commands(page):
 
 
 def python_code():
-    """The Python of docs/python.md, in three pieces."""
+    """The Python of docs/python.md, in four pieces."""
     code = re.findall(r"(?ms)^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"))
-    assert len(code) == 3
+    assert len(code) == 4
     return code
 
 

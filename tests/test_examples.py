@@ -45,8 +45,10 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("module", MODULES)
 def test_examples_run(module, folder, monkeypatch):
     monkeypatch.chdir(folder)
-    result = doctest.testmod(importlib.import_module(module), optionflags=doctest.NORMALIZE_WHITESPACE)
-    assert result.attempted > 0
+    found = importlib.import_module(module)
+    result = doctest.testmod(found, optionflags=doctest.NORMALIZE_WHITESPACE)
+    # What needs Blender or a trained detector is skipped here.
+    assert result.attempted > 0 or "doctest: +SKIP" in Path(found.__file__).read_text(encoding="utf-8")
     assert result.failed == 0
 
 
