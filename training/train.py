@@ -109,7 +109,7 @@ def train(
     classes, sources = read_sources(data)
     shares = source_shares([source.name for source in sources], settings.shares)
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
-    labels = read_labels(valid) if valid is not None else None
+    labels = read_labels(Path(valid)) if valid is not None else None
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
     if weights is not None and settings.weights is not None:
         from hulldown.training.detectors.detr import check_weights
