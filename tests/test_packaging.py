@@ -17,7 +17,7 @@ from hulldown.reading import libraries
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SHIPPED = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
-PACKAGES = [name for name in SHIPPED if not name.endswith(".py")]
+PACKAGES = [name for name in SHIPPED if not name.endswith((".py", ".typed"))]
 
 
 @pytest.fixture(scope="module")

@@ -189,7 +189,7 @@ def planned(tmp_path):
 
 def test_a_dataset_is_what_its_plan_says(planned):
     folder, plan = planned
-    assert list(verify(folder, plan=plan)) == []
+    assert [one for one in verify(folder, plan=plan) if one.severity == "error"] == []
 
 
 def moved(pose):
