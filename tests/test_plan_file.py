@@ -104,7 +104,7 @@ def test_rows_come_back_as_they_were(path):
     assert [json.loads(encode(plan[i])) for i in (4, 0, 2)] == [row(4), row(0), row(2)]
     assert plan[3].world_from_camera.shape == (4, 4)
     assert plan[3].intrinsics.fov_x == math.radians(50.0)
-    with pytest.raises(IndexError, match="index: expected 0 to 4, got 5"):
+    with pytest.raises(IndexError, match="index: expected -5 to 4, got 5"):
         plan[5]
 
 
