@@ -68,15 +68,16 @@ def read(job: Job) -> dict[str, Any]:
     _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)
-    roles = scenery_roles(drawn.pieces, options)
-    kind, upright = job.kind, None
-    if kind != "scenery":
-        # What is a scenery as it is needn't be stood upright, which takes minutes for a forest.
-        if kind or likely_kind(drawn.pieces, options, roles=roles) == "vehicle":
-            upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up)
-            kind = kind or likely_kind(upright.pieces, options)
-        kind = kind or "scenery"
-    odd = refuse_wrong_kind(kind, upright.pieces if upright else drawn.pieces, options) if job.kind else ""
+    roles = scenery_roles(drawn.pieces, options) if job.kind != "vehicle" else []
+    upright = None
+    # Every solid of a scenery would be looked at; it's judged as the file has it.
+    if job.kind == "vehicle" or (not job.kind and likely_kind(drawn.pieces, options, roles=roles) == "vehicle"):
+        upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up)
+        kind = job.kind or likely_kind(upright.pieces, options)
+        odd = refuse_wrong_kind(kind, upright.pieces, options) if job.kind else ""
+    else:
+        kind = "scenery"
+        odd = refuse_wrong_kind(kind, drawn.pieces, options, roles=roles) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
         drawn.pieces, up = upright.pieces, upright.up.axis

@@ -82,7 +82,7 @@ def find_forward(
     raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     shape = _shape_votes(solids, wheels, ahead, middle)
     # Tubes side by side may lie behind the middle, and yet they rise ahead.
-    tubes = raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool))
+    tubes = raised != 0 and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool))
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
         gun_end = float(np.sign((solids.centre[barrel] - middle) @ ahead))
