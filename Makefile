@@ -1,4 +1,4 @@
-# `make help` lists the targets. PYTHON is 3.11 or 3.13: the Blender module is built for these alone.
+# `make help` lists the targets. PYTHON is 3.11: Blender 5.0 is built for it alone (3.13 installs Blender 5.2, which isn't supported yet).
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -24,7 +24,7 @@ help: ## list the targets
 setup: $(STAMP) ## create .venv and install hulldown, Blender, the libraries it needs, and the development tools; no demo
 
 $(STAMP): pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11 or 3.13: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@$(PYTHON) -P reading/libraries.py
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) '.[blender,cluster,dev]'
