@@ -30,6 +30,7 @@ _LOWEST, _STOPS = -12.47393, 16.5
 _POWER = 2.2
 _HALVINGS = 48  # of the range of exposures that is searched: to 1e-13 EV
 _XYZ = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
+_BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 2000, 2500, and 3000 K
 _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ
 
 
@@ -76,6 +77,34 @@ def _daylight(kelvin: float) -> Float[np.ndarray, "3"]:
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
     y = -3.0 * x * x + 2.870 * x - 0.275
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
+
+
+def off_daylight(light: Float[np.ndarray, "3"]) -> float:
+    """Return how far a light's color is from sunsets and daylight: CIE 1976 u'v', 0 for one of 2000 to 25000 K.
+
+    Parameters
+    ----------
+    light
+        Linear Rec. 709; not black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> off_daylight(np.ones(3)) < 0.01 < off_daylight(np.array([0.1, 0.1, 1.0]))
+    True
+    """
+    daylight = [_daylight(kelvin) for kelvin in (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)]
+    sunsets = [np.array([x / y, 1.0, (1.0 - x - y) / y]) for x, y in _BLACK_BODY]
+    places = np.stack([_uv(color) for color in (*sunsets, *daylight)])
+    place, start, along = _uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
+    share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+    return float(np.linalg.norm(start + share[:, None] * along - place, axis=1).min())
+
+
+def _uv(xyz: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
+    """CIE 1976 chromaticity."""
+    x, y, z = xyz
+    return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
 
 
 def metered(radiance: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:

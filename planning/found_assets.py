@@ -132,6 +132,8 @@ def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
         sky = read_hdris([folder / path], Path(cache), limits=limits)[0]
     if sky.light.misfits:
         return FoundFile(path, "", (f"shows no open land: {sky.light.misfits[0]}; {REMEDY}",))
+    if sky.doubts:
+        return FoundFile(path, "", sky.doubts)
     return FoundFile(path, "hdri", sky.notes)
 
 

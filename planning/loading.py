@@ -56,7 +56,8 @@ class Library:
         exported = [*self.models.values(), *self.sceneries.values()]
         doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
         files = self.assets.hdri_files
-        return (*doubts, *(f"{files[name].path}: {note}" for name, hdri in self.hdris.items() for note in hdri.notes))
+        skies = [(files[name].path, (*hdri.notes, *hdri.doubts)) for name, hdri in self.hdris.items()]
+        return (*doubts, *(f"{path}: {line}" for path, lines in skies for line in lines))
 
     @property
     def misfits(self) -> tuple[str, ...]:

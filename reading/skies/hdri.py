@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
+from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
@@ -26,6 +27,7 @@ FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
 NEGATIVE = 0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
 MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
+TINTED = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
 BATCH = 16  # pictures that one process reads, one after the other
 
 
@@ -55,6 +57,16 @@ class Hdri:
     map_file: Path
     mended_sha256: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What a person should look at, a sentence each: light that is far from daylight's color."""
+        light = np.array(self.light.irradiance)
+        if not light.any() or off_daylight(light) <= TINTED:
+            return ()
+        red, green, blue = (light / light.max()).tolist()
+        card = f"a gray card in it is ({red:.2f}, {green:.2f}, {blue:.2f})"
+        return (f"its light is tinted: {card}, and so is every image; leave it out unless that's meant",)
 
 
 def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:

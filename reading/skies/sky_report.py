@@ -35,7 +35,7 @@ class SkyReport:
     notes
         What was mended, a sentence each.
     doubts
-        Why it does not fit open land, a sentence each.
+        Why it doesn't fit open land or lights it oddly, and what to do, a sentence each.
     kind
         "hdri", beside those of `reading.report.FileReport`.
     """
@@ -56,14 +56,13 @@ class SkyReport:
             ("irradiance of level ground", f"{red:.4g}, {green:.4g}, {blue:.4g}"),
             ("exposure for a grey card", f"{self.exposure_ev:+.2f} EV"),
             ("only sky is seen above", f"{self.horizon_deg:.1f} degrees"),
-            ("fits open land", "no" if self.doubts else "yes"),
         ):
             table.add_row(what, value)
         return table
 
     def lines(self) -> list[str]:
         """What the table does not say, a line each."""
-        return [*self.notes, *(f"doubt: {doubt}; {REMEDY}" for doubt in self.doubts)]
+        return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
     def to_json(self) -> dict[str, Any]:
         """The report as what JSON can hold."""
@@ -74,7 +73,8 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     """The report of an HDRI that was read from `path`."""
     light = hdri.light
     ev = float(metered(np.array([light.irradiance]) * (ALBEDO / np.pi))[0])
-    return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, light.misfits)
+    doubts = (*(f"{misfit}; {REMEDY}" for misfit in light.misfits), *hdri.doubts)
+    return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
 def inspect_sky(path: Path, *, limits: ReadLimits = DEFAULT_LIMITS) -> SkyReport:
