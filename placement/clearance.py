@@ -28,6 +28,7 @@ def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
 
 
 SKYWARD = _skyward(48)
+OPEN = 4  # of these rays must be free where the first isn't: a wide sheet overhead lets two level ones pass
 
 
 class Obstacles:
@@ -51,7 +52,7 @@ class Obstacles:
         return self._touch.touched(half, world_from_box)
 
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether a ray from each point, upwards or level, meets no obstacle within `ROOM` metres.
+        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle within `ROOM` metres.
 
         Parameters
         ----------
@@ -59,10 +60,12 @@ class Obstacles:
             (n, 3) world. Inside a closed house, a boulder or a hall no ray finds a way out, and no light a way in.
         """
         found = np.zeros(len(point), dtype=bool)
-        for begin, end in pairwise((0, 1, 5, len(SKYWARD))):
+        free = np.zeros(len(point), dtype=int)
+        for begin, end in pairwise((0, 1, 13, len(SKYWARD))):
             left = np.flatnonzero(~found)
             origins = np.repeat(point[left], end - begin, axis=0)
             directions = np.tile(SKYWARD[begin:end], (len(left), 1))
             blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
-            found[left] = ~blocked.reshape(len(left), end - begin).all(axis=1)
+            free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
+            found = free >= (1 if begin == 0 else OPEN)
         return found

@@ -11,7 +11,8 @@ from hulldown.reading.options import Options
 from hulldown.reading.report import Missing, Row
 from hulldown.reading.roles import Piece, Role
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import LEVEL, PUDDLE, enclosing, sheets_between
+from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
+from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
 from hulldown.reading.wording import MOST, as_key, quoted
 
 LONGEST_VEHICLE = 60.0  # metres; the longest road trains
@@ -27,6 +28,7 @@ def vehicle_doubts(
     rows: Sequence[Row],
     missing: Sequence[Missing],
     *,
+    materials: Sequence[MaterialRow],
     unit: float,
     options: Options,
 ) -> tuple[str, ...]:
@@ -48,6 +50,9 @@ def vehicle_doubts(
     if sum(row.triangles * row.count for row in dropped) > kept:
         those = quoted([row.name for row in dropped])
         doubts.append(f"more triangles are dropped than kept; `keep` what of it is the vehicle: {those}")
+    clear = [row for row in materials if row.left_alone == CLEAR]
+    if sum(row.share for row in clear) > 0.5:
+        doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
     return (*doubts, *_missing(missing))
 
 
@@ -76,6 +81,16 @@ def scenery_doubts(
     if wet:
         doubts.append(f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []")
     doubts += _perhaps_water(used, wet) if options.water is None else []
+    for piece, role in used:
+        if role.use == "obstacle" and "below the main ground" in role.why:
+            doubts.append(f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}")
+    solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
+    for i, above in canopies(range(len(solid)), solid, [p.bounds for p, role in used if role.use == "ground"]):
+        name = as_key([solid[i].name])
+        doubts.append(
+            f"{solid[i].name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
+            f"it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
+        )
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         doubts.append(
             f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "

@@ -11,7 +11,9 @@ import bpy
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.blocks import refuse_odd_references
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
+from hulldown.reading.blender.mtl import clear_false_glass
 from hulldown.reading.blender.opening import open_blend
+from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.wording import quoted
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
@@ -70,11 +72,13 @@ def open_file(path: Path, kind: str) -> Opened:
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
             bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
+            clear_false_glass(path)
     except RuntimeError as error:
         raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy="export it again") from None
     if not bpy.context.scene.objects:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
-    return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"))
+    doubts = tuple(find_moved(path))
+    return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"), doubts)
 
 
 def _open_blend(path: Path) -> Opened:
@@ -105,7 +109,7 @@ def _open_blend(path: Path) -> Opened:
             f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
             f"before 2.80, so that what wore them is rendered in one colour; give its materials image nodes"
         )
-    return Opened(unit, "z", f"Blender {version}", tuple(doubts), duplicates)
+    return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
 
 
 def _lost_pictures() -> list[str]:

@@ -88,8 +88,9 @@ def read(job: Job) -> dict[str, Any]:
         uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
         triangles, size = len(shape.mesh.faces), xyz(shape.size_xyz)
         rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        doubts = (*vehicle.doubts, *vehicle_doubts(size, rows, missing, unit=unit, options=options))
         materials = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
+        more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=options)
+        doubts = (*vehicle.doubts, *more)
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:
         scenery, wet = build_scenery(job.name, drawn, roles, metres=metres, options=options)

@@ -21,6 +21,7 @@ CARRIED = 0.7  # least share of what is above a piece of ground that does not re
 SMALLEST = 20.0  # metres; less is no scenery
 SHEET = 20.0  # metres; a narrower sheet without a name is not taken for water
 PUDDLE = 3.0  # metres; but is said to be one perhaps, down to this width
+FAR_BELOW = 30.0  # metres that a pit's highest point is below the main ground's lowest
 DROWNED = 0.5  # metres of ground below such a sheet
 
 
@@ -115,6 +116,41 @@ def sheets_between(
         flat = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=least)
         if flat and not pieces[i].scattered and lowest + DROWNED < height < highest:
             found.append(i)
+    return found
+
+
+def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
+    """Find ground below the main ground, out of its sight, and how many meters below it's.
+
+    The main ground is the largest piece seen from above. What's within its bounds, lower than all of it by `FAR_BELOW`,
+    is a pit, a hall, or a sky's reflection that the scenery's author hid there.
+    """
+    if not among:
+        return []
+    main = pieces[max(among, key=lambda i: _area(pieces[i].bounds))].bounds
+    found = []
+    for i in among:
+        below = float(main[0, 2] - pieces[i].bounds[1, 2])
+        if below > FAR_BELOW and _overlap(pieces[i].bounds, main) > 0.9 * _area(pieces[i].bounds):
+            found.append((i, below))
+    return found
+
+
+def canopies(
+    among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]
+) -> list[tuple[int, float]]:
+    """Find flat sheets that hide the sky from much of the ground, and how many meters above its middle they are."""
+    if not ground:
+        return []
+    low, high = np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)
+    found = []
+    for i in among:
+        size = pieces[i].bounds[1] - pieces[i].bounds[0]
+        above = float(pieces[i].bounds[:, 2].mean() - (low[2] + high[2]) / 2)
+        sheet = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=SHEET)
+        covered = _overlap(pieces[i].bounds, np.stack([low, high]))
+        if sheet and not pieces[i].scattered and above > 0.0 and covered > COVERED * _area(np.stack([low, high])):
+            found.append((i, above))
     return found
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from hulldown.assets.naming import NOT_PAINT, PAINT, says
 
+CLEAR = "one sees through it"  # why glass is left alone
+
 
 @dataclass(frozen=True, slots=True)
 class MaterialRow:

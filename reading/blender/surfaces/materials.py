@@ -14,7 +14,7 @@ from hulldown.geometry.color import linear_from_srgb
 from hulldown.reading.blender.surfaces.nodes import Stack, source
 from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
 from hulldown.reading.roles import Piece
-from hulldown.reading.vehicle.paintable import MaterialRow, left_alone_by_name
+from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow, left_alone_by_name
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 METAL = 0.5  # least metalness of what is not painted
@@ -75,7 +75,7 @@ def why_left_alone(material: Any) -> str:
     shaders = [shader for shader, _ in surface_shaders(material)]
     principled = [shader for shader in shaders if shader.type == "BSDF_PRINCIPLED"]
     if is_clear(material):
-        return "one sees through it"
+        return CLEAR
     if not any(shader.type in BASE_COLOURS for shader in shaders):
         return "it has no base colour"
     if principled and all(_least(shader, "Metallic") >= METAL for shader in principled):

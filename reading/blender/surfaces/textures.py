@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Collection, Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import bpy
 
+from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.report import Missing
 
 TILES = "<UDIM>"
+DEPTH = 2  # folders below those of an asset in which its missing textures are sought
+MOST = 20_000  # files that are looked at for them
 
 
 def used_files() -> list[str]:
@@ -18,6 +24,54 @@ def used_files() -> list[str]:
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
     paths |= {path for block in _referring() for path in _paths(block)}
     return sorted(paths)
+
+
+def find_moved(path: Path) -> list[str]:
+    """Point images whose files are missing to files of the same name near the asset.
+
+    Parameters
+    ----------
+    path
+        The asset. Its folder and the one around it are searched, with `DEPTH` folders below each.
+
+    Returns
+    -------
+    A sentence for each image that was found, or that several different files could be.
+    """
+    gone = [image for image in bpy.data.images if image in set(_referring()) and not all(map(_is_there, _paths(image)))]
+    gone = [image for image in gone if TILES not in image.filepath]
+    named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
+    found: dict[str, set[str]] = {name: set() for name in named}
+    if found:
+        for file in _files_near(path):
+            if file.name.lower() in found:
+                found[file.name.lower()].add(os.path.realpath(file))
+    doubts = []
+    for name, image in zip(named, gone, strict=True):
+        files = found[name]
+        if len({Path(file).read_bytes() for file in files}) == 1:
+            near = os.path.relpath(min(files), path.parent)
+            doubts.append(f"{image.filepath!r} isn't there; {near!r} is used in its place")
+            _replace(image, min(files))
+        elif files:
+            several = " and ".join(repr(os.path.relpath(file, path.parent)) for file in sorted(files)[:2])
+            doubts.append(f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place")
+    return doubts
+
+
+def _replace(image: Any, file: str) -> None:
+    """Use a file in place of an image that was never read, which reloading wouldn't change."""
+    new = bpy.data.images.load(file)
+    new.colorspace_settings.name, new.alpha_mode = image.colorspace_settings.name, image.alpha_mode
+    image.user_remap(new)
+    bpy.data.images.remove(image)
+
+
+def _files_near(path: Path) -> Iterator[Path]:
+    """Files in the folders that an asset may read, at most `MOST`."""
+    folders = [folder for folder in asset_folders(path) if folder.is_dir()]
+    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, DEPTH + 2)]
+    return (file for file in islice(chain.from_iterable(levels), MOST) if file.is_file() and is_inside(file, folders))
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:

@@ -1,0 +1,128 @@
+"""Files as other programs write them, read in one process: what's made of them, and what a person is told."""
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from hulldown.assets.bundle import load_scenery
+from hulldown.reading.export import ask_reader, exported_by, job_for
+from hulldown.reading.skies.hdri import read_hdris
+
+MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
+GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
+MOVED = "newmtl body\nmap_Kd model://car/materials/textures/skin.png\nnewmtl tire\nmap_Kd C:\\art\\Tire.PNG\n"
+
+
+def box(size, at):
+    return trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
+
+
+def wheel(at):
+    turned = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
+    turned[:3, 3] = at
+    return trimesh.creation.cylinder(0.5, 0.3, sections=24, transform=turned)
+
+
+WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.2, 1.2)}
+CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
+
+
+def write_obj(path, parts, materials, mtl):
+    """Write named meshes with z up as OBJ with y up, all their texture coordinates 0."""
+    path.parent.mkdir(parents=True)
+    path.with_suffix(".mtl").write_text(mtl)
+    lines, count = [f"mtllib {path.stem}.mtl", "vt 0 0"], 1
+    for name, mesh in parts.items():
+        lines += [f"o {name}", f"usemtl {materials.get(name, materials['*'])}"]
+        lines += [f"v {x:.6f} {z:.6f} {-y:.6f}" for x, y, z in mesh.vertices]
+        lines += [f"f {a}/1 {b}/1 {c}/1" for a, b, c in mesh.faces + count]
+        count += len(mesh.vertices)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def hills():
+    x, y = np.meshgrid(np.linspace(-250, 250, 51), np.linspace(-250, 250, 51))
+    corner = np.arange(50)[:, None] * 51 + np.arange(50)
+    faces = np.stack([[corner, corner + 1, corner + 52], [corner, corner + 52, corner + 51]]).transpose(0, 2, 3, 1)
+    vertices = np.stack([x, y, 2 * np.sin(x / 60) * np.cos(y / 50)], axis=-1)
+    return trimesh.Trimesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), process=False)
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory):
+    """What each file is read as, by its name."""
+    folder = tmp_path_factory.mktemp("strangers")
+    tree = box([1, 1, 6], [100, 100, 3])
+    files = {
+        "max": write_obj(folder / "max/max.obj", CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
+        "clear": write_obj(folder / "clear/clear.obj", CAR, {"*": "window"}, GLASS),
+        "moved": write_obj(folder / "moved/meshes/moved.obj", CAR, {"*": "tire", "hull": "body"}, MOVED),
+        "sheet": write_obj(
+            folder / "sheet/sheet.obj", {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])}, {"*": "body"}, ""
+        ),
+        "pit": write_obj(
+            folder / "pit/pit.obj",
+            {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
+            {"*": "body"},
+            "",
+        ),
+    }
+    textures = {"materials/textures/skin.png": 90, "scans/a/tire.png": 20, "meshes/b/tire.png": 30}
+    for name, level in textures.items():
+        (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)
+    jobs = []
+    for name, path in files.items():
+        out = folder / "out" / name
+        out.mkdir(parents=True)
+        kind = "scenery" if name in ("sheet", "pit") else "vehicle"
+        jobs.append(job_for(path, out, kind=kind))
+    ask_reader(jobs)
+    return {name: exported_by(job) for name, job in zip(files, jobs, strict=True)}
+
+
+def test_only_what_an_mtl_calls_glass_is_glass(read):
+    rows = {row.name: row.left_alone for row in read["max"].report.materials}
+    assert rows == {"body": "", "window": "one sees through it"}
+
+
+def test_a_vehicle_of_glass_is_a_doubt(read):
+    assert any("through most of its surface" in doubt for doubt in read["clear"].report.doubts)
+    assert not any("through most of its surface" in doubt for doubt in read["max"].report.doubts)
+
+
+def test_a_texture_is_found_near_the_file_where_only_one_can_be_meant(read):
+    doubts = read["moved"].report.doubts
+    assert any(
+        "skin.png" in doubt and "'../materials/textures/skin.png' is used in its place" in doubt for doubt in doubts
+    )
+    assert any("Tire.PNG" in doubt and "differ" in doubt for doubt in doubts)
+    assert [missing.path.endswith("Tire.PNG") for missing in read["moved"].report.missing] == [True]
+    (skin,) = (row for row in read["moved"].report.materials if row.name == "body")
+    assert skin.colour[0] < 0.2
+
+
+def test_a_sheet_over_the_whole_scenery_is_a_doubt_whatever_it_is_called(read):
+    assert any("'Grass' is a level sheet 6.0 m above" in doubt for doubt in read["sheet"].report.doubts)
+    assert not any("level sheet" in doubt for doubt in read["pit"].report.doubts)
+
+
+def test_ground_far_below_the_main_ground_is_none(read):
+    uses = {row.name: row.use for row in read["pit"].report.rows}
+    assert uses == {"Terrain": "ground", "Terrain_low": "obstacle", "tree": "obstacle"}
+    assert load_scenery(read["pit"].bundle).ground.vertices[:, 2].min() > -3.0
+    assert any("'Terrain_low' isn't used as ground" in doubt for doubt in read["pit"].report.doubts)
+
+
+def test_an_hdri_with_a_sun_of_one_color_is_a_doubt(tmp_path):
+    pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
+    for name, sun in (("white", (200, 200, 200, 142)), ("blue", (0, 0, 200, 142))):
+        pixels[6, 10] = sun
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n"
+        (tmp_path / f"{name}.hdr").write_bytes(header + pixels.tobytes())
+    white, blue = read_hdris([tmp_path / "white.hdr", tmp_path / "blue.hdr"], tmp_path / "cache")
+    assert white.doubts == ()
+    assert len(blue.doubts) == 1
+    assert "tinted" in blue.doubts[0]
