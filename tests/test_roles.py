@@ -178,7 +178,7 @@ def test_a_tank_in_centimetres_is_no_scenery_for_its_tracks() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
-    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), unit=1.0, options=Options())
+    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), materials=(), unit=1.0, options=Options())
     assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
     with pytest.raises(AssetError, match=r"in it is ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
