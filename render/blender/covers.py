@@ -11,6 +11,7 @@ Lagarde, "Water drop 3b: physically based wet surfaces", 2013.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -22,8 +23,9 @@ SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
-PATCH = 1.2  # metres of the largest patches of snow, where it lies in patches
-PATCH_EDGE = 0.1  # of its noise
+PATCHES = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
+PATCH_WEIGHTS = (0.6, 0.65, 0.45)  # of each; their squares add up to 1
+PATCH_EDGE = 0.45  # width of an edge where half the ground is covered, as a share of the noise; at most 0.5
 DUST_PATCH = 0.5  # metres
 NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
 NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
@@ -63,11 +65,22 @@ class Group:
         """0 at `low` to 1 at `high`, smoothly."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
-    def even_noise(self, where: Any, size: float) -> Any:
-        """Noise in patches of `size`, as often below any number from 0 to 1 as that number says, within 0.02."""
-        noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **NOISE})
+    def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
+        """Noise in patches of several sizes, below any number from 0 to 1 as often as that number, within 0.02.
+
+        Parameters
+        ----------
+        where
+            Position in meters.
+        sizes, weights
+            Meters of the patches, and how much each size counts; the squares of the weights add up to 1.
+        """
+        total: Any = NOISE_MEAN * (1.0 - sum(weights))
+        for size, weight in zip(sizes, weights, strict=True):
+            noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **NOISE})
+            total = self.maths("MULTIPLY_ADD", noise.outputs[0], weight, total)
         reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
-        return self.ramp(noise.outputs[0], NOISE_MEAN - reach, NOISE_MEAN + reach)
+        return self.ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
 
     def end(self, **outputs: Any) -> Any:
         """Give the outputs their values; the finished tree."""
@@ -135,9 +148,14 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
-    patches = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCH)
-    covered = g.maths("SUBTRACT", g.maths("MULTIPLY", share, 1 + PATCH_EDGE), patches)
-    return _covered(g, g.maths("DIVIDE", covered, PATCH_EDGE, clamp=True), weather.SNOW_ALBEDO)
+    patches = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCHES, PATCH_WEIGHTS)
+    # Edges are narrower where little or nearly all is covered, so that the mean cover is the share.
+    bare = g.maths("SUBTRACT", 1.0, share)
+    edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
+    inside = g.maths("SUBTRACT", share, patches)
+    covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
+    some = g.maths("GREATER_THAN", share, 0.0)
+    return _covered(g, g.maths("MULTIPLY", covered, some), weather.SNOW_ALBEDO)
 
 
 def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, climbs: bool) -> Any:
@@ -154,7 +172,7 @@ def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, c
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), DUST_PATCH)
+    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), (DUST_PATCH,))
     lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), weather.DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
