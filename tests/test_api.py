@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from hulldown.demo.project import create_project
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.training.settings import load_settings
+
+NOTEBOOK = Path(__file__).parents[1] / "docs" / "first_dataset.ipynb"
 
 HEAVY = {"bpy", "torch", "dask", "distributed", "numpy", "scipy", "PIL", "pandas", "matplotlib", "pydantic", "psutil"}
 # Section 10 of the design, and the names of `import hulldown`.
@@ -173,3 +176,19 @@ def test_a_project_from_config_to_dataset(tmp_path):
     shutil.copytree(tmp_path / "dataset", tmp_path / "one")
     assert len(hd.render(plan, tmp_path / "dataset", part=Part(limit=2), device="cpu")) == 2
     assert [one for one in hd.verify(tmp_path / "one", plan) if one.severity == "error"] == []
+
+
+@pytest.mark.blender
+@pytest.mark.thorough
+def test_the_example_notebook_runs_in_a_project(tmp_path, monkeypatch):
+    create_project(tmp_path / "project", small=True)
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    shared = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        for cell in cells:
+            if cell["cell_type"] == "code":
+                exec("".join(cell["source"]), shared)
+    assert len(shared["dataset"]) == len(shared["plan"]) > 0
+    assert not [finding for finding in shared["findings"] if finding.severity == "error"]
