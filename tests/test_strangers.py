@@ -69,7 +69,7 @@ def read(tmp_path_factory):
             "",
         ),
     }
-    textures = {"materials/textures/skin.png": 90, "scans/a/tire.png": 20, "meshes/b/tire.png": 30}
+    textures = {"materials/textures/skin.png": 90, "textures/a/tire.png": 20, "meshes/b/tire.png": 30}
     for name, level in textures.items():
         (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)

@@ -15,7 +15,8 @@ from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.report import Missing
 
 TILES = "<UDIM>"
-DEPTH = 2  # folders below those of an asset in which its missing textures are sought
+DEPTH = 2  # folders below that of an asset in which its missing textures are sought
+TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 MOST = 20_000  # files that are looked at for them
 
 
@@ -32,7 +33,8 @@ def find_moved(path: Path) -> list[str]:
     Parameters
     ----------
     path
-        The asset. Its folder and the one around it are searched, with `DEPTH` folders below each.
+        The asset. Its folder is searched, and those beside it that are called like `TEXTURES`; other assets may be in
+        the rest, with textures of the same names.
 
     Returns
     -------
@@ -69,9 +71,12 @@ def _replace(image: Any, file: str) -> None:
 
 def _files_near(path: Path) -> Iterator[Path]:
     """Files in the folders that an asset may read, at most `MOST`."""
-    folders = [folder for folder in asset_folders(path) if folder.is_dir()]
+    readable = asset_folders(path)
+    own = [path.parent, Path(os.path.realpath(path)).parent]
+    beside = [child for around in readable if around not in own for child in around.glob("*")]
+    folders = own + [child for child in beside if child.name.lower() in TEXTURES and child.is_dir()]
     levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, DEPTH + 2)]
-    return (file for file in islice(chain.from_iterable(levels), MOST) if file.is_file() and is_inside(file, folders))
+    return (file for file in islice(chain.from_iterable(levels), MOST) if file.is_file() and is_inside(file, readable))
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
