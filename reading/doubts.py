@@ -82,7 +82,7 @@ def scenery_doubts(
         doubts.append(f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []")
     doubts += _perhaps_water(used, wet) if options.water is None else []
     for piece, role in used:
-        if role.use == "obstacle" and "below the main ground" in role.why:
+        if role.use == "obstacle" and role.why.startswith("by shape"):
             doubts.append(f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     for i, above in canopies(range(len(solid)), solid, [p.bounds for p, role in used if role.use == "ground"]):

@@ -38,21 +38,34 @@ def _refuse(path: Path, named: str) -> None:
 
 
 def _check_obj(path: Path) -> None:
-    for line in _lines(path, b"mtllib"):
-        material = path.parent / line
-        _refuse(path, line)
+    for material in material_libraries(path):
+        for _, picture in directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
+            _refuse(path, picture.split()[-1] if picture.split() else picture)
+
+
+def material_libraries(path: Path) -> Iterator[Path]:
+    """The .mtl files that an OBJ file names, those that are there and may be read.
+
+    Raises
+    ------
+    AssetError
+        If one is no file.
+    """
+    for _, named in directives(path, b"mtllib"):
+        _refuse(path, named)
+        material = path.parent / named
         if kind_of_file(material) == "a file" and is_inside(material, asset_folders(path)):
-            for picture in _lines(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
-                _refuse(path, picture.split()[-1] if picture.split() else picture)
+            yield material
 
 
-def _lines(path: Path, *starts: bytes) -> Iterator[str]:
-    """What follows the first word of the lines that begin like this."""
+def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
+    """First word in lower case, and the rest, of the lines of an OBJ or .mtl file that begin like this."""
     with open(path, "rb") as file:
         while line := file.readline(1 << 16):
             words = line.strip().split(maxsplit=1)
             if len(words) == 2 and words[0].lower().startswith(starts):
-                yield words[1].decode("utf-8", "surrogateescape")
+                key, rest = (word.decode("utf-8", "surrogateescape") for word in words)
+                yield key.lower(), rest
 
 
 def _check_gltf(path: Path) -> None:

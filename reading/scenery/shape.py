@@ -111,12 +111,16 @@ def sheets_between(
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
     found = []
     for i in among:
-        size = pieces[i].bounds[1] - pieces[i].bounds[0]
         height = pieces[i].bounds[:, 2].mean()
-        flat = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=least)
-        if flat and not pieces[i].scattered and lowest + DROWNED < height < highest:
+        if _is_sheet(pieces[i], least) and lowest + DROWNED < height < highest:
             found.append(i)
     return found
+
+
+def _is_sheet(piece: Piece, least: float) -> bool:
+    """Whether a piece is a wide flat sheet of its own, not one of many that are scattered."""
+    size = piece.bounds[1] - piece.bounds[0]
+    return bool(size[2] <= FLAT * max(size[:2]) and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
 def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
@@ -142,14 +146,12 @@ def canopies(
     """Find flat sheets that hide the sky from much of the ground, and how many meters above its middle they are."""
     if not ground:
         return []
-    low, high = np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)
+    whole = np.stack([np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)])
     found = []
     for i in among:
-        size = pieces[i].bounds[1] - pieces[i].bounds[0]
-        above = float(pieces[i].bounds[:, 2].mean() - (low[2] + high[2]) / 2)
-        sheet = size[2] <= FLAT * max(size[:2]) and is_wide_and_level(pieces[i], least=SHEET)
-        covered = _overlap(pieces[i].bounds, np.stack([low, high]))
-        if sheet and not pieces[i].scattered and above > 0.0 and covered > COVERED * _area(np.stack([low, high])):
+        above = float(pieces[i].bounds[:, 2].mean() - whole[:, 2].mean())
+        covered = _overlap(pieces[i].bounds, whole)
+        if _is_sheet(pieces[i], SHEET) and above > 0.0 and covered > COVERED * _area(whole):
             found.append((i, above))
     return found
 

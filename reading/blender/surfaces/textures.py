@@ -40,8 +40,8 @@ def find_moved(path: Path) -> list[str]:
     -------
     A sentence for each image that was found, or that several different files could be.
     """
-    gone = [image for image in bpy.data.images if image in set(_referring()) and not all(map(_is_there, _paths(image)))]
-    gone = [image for image in gone if TILES not in image.filepath]
+    images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
+    gone = [image for image in images if not all(map(_is_there, _paths(image)))]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
