@@ -12,9 +12,8 @@ from types import TracebackType
 from typing import Any
 
 from hulldown.render.confinement import Confinement
-from hulldown.render.process import DEFAULT_LIMITS, Allowance, Blender, Limits, Outcome, Stopped
+from hulldown.render.process import DEFAULT_LIMITS, POLL_S, Allowance, Blender, Limits, Outcome, Stopped
 
-POLL_S = 0.2
 MOST = 256  # Blenders
 
 
