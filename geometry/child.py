@@ -137,3 +137,8 @@ class Child:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.kill()
+
+
+def memory_share(processes: int) -> float:
+    """Bytes that each of so many processes may hold: its share of nine tenths of the machine's memory."""
+    return 0.9 * float(psutil.virtual_memory().total) / processes

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 
-from hulldown.geometry.child import Child
+from hulldown.geometry.child import Child, memory_share
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
@@ -108,7 +108,7 @@ class Allowance:
         """Bytes."""
         if self.limits.memory_bytes is not None:
             return float(self.limits.memory_bytes)
-        return 0.9 * float(psutil.virtual_memory().total) / self.blenders
+        return memory_share(self.blenders)
 
     @property
     def threads(self) -> int:

@@ -7,9 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import psutil
-
-from hulldown.geometry.child import Child
+from hulldown.geometry.child import Child, memory_share
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30
@@ -40,7 +38,7 @@ class ReadLimits:
         """Bytes that one process may hold."""
         if self.memory_bytes is not None:
             return float(self.memory_bytes)
-        return 0.9 * float(psutil.virtual_memory().total) / self.share
+        return memory_share(self.share)
 
 
 DEFAULT_LIMITS = ReadLimits()
