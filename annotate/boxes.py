@@ -174,9 +174,9 @@ class VehicleBoxes:
         cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
         n = len(vehicles)
         lens = lenses(intrinsics)
-        each = lens.spread(n) if lens.f.ndim == 0 else lens
+        each = lens.spread(n) if lens.focal.ndim == 1 else lens
         turned = [{}] * n if articulations is None else articulations
-        for name, given in (("world_from_camera", cameras), ("intrinsics", each.f), ("articulations", turned)):
+        for name, given in (("world_from_camera", cameras), ("intrinsics", each.focal), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = turned if isinstance(turned, np.ndarray) else self.shape.angles(turned)

@@ -79,9 +79,9 @@ def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum)
     u, v = pixels
     # A corner cut by an edge of the image lies on it, whatever rounding says.
     u[on & LEFT_BIT != 0] = 0.0
-    u[on & RIGHT_BIT != 0] = frustum.width
+    u[on & RIGHT_BIT != 0] = frustum.size[0]
     v[on & TOP_BIT != 0] = 0.0
-    v[on & BOTTOM_BIT != 0] = frustum.height
+    v[on & BOTTOM_BIT != 0] = frustum.size[1]
     return extremes_of_points(pixels)
 
 

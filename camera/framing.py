@@ -13,7 +13,7 @@ from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.projection import directions, project
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import exp, hypot, log
-from hulldown.geometry.transforms import rotate, tilt_to
+from hulldown.geometry.transforms import rotate, rotation_z, tilt_to
 from hulldown.geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
@@ -25,15 +25,17 @@ class Framed(NamedTuple):
     """Cameras that were turned, and what they then see of the target."""
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
-    pixel: Float[np.ndarray, "n 2"]  # where the point that was at the image's centre is now
+    pixel: Float[np.ndarray, "n 2"]  # where the point that was on the optical axis is now
     truncated: Float[np.ndarray, " n"]  # share of the target's box area that is out of the frame; nan: box unknown
 
 
-def turned(world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
-    """The camera turned on the spot so that what was at the image's centre falls on `pixel`.
+def turned(
+    world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike, roll: ArrayLike = 0.0
+) -> Float[np.ndarray, "... 4 4"]:
+    """The camera turned on the spot so that what was on its optical axis falls on `pixel`, and rolled.
 
-    A level horizon stays level, as on a tripod, where the view is flat enough for that: cos(elevation) above
-    sin(fov_x / 2). Steeper cameras, and rolled ones, turn by the smallest rotation.
+    A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
+    cos(elevation) above sin(fov_x / 2). Steeper cameras, and those that aren't level, turn by the smallest rotation.
 
     Parameters
     ----------
@@ -43,12 +45,18 @@ def turned(world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike) -
         One, or one for each of m poses (m, 4, 4).
     pixel
         (..., 2) pixels, in the frame or out of it; leading axes broadcast against those of the poses.
+    roll
+        (...) radians about the optical axis, from x to y: positive lowers the camera's right side.
     """
     pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
     uv = checked(pixel, "pixel", ("...", 2))
     lens = lenses(intrinsics)
     seen = directions(lens, uv[..., None, :])[..., 0, :]
     seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    about_axis = None
+    if np.any(roll):
+        about_axis = rotation_z(roll)
+        seen = rotate(about_axis, seen[..., None, :])[..., 0, :]  # as the camera would see it without the roll
     lead = np.broadcast_shapes(pose.shape[:-2], seen.shape[:-1])
     out = np.array(np.broadcast_to(pose, (*lead, 4, 4)))
     rotation = np.array(out[..., :3, :3])
@@ -58,6 +66,8 @@ def turned(world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike) -
     level = np.asarray(~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
     smallest = rotate(tilt_to(seen), rotation)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
+    if about_axis is not None:
+        out[..., :3, :3] = rotate(np.swapaxes(about_axis, -1, -2), out[..., :3, :3])
     return out
 
 
@@ -100,6 +110,7 @@ def frame_target(
     intrinsics: Optics,
     *,
     rng: UniformNumbers,
+    roll: ArrayLike = 0.0,
     spread: float = 1.0,
     truncated: tuple[float, float] = (0.0, 0.0),
 ) -> Framed:
@@ -119,6 +130,8 @@ def frame_target(
         One, or one for each pose.
     rng
         Source of randomness; five numbers a pose are drawn.
+    roll
+        () or (n,) radians; see `turned`.
     spread
         0 to 1: how much of the room on either side of the middle is used. 0 centres the box.
     truncated
@@ -142,7 +155,9 @@ def frame_target(
     n = len(poses)
     lens = lenses(intrinsics)
     size = np.broadcast_to(lens.size, (n, 2))
-    box = _box(poses, points, lens)
+    rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
+    first = turned(poses, lens, lens.centre, rolls) if rolls.any() else poses
+    box = _box(first, points, lens)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
@@ -150,7 +165,7 @@ def frame_target(
     inside, cut_high = _draw_cuts(extent, size, share, uniform)
     place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
 
-    best, best_pixel, best_box = poses.copy(), size / 2.0, box
+    best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.centre, (n, 2))), box
     best_miss = np.full(n, np.inf)
     # Cameras that have their place are done, whatever the others still need: answers do not depend on company.
     todo = np.flatnonzero(known)
@@ -158,7 +173,7 @@ def frame_target(
     for _ in range(ROUNDS):
         if not len(todo):
             break
-        pose = turned(poses[todo], lens.rows(todo), pixel)
+        pose = turned(poses[todo], lens.rows(todo), pixel, rolls[todo])
         box = _box(pose, points if len(points) == 1 else points[todo], lens.rows(todo))
         low, extent = box[:, 0], box[:, 1] - box[:, 0]
         # Wanted lower edge: `inside` of the extent is in the frame, the rest sticks out at the low or the high side.

@@ -20,22 +20,28 @@ class Frustum:
 
     Parameters
     ----------
-    f_px, width, height
-        Focal length and image size in pixels.
+    focal, centre, size
+        Focal lengths, principal point, and image size in pixels.
     frame
         Whether the image's edges are among the half-spaces, or the near plane alone.
     """
 
-    f_px: float
-    width: float
-    height: float
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    size: tuple[float, float]
     frame: bool
 
     @classmethod
     def of(cls, lens: Lenses, *, frame: bool) -> Frustum:
         """The frustum of one camera."""
-        width, height = lens.size.tolist()
-        return cls(float(lens.f), width, height, frame)
+        focal, centre, size = (tuple(each.tolist()) for each in (lens.focal, lens.centre, lens.size))
+        return cls(focal, centre, size, frame)
+
+    @property
+    def _sides(self) -> tuple[float, float, float, float]:
+        """Pixels from the principal point to the left, right, upper, and lower side of the image."""
+        (cx, cy), (width, height) = self.centre, self.size
+        return cx, width - cx, cy, height - cy
 
     @property
     def bits(self) -> tuple[int, ...]:
@@ -45,32 +51,27 @@ class Frustum:
     @property
     def planes(self) -> Float[np.ndarray, "k 4"]:
         """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside."""
-        f, half_width, half_height = self.f_px, self.width / 2.0, self.height / 2.0
+        (fx, fy), (left, right, top, bottom) = self.focal, self._sides
         near = [0.0, 0.0, 1.0, -NEAR]
         if not self.frame:
             return np.array([near])
         return np.array(
-            [
-                near,
-                [f, 0.0, half_width, 0.0],
-                [-f, 0.0, half_width, 0.0],
-                [0.0, f, half_height, 0.0],
-                [0.0, -f, half_height, 0.0],
-            ]
+            [near, [fx, 0.0, left, 0.0], [-fx, 0.0, right, 0.0], [0.0, fy, top, 0.0], [0.0, -fy, bottom, 0.0]]
         )
 
     def distance(self, bit: int, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
         """Signed distance of points to one plane, scaled; not negative inside."""
         x, y, z = points
+        (fx, fy), (left, right, top, bottom) = self.focal, self._sides
         if bit == NEAR_BIT:
             return z - NEAR
         if bit == LEFT_BIT:
-            return self.f_px * x + self.width / 2.0 * z
+            return fx * x + left * z
         if bit == RIGHT_BIT:
-            return self.width / 2.0 * z - self.f_px * x
+            return right * z - fx * x
         if bit == TOP_BIT:
-            return self.f_px * y + self.height / 2.0 * z
-        return self.height / 2.0 * z - self.f_px * y
+            return fy * y + top * z
+        return bottom * z - fy * y
 
     def outside(self, points: Float[np.ndarray, "3 *n"]) -> UInt8[np.ndarray, "*n"]:
         """For each point the bits of the planes that it is outside of."""
@@ -82,11 +83,11 @@ class Frustum:
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
         """Continuous pixels of points inside the frustum; rounding does not take them out of the image."""
         x, y, z = points
-        u = x / z * self.f_px + self.width / 2.0
-        v = y / z * self.f_px + self.height / 2.0
+        u = x / z * self.focal[0] + self.centre[0]
+        v = y / z * self.focal[1] + self.centre[1]
         if self.frame:
-            np.clip(u, 0.0, self.width, out=u)
-            np.clip(v, 0.0, self.height, out=v)
+            np.clip(u, 0.0, self.size[0], out=u)
+            np.clip(v, 0.0, self.size[1], out=v)
         return np.stack([u, v])
 
     def beyond(self, box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
@@ -94,15 +95,10 @@ class Frustum:
 
         Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
         """
-        f, width, height = self.f_px, self.width, self.height
+        (fx, fy), (cx, cy), (width, height) = self.focal, self.centre, self.size
         u0, v0, u1, v1 = [width, height, 0.0, 0.0] if np.isinf(box).any() else box.tolist()
         rows = np.array(
-            [
-                [-f, 0.0, u0 - width / 2.0, 0.0],
-                [0.0, -f, v0 - height / 2.0, 0.0],
-                [f, 0.0, width / 2.0 - u1, 0.0],
-                [0.0, f, height / 2.0 - v1, 0.0],
-            ]
+            [[-fx, 0.0, u0 - cx, 0.0], [0.0, -fy, v0 - cy, 0.0], [fx, 0.0, cx - u1, 0.0], [0.0, fy, cy - v1, 0.0]]
         )
         if self.frame:
             rows[[u0 <= 0.0, v0 <= 0.0, u1 >= width, v1 >= height]] = 0.0

@@ -1,4 +1,4 @@
-"""A pinhole camera's intrinsics: image size, field of view, and the distance at which a size fills a share of it.
+"""A camera's intrinsics: image size, field of view or calibration, and the distance at which a size fills a share.
 
 Other folders ask cameras for pixels, rays, and bounds. Only `camera/` computes with fields of view and focal lengths.
 This module runs in Blender too, which may have numpy only.
@@ -7,19 +7,21 @@ This module runs in Blender too, which may have numpy only.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hulldown.camera.distortion import NONE, frame_bounds
+
 WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole camera with square pixels and its principal point at the image's centre.
+    """A camera: one with square pixels and its principal point at the image's center, or a calibrated one.
 
     Pixels are continuous: (0, 0) is the outer corner of the top-left pixel, (width, height) that of the bottom-right.
 
@@ -29,6 +31,15 @@ class Intrinsics:
         Image size in pixels, at least 1.
     fov_x
         Horizontal field of view in radians, between 0 and pi.
+    pinhole
+        fx, fy, cx, cy in pixels, if the camera is calibrated: `fov_x` doesn't count then; see `calibrated`.
+    distortion
+        k1, k2, p1, p2, k3 of a calibrated camera; see `camera.distortion`.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter. A lens that folds inside the image is refused.
 
     References
     ----------
@@ -47,6 +58,8 @@ class Intrinsics:
     width: int
     height: int
     fov_x: float
+    pinhole: tuple[float, float, float, float] | None = None
+    distortion: tuple[float, float, float, float, float] = NONE
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -55,15 +68,60 @@ class Intrinsics:
                 raise ValueError(f"{name}: expected a whole number of pixels, at least 1, got {value!r}")
         if not 0.0 < self.fov_x < math.pi:
             raise ValueError(f"fov_x: expected radians between 0 and pi, got {self.fov_x!r}")
+        object.__setattr__(self, "distortion", tuple(self.distortion))  # lists, from JSON
+        if self.pinhole is not None:
+            object.__setattr__(self, "pinhole", tuple(self.pinhole))
+            if len(self.pinhole) != 4 or not (self.pinhole[0] > 0.0 and self.pinhole[1] > 0.0):
+                raise ValueError(f"pinhole: expected positive fx and fy, cx, and cy, got {self.pinhole!r}")
+            if len(self.distortion) != 5:
+                raise ValueError(f"distortion: expected k1, k2, p1, p2, and k3, got {self.distortion!r}")
+            self.bounds  # noqa: B018  # a lens that folds is refused
+
+    @classmethod
+    def calibrated(
+        cls, width: int, height: int, pinhole: Sequence[float], distortion: Sequence[float] = NONE
+    ) -> Intrinsics:
+        """The intrinsics of a calibrated camera.
+
+        Parameters
+        ----------
+        width, height
+            Image size in pixels.
+        pinhole
+            fx, fy, cx, cy in pixels.
+        distortion
+            k1, k2, p1, p2, k3 in OpenCV's order.
+
+        Examples
+        --------
+        >>> camera = Intrinsics.calibrated(1920, 1080, (1420.0, 1418.5, 964.2, 545.7), (-0.21, 0.07, 3e-4, -1e-4, 0.0))
+        >>> camera.matrix.tolist()
+        [[1420.0, 0.0, 964.2], [0.0, 1418.5, 545.7], [0.0, 0.0, 1.0]]
+        """
+        fx, fy, cx, cy = pinhole
+        if not (fx > 0.0 and fy > 0.0):
+            raise ValueError(f"pinhole: expected positive fx and fy, got {fx!r} and {fy!r}")
+        fov_x = math.atan(cx / fx) + math.atan((width - cx) / fx)
+        k1, k2, p1, p2, k3 = distortion
+        return cls(width, height, fov_x, (fx, fy, cx, cy), (k1, k2, p1, p2, k3))
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Intrinsics:
-        """The intrinsics that a row or an image record states in `width`, `height`, and `fov_x_deg`."""
-        return cls(record["width"], record["height"], math.radians(record["fov_x_deg"]))
+        """The intrinsics in a row or an image record: `width`, `height`, and `K` and `dist`, or `fov_x_deg`."""
+        width, height, matrix = record["width"], record["height"], record.get("K")
+        if matrix is None:
+            return cls(width, height, math.radians(record["fov_x_deg"]))
+        (fx, _, cx), (_, fy, cy), _ = matrix
+        return cls.calibrated(width, height, (fx, fy, cx, cy), record.get("dist") or NONE)
 
     def resized(self, width: int, height: int) -> Intrinsics:
         """The same view in an image of another size."""
-        return replace(self, width=width, height=height)
+        if self.pinhole is None:
+            return replace(self, width=width, height=height)
+        across, down = width / self.width, height / self.height
+        fx, fy, cx, cy = self.pinhole
+        pinhole = (fx * across, fy * down, cx * across, cy * down)
+        return replace(self, width=width, height=height, pinhole=pinhole)
 
     @property
     def aspect(self) -> float:
@@ -72,33 +130,51 @@ class Intrinsics:
 
     @property
     def fov_y(self) -> float:
-        """Vertical field of view in radians (eq 3)."""
+        """Vertical field of view in radians (eq 3), of a camera that isn't calibrated."""
         return 2.0 * math.atan(self.half_tangents[1])
 
     @property
     def half_tangents(self) -> tuple[float, float]:
-        """Half the image's width and height at unit depth."""
+        """Half the width and height at unit depth of the smallest centered image that holds this one."""
+        if self.pinhole is not None:
+            low, high = self.bounds
+            return max(-low[0], high[0]), max(-low[1], high[1])
         half = math.tan(self.fov_x / 2.0)
         return half, half * self.height / self.width
 
     @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Lowest and highest (x / z, y / z) of what a calibrated camera sees."""
+        assert self.pinhole is not None
+        return frame_bounds(self.width, self.height, self.pinhole, self.distortion)
+
+    @property
     def f_px(self) -> float:
-        """Focal length in pixels (eq 4)."""
+        """Focal length in pixels (eq 4), along x."""
+        if self.pinhole is not None:
+            return self.pinhole[0]
         from hulldown.geometry.portable import tan  # needs more than numpy
 
         # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
         return self.width / 2.0 / tan(self.fov_x / 2.0)
 
     @property
+    def focal(self) -> tuple[float, float]:
+        """Focal lengths fx and fy in pixels."""
+        return (self.f_px,) * 2 if self.pinhole is None else self.pinhole[:2]
+
+    @property
     def centre(self) -> np.ndarray:
         """(2,) the principal point in pixels."""
+        if self.pinhole is not None:
+            return np.array(self.pinhole[2:])
         return np.array([self.width / 2.0, self.height / 2.0])
 
     @property
     def matrix(self) -> np.ndarray:
-        """K (3, 3): takes camera coordinates (x right, y down, z forward) to homogeneous pixels."""
-        f = self.f_px
-        return np.array([[f, 0.0, self.width / 2.0], [0.0, f, self.height / 2.0], [0.0, 0.0, 1.0]])
+        """K (3, 3): takes camera coordinates (x right, y down, z forward) to homogeneous pixels before distortion."""
+        (fx, fy), (cx, cy) = self.focal, self.centre
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
         """Distance at which an upright, face-on `size` fills `target_fraction` of the image height (eqs 5 and 6).

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.camera.distortion import distorted, frame_bounds, seen_radius, undistorted
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
@@ -20,57 +21,118 @@ class Lenses:
 
     Parameters
     ----------
-    f
-        () or (m,) focal length in pixels.
+    focal
+        (2,) or (m, 2) focal lengths fx and fy in pixels.
+    centre
+        (2,) or (m, 2) principal point in pixels.
     size
         (2,) or (m, 2) width and height in pixels.
+    distortion
+        (5,) or (m, 5) k1, k2, p1, p2, k3; zeros: none.
     """
 
-    f: Float[np.ndarray, "..."]
+    focal: Float[np.ndarray, "... 2"]
+    centre: Float[np.ndarray, "... 2"]
     size: Float[np.ndarray, "... 2"]
+    distortion: Float[np.ndarray, "... 5"]
 
     def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
         """Those of some of the cameras; the same where one stands for all."""
-        return self if self.f.ndim == 0 else Lenses(self.f[index], self.size[index])
+        if self.focal.ndim == 1:
+            return self
+        return Lenses(self.focal[index], self.centre[index], self.size[index], self.distortion[index])
 
     def spread(self, n: int) -> Lenses:
         """One for each of n cameras."""
-        return Lenses(np.broadcast_to(self.f, (n,)), np.broadcast_to(self.size, (n, 2)))
+        return Lenses(*(np.broadcast_to(each, (n, each.shape[-1])) for each in self._fields))
+
+    @property
+    def _fields(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return self.focal, self.centre, self.size, self.distortion
 
     @classmethod
     def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
         """Cameras of one image size with these horizontal fields of view in radians."""
         sine, cosine = sin_cos(fov_x / 2.0)
-        return cls(width / 2.0 / (sine / cosine), np.tile([float(width), float(height)], (len(fov_x), 1)))
+        f = width / 2.0 / (sine / cosine)
+        size = np.tile([float(width), float(height)], (len(fov_x), 1))
+        return cls(np.stack([f, f], -1), size / 2.0, size, np.zeros((len(fov_x), 5)))
+
+    @classmethod
+    def unknown(cls, n: int) -> Lenses:
+        """Room for n cameras."""
+        nan = np.full((n, 2), np.nan)
+        return cls(nan, nan.copy(), nan.copy(), np.zeros((n, 5)))
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
         metres, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
-        return np.asarray(metres * self.f / (self.size[..., 1] * fraction))
+        return np.asarray(metres * self.focal[..., 1] / (self.size[..., 1] * fraction))
 
     @property
-    def half_extent(self) -> Float[np.ndarray, "... 2"]:
-        """Half the image's width and height at unit depth."""
-        return self.size / 2.0 / self.f[..., None]
+    def distorted(self) -> bool:
+        """Whether any of the lenses distorts."""
+        return bool(self.distortion.any())
+
+    @property
+    def radius(self) -> Float[np.ndarray, "..."]:
+        """How far from the axis, at unit depth, each lens sees: `camera.distortion.seen_radius`."""
+        return np.array(
+            [seen_radius(tuple(each)) for each in self.distortion.reshape(-1, 5).tolist()], dtype=np.float64
+        ).reshape(self.distortion.shape[:-1])
+
+    @property
+    def window(self) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "... 2"]]:
+        """Lowest and highest corner of the image at unit depth: of the smallest rectangle that holds it."""
+        low, high = -self.centre / self.focal, (self.size - self.centre) / self.focal
+        if not self.distorted:
+            return low, high
+        each = [
+            frame_bounds(width, height, (fx, fy, cx, cy), tuple(distortion))
+            for (fx, fy), (cx, cy), (width, height), distortion in zip(
+                *(each.reshape(-1, each.shape[-1]).tolist() for each in self._fields), strict=True
+            )
+        ]
+        bounds = np.array(each, dtype=np.float64).reshape(*self.size.shape[:-1], 2, 2)
+        return bounds[..., 0, :], bounds[..., 1, :]
 
     @property
     def fov_x_deg(self) -> Float[np.ndarray, "..."]:
-        """Horizontal field of view in degrees."""
-        return np.degrees(2.0 * arctan2(self.size[..., 0] / 2.0, self.f))
+        """Horizontal field of view in degrees, at the height of the principal point."""
+        fx, left = self.focal[..., 0], self.centre[..., 0]
+        right = self.size[..., 0] - left
+        if self.distorted:
+            ends = np.stack([self.centre, self.centre], -2)
+            ends[..., 0] = np.stack([np.zeros_like(left), self.size[..., 0]], -1)
+            at = self.at_unit_depth(ends)[..., 0]
+            left, right = -at[..., 0] * fx, at[..., 1] * fx
+        return np.degrees(arctan2(left, fx) + arctan2(right, fx))
 
     def pixels(self, unit: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... n 2"]:
-        """Continuous pixels of points (x / z, y / z) of the plane at unit depth; monotone along each axis."""
-        return unit * self.f[..., None, None] + self.size[..., None, :] / 2.0
+        """Continuous pixels of points (x / z, y / z) of the plane at unit depth; nan beyond what the lens sees.
+
+        Without distortion they are monotone along each axis.
+        """
+        if self.distorted:
+            unit = distorted(unit, self.distortion[..., None, :], self.radius[..., None])
+        return unit * self.focal[..., None, :] + self.centre[..., None, :]
 
     def at_unit_depth(self, pixels: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... n 2"]:
-        """Points (x / z, y / z) of the plane at unit depth that project to these pixels."""
-        return (pixels - self.size[..., None, :] / 2.0) / self.f[..., None, None]
+        """Points (x / z, y / z) of the plane at unit depth that project to these pixels; nan where there are none."""
+        unit = (pixels - self.centre[..., None, :]) / self.focal[..., None, :]
+        if self.distorted:
+            unit = undistorted(unit, self.distortion[..., None, :], self.radius[..., None])
+        return unit
 
     @property
     def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:
-        """Sine of half the horizontal field of view."""
-        half = self.size[..., 0] / 2.0
-        return np.asarray(half / hypot(half, self.f))
+        """Sine of the angle between the axis and the image's farther side."""
+        if self.distorted:
+            low, high = self.window
+            half = np.maximum(-low[..., 0], high[..., 0])
+            return np.asarray(half / hypot(half, 1.0))
+        half = np.maximum(self.centre[..., 0], self.size[..., 0] - self.centre[..., 0])
+        return np.asarray(half / hypot(half, self.focal[..., 0]))
 
 
 Optics = Intrinsics | Sequence[Intrinsics] | Lenses
@@ -81,9 +143,14 @@ def lenses(intrinsics: Optics) -> Lenses:
     if isinstance(intrinsics, Lenses):
         return intrinsics
     if isinstance(intrinsics, Intrinsics):
-        return Lenses(np.asarray(intrinsics.f_px), np.array([intrinsics.width, intrinsics.height], dtype=np.float64))
-    sizes = np.array([(i.width, i.height) for i in intrinsics], dtype=np.float64).reshape(-1, 2)
-    return Lenses(np.array([i.f_px for i in intrinsics], dtype=np.float64), sizes)
+        return Lenses(*(each[0] for each in lenses([intrinsics])._fields))
+    columns = [(i.focal, i.centre, (i.width, i.height), i.distortion) for i in intrinsics]
+    return Lenses(
+        *(
+            np.array([row[k] for row in columns], dtype=np.float64).reshape(-1, width)
+            for k, width in enumerate((2, 2, 2, 5))
+        )
+    )
 
 
 def _positive(value: ArrayLike, name: str) -> np.ndarray:

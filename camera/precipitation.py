@@ -122,9 +122,10 @@ class Streaks:
 
 
 def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
-    """What a pinhole camera sees while its shutter is open."""
+    """What a camera sees while its shutter is open, and what is beside it if its center isn't the middle."""
     half = intrinsics.half_tangents
-    return View(world_from_camera[:3, :3], half, 2.0 * half[0] / intrinsics.width, exposure_s)
+    pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
+    return View(world_from_camera[:3, :3], half, pixel, exposure_s)
 
 
 def rain_sizes(rate_mm_h: float) -> Sizes:

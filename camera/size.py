@@ -83,9 +83,9 @@ def solve_distance(
         raise ValueError("centre: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     local = rotate(camera_axes, points - middle[:, None])
-    f = lenses(intrinsics).f
+    focal = lenses(intrinsics).focal
     # At distance D the pixel of a point is off the centre's by f * aside / (D * ray_z + depth).
-    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * f[..., None, None]
+    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * focal[..., None, :]
     target = np.sqrt(wanted) if measure == "area" else wanted
     along = _solve(aside, local[..., 2], target, measure)
     return along / ray[:, 2]

@@ -226,8 +226,8 @@ class _Views:
                 low[camera] = np.minimum(low[camera], box[:, 0])
                 high[camera] = np.maximum(high[camera], box[:, 1])
                 parts.append((part, pose, box, camera))
-        edge = self.lens.half_extent
-        low, high = np.maximum(low, -edge), np.minimum(high, edge)
+        first, last = self.lens.window
+        low, high = np.maximum(low, first), np.minimum(high, last)
         extent = np.clip(high - low, 0.0, None)
         in_frame = (extent > 0.0).all(axis=1)
         camera_rays = CameraRays(low, extent, self.pattern)
@@ -245,4 +245,4 @@ class _Views:
         passed = world.passed(camera_rays, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
         counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
-        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.lens.f**2
+        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.lens.focal.prod(axis=1)

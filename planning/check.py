@@ -96,8 +96,9 @@ def _differing(
     one: Mapping[str, Any], two: Mapping[str, Any], keys: Any, place: str = ""
 ) -> Iterator[tuple[str, tuple[str, str]]]:
     for key in keys:
-        if not _alike(one[key], two[key]):
-            yield place + key, (_shown(one[key]), _shown(two[key]))
+        pair = one.get(key), two.get(key)  # some fields aren't written where they are null
+        if not _alike(*pair):
+            yield place + key, (_shown(pair[0]), _shown(pair[1]))
 
 
 def _alike(one: Any, two: Any) -> bool:

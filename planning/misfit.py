@@ -49,4 +49,4 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
 
 
 def _lacking(record: dict[str, object], kind: type[Struct]) -> list[str]:
-    return [name for name in fields(kind) if name not in record]
+    return [name for name, field in fields(kind).items() if name not in record and not field.optional]

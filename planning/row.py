@@ -97,6 +97,9 @@ FieldOfView = Annotated[float, _is("a number above 0 and below 180", "1e-12 degr
 Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, rotation to 1e-12", _poses)]
 _FRAME = "[x, y, width, height]"
 FrameOrNone = Annotated[Box | None, _is(f"{_FRAME} or null", "1e-6 pixels", _boxes)]
+_Three = tuple[float, float, float]
+MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _is("a 3x3 matrix")]
+LensOrNone = Annotated[tuple[float, float, float, float, float] | None, _is("[k1, k2, p1, p2, k3]")]
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
 EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
@@ -145,6 +148,12 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     shot: Annotated[Count, _means("0, 1, 2, ... at each position")]
     world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), metres")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
+    K: Annotated[
+        MatrixOrNone, _means("OpenCV's camera matrix, in pixels; not there if `camera.intrinsics` isn't given")
+    ] = None
+    dist: Annotated[
+        LensOrNone, _means("distortion of the lens, OpenCV's first five coefficients; not there without `K`")
+    ] = None
     width: Annotated[Size, _means("of the picture, in pixels")]
     height: Annotated[Size, _means("of the picture, in pixels")]
     hdri: Annotated[Name, _means("the HDRI's name")]
@@ -212,8 +221,10 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Image size and field of view."""
-        return Intrinsics.of_record({"width": self.width, "height": self.height, "fov_x_deg": self.fov_x_deg})
+        """Image size, and field of view or calibration."""
+        if self.K is None:
+            return Intrinsics.of_record({"width": self.width, "height": self.height, "fov_x_deg": self.fov_x_deg})
+        return Intrinsics.of_record({"width": self.width, "height": self.height, "K": self.K, "dist": self.dist})
 
     @property
     def camera(self) -> Camera:
@@ -305,6 +316,8 @@ class Field:
         What it says.
     recorded
         Whether datasets record it.
+    optional
+        Whether it isn't written where it is None.
     """
 
     expected: str
@@ -312,6 +325,7 @@ class Field:
     rounding: Callable[[np.ndarray], np.ndarray] | None
     meaning: str
     recorded: bool
+    optional: bool = False
 
 
 @cache
@@ -322,10 +336,11 @@ def fields(kind: type[Struct]) -> Mapping[str, Field]:
         return {**targets, "bbox": replace(targets["bbox"], expected=_FRAME), **fields(_Image)}
     hints = get_type_hints(kind, include_extras=True)
     found = {}
+    optional = {field.name for field in msgspec.structs.fields(kind) if field.default is None}
     for name in kind.__struct_fields__:
         metas: tuple[Meta, ...] = hints[name].__metadata__
         extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
-        found[name] = Field(meaning=metas[-1].description or "", **extra)
+        found[name] = Field(meaning=metas[-1].description or "", optional=name in optional, **extra)
     return found
 
 
@@ -371,7 +386,9 @@ def encode(record: Struct) -> bytes:
 def _flat(row: Row) -> dict[str, Any]:
     """The fields of a line."""
     image = msgspec.structs.asdict(row)
-    return {**msgspec.structs.asdict(image.pop("target")), **image}
+    flat = {**msgspec.structs.asdict(image.pop("target")), **image}
+    declared = fields(Row)
+    return {key: value for key, value in flat.items() if value is not None or not declared[key].optional}
 
 
 def encode_rows(rows: list[Row]) -> bytes:

@@ -66,6 +66,7 @@ def rows_of(
             position=position[i],
             width=config.render.width,
             height=config.render.height,
+            **_calibration(config),
             background=background[i],
             companions=beside[j, Role.COMPANION],
             distractors=beside[j, Role.DISTRACTOR],
@@ -75,6 +76,15 @@ def rows_of(
         for j, (i, seen, values) in enumerate(images)
         if found[i]
     ]
+
+
+def _calibration(config: Config) -> dict[str, Any]:
+    """What the rows of a calibrated camera hold of it."""
+    camera = config.calibrated
+    if camera is None:
+        return {}
+    matrix = tuple(map(tuple, camera.matrix.tolist()))
+    return {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
 
 
 def _extras(

@@ -31,14 +31,14 @@ def test_a_point_at_half_the_field_of_view_is_on_the_images_edge(fov_deg: float)
 
 def test_a_row_of_cameras_as_arrays() -> None:
     lens = lenses([Intrinsics(100, 50, math.pi / 2), Intrinsics(200, 50, math.pi / 2)])
-    np.testing.assert_allclose(lens.f, [50, 100])
+    np.testing.assert_allclose(lens.focal, [[50, 50], [100, 100]])
     assert lens.size.tolist() == [[100, 50], [200, 50]]
     np.testing.assert_allclose(lens.sin_half_fov_x, math.sin(math.pi / 4))
     assert lens.rows(np.array([1])).size.tolist() == [[200, 50]]
     assert lenses(lens) is lens
-    assert [lenses([]).f.shape, lenses([]).size.shape] == [(0,), (0, 2)]
+    assert [lenses([]).focal.shape, lenses([]).size.shape] == [(0, 2), (0, 2)]
     one = lenses(Intrinsics(4, 3, 1.0))
-    assert [one.f.shape, one.size.shape] == [(), (2,)]
+    assert [one.focal.shape, one.size.shape] == [(2,), (2,)]
     assert one.rows(np.array([0, 0])) is one
 
 

@@ -67,7 +67,7 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
 def image_record(row: Row) -> dict[str, Any]:
     """What a dataset says about a row's image, but for id and file name."""
     record = orjson.loads(encode(row))
-    return {key: record[key] for key in IMAGE_KEYS}
+    return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
 def label_records(row: Row) -> list[dict[str, Any]]:

@@ -14,10 +14,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
-from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
 from hulldown.planning.config.section import ranged as _range
 from hulldown.planning.config.weather_section import WeatherSection
 
@@ -49,6 +50,7 @@ Strengths = Annotated[Pair, _range(0.0, 1e9)]
 Degrees = Annotated[Pair, _range(-360.0, 360.0)]
 Elevations = Annotated[Pair, _range(-90.0, 90.0)]
 FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
+Rolls = Annotated[Pair, _range(-180.0, 180.0)]
 Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_exposure)]
 ExposureErrors = Annotated[Pair, _range(-10.0, 10.0)]
 Kelvins = Annotated[Pair, _range(COOLEST, WARMEST)]
@@ -119,10 +121,49 @@ class PlacementSection(Section):
     )
 
 
+class CameraMatrix(Section):
+    """OpenCV's camera matrix K, in pixels."""
+
+    fx: float = Field(gt=0, le=1e9)
+    fy: float = Field(gt=0, le=1e9)
+    cx: float = Field(ge=-1e9, le=1e9)
+    cy: float = Field(ge=-1e9, le=1e9)
+
+
+class Distortion(Section):
+    """The coefficients of a lens's distortion, with OpenCV's names and signs."""
+
+    k1: float = Field(default=0.0, ge=-1e6, le=1e6)
+    k2: float = Field(default=0.0, ge=-1e6, le=1e6)
+    p1: float = Field(default=0.0, ge=-1e6, le=1e6)
+    p2: float = Field(default=0.0, ge=-1e6, le=1e6)
+    k3: float = Field(default=0.0, ge=-1e6, le=1e6)
+
+
 class CameraSection(Section):
     """Where cameras may be and what they must see (paper, section 2.1.6)."""
 
     fov_x_deg: FieldsOfView = Field(default=(40.0, 60.0), description="horizontal field of view, degrees")
+    intrinsics: CameraMatrix | None = Field(
+        default=None,
+        description=(
+            "focal lengths and principal point of a calibrated camera, OpenCV's K, in pixels of render.width x "
+            "render.height; replaces fov_x_deg"
+        ),
+        examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}],
+        exclude_if=is_absent,
+    )
+    distortion: Distortion | None = Field(
+        default=None,
+        description="distortion of its lens (Brown-Conrady, in OpenCV's order and with its signs); needs intrinsics",
+        examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}],
+        exclude_if=is_absent,
+    )
+    roll_deg: Rolls = Field(
+        default=(0.0, 0.0),
+        description="turn of the camera about its optical axis, degrees; positive lowers its right side",
+        exclude_if=is_absent,
+    )
     size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
         default="paper",
         description=(
@@ -350,6 +391,26 @@ class Config(Section):
     light: LightSection = LightSection()
     weather: WeatherSection = WeatherSection()
     render: RenderSection = RenderSection()
+
+    @model_validator(mode="after")
+    def _camera_is_possible(self) -> Config:
+        if self.camera.distortion is not None and self.camera.intrinsics is None:
+            raise ValueError("camera.distortion: expected camera.intrinsics beside it: a calibration gives both")
+        try:
+            self.calibrated  # noqa: B018  # a lens that folds is refused
+        except ValueError as error:
+            raise ValueError(f"camera.{error}") from None
+        return self
+
+    @property
+    def calibrated(self) -> Intrinsics | None:
+        """The intrinsics of all images; None: their fields of view are drawn."""
+        camera, render = self.camera, self.render
+        if camera.intrinsics is None:
+            return None
+        lens = camera.distortion or Distortion()
+        matrix = tuple(camera.intrinsics.model_dump().values())
+        return Intrinsics.calibrated(render.width, render.height, matrix, tuple(lens.model_dump().values()))
 
     @model_validator(mode="after")
     def _targets_are_labelled(self) -> Config:

@@ -40,6 +40,11 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
     return BeforeValidator(check)
 
 
+def is_absent(value: Any) -> bool:
+    """Whether a key isn't given: plans made before it existed don't have it either."""
+    return value is None or value == (0.0, 0.0)
+
+
 def are_numbers(values: Sequence[Any]) -> bool:
     """Whether all are finite numbers, and none is true or false."""
     # NaN fails the comparison, and so do integers that are no float.

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.framing import frame_target
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.lenses import Lenses, lenses
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 from hulldown.camera.visibility import visibility_of
 from hulldown.camera.weather import air_contrast
@@ -65,7 +65,7 @@ def no_views(n: int) -> Views:
     nan = np.nan
     return Views(
         np.full((n, 4, 4), nan),
-        Lenses(np.full(n, nan), np.full((n, 2), nan)),
+        Lenses.unknown(n),
         np.full((n, 4), nan),
         np.full((n, 4), nan),
         np.full(n, nan),
@@ -96,12 +96,14 @@ def try_cameras(
     rng = RowStreams(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
     fov_x = np.radians(rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0])))
-    lens = Lenses.of(render.width, render.height, fov_x)
+    calibrated = config.calibrated
+    lens = Lenses.of(render.width, render.height, fov_x) if calibrated is None else lenses(calibrated).spread(n)
     put(views.lens, np.arange(n), lens)
     fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
+    roll = np.radians(between(*limits.roll_deg, rng.random((n, 1))[:, 0]))
 
     def framing(rows: Int[np.ndarray, " k"]) -> RowStreams:
         return RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows])
@@ -122,6 +124,7 @@ def try_cameras(
                 fraction=fraction[i],
                 azimuth=azimuth[i],
                 elevation=elevation[i],
+                roll=roll[i],
                 framing=partial(framing, i),
             )
     faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
@@ -146,6 +149,7 @@ def try_cameras(
             poses,
             aimed_at.corners(),
             lens,
+            roll=roll[rows],
             rng=framing(rows),
             spread=limits.framing,
             truncated=limits.truncated_fraction,

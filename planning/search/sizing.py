@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.camera.framing import frame_target
+from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, ProjectedSize, solve_distance
@@ -47,6 +47,7 @@ def sized_cameras(
     fraction: Float[np.ndarray, " n"],
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
+    roll: Float[np.ndarray, " n"],
     framing: Callable[[], UniformNumbers],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Cameras in the wanted directions, turned to frame the target, at the distance that gives its box its size.
@@ -65,6 +66,8 @@ def sized_cameras(
         (n,) wanted shares of the image's height, width, diagonal or area.
     azimuth, elevation
         (n,) radians, of the camera as seen from the target's centre.
+    roll
+        (n,) radians, of the camera about its axis; see `camera.framing.turned`.
     framing
         Makes the generator that framing draws from: each time one that says the same.
 
@@ -76,8 +79,8 @@ def sized_cameras(
     measure = limits.size_measure
     assert measure != "paper"
     pixels, corners, centres = fraction * image_size(measure, render), targets.corners(), targets.centres
-    looking = camera_pose(centres, 1.0, azimuth, elevation)
-    outward = -looking[:, :3, 2]
+    level = camera_pose(centres, 1.0, azimuth, elevation)
+    outward, looking = -level[:, :3, 2], turned(level, lens, lens.centre, roll)
 
     def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
         return solve_distance(lens, poses, hull, centre=centres, pixels=pixels, measure=measure)
@@ -87,7 +90,13 @@ def sized_cameras(
         # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
         poses = camera_pose(centres, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         framed = frame_target(
-            poses, corners, lens, rng=framing(), spread=limits.framing, truncated=limits.truncated_fraction
+            poses,
+            corners,
+            lens,
+            roll=roll,
+            rng=framing(),
+            spread=limits.framing,
+            truncated=limits.truncated_fraction,
         )
         poses = framed.world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))

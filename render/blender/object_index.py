@@ -78,7 +78,8 @@ class IndexPictures:
         self._dress()
         found = [self._render(self.stage.scene, folder)]
         render, bare = self.stage.scene.render, self._bare
-        bare.render.resolution_x, bare.render.resolution_y = render.resolution_x, render.resolution_y
+        for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
+            setattr(bare.render, name, getattr(render, name))
         for objects in vehicles:
             for obj in objects:
                 bare.collection.objects.link(obj)

@@ -146,13 +146,20 @@ class Stage:
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
-        half = camera.intrinsics.half_tangents[0]
-        data.lens = max(SENSOR_WIDTH / (2 * half), SHORTEST_LENS)
-        data.sensor_width = 2 * half * data.lens
+        intrinsics, render = camera.intrinsics, self.scene.render
+        width, height = intrinsics.width, intrinsics.height
+        render.resolution_x, render.resolution_y = width, height
+        if intrinsics.pinhole is None:
+            across, stretch, (cx, cy) = 2 * intrinsics.half_tangents[0], 1.0, (width / 2, height / 2)
+        else:
+            fx, fy, cx, cy = intrinsics.pinhole
+            across, stretch = width / fx, fx / fy
+        data.lens = max(SENSOR_WIDTH / across, SHORTEST_LENS)
+        data.sensor_width = across * data.lens
+        render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
+        data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
         data.clip_start = camera.near * self.units_per_metre
         data.clip_end = FAR * self.units_per_metre
-        render = self.scene.render
-        render.resolution_x, render.resolution_y = camera.intrinsics.width, camera.intrinsics.height
 
     def set_light(self, light: LightInput) -> None:
         """Light by an HDRI."""

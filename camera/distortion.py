@@ -1,0 +1,162 @@
+"""The Brown-Conrady distortion of a lens, as OpenCV has it, its inverse, and where it folds.
+
+A point (x, y) of the plane at unit depth, at the distance r from the axis, goes to
+
+    x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2),
+    y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y,
+
+which is the gradient of a potential: its Jacobian is symmetric. With q = |(p1, p2)|, no eigenvalue of the Jacobian
+within a disk is below the least of g(r) - 6 q r, where g is the derivative of the radial part, r (1 + k1 r^2 + ...). Up
+to the first r at which that is zero the potential is convex, so no two points of the disk go to the same place.
+
+Coefficients are in OpenCV's order: k1, k2, p1, p2, k3. Runs in Blender too, which may have numpy only.
+
+References
+----------
+D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37(8), 1971. OpenCV, Camera Calibration and 3D
+Reconstruction: the formula above.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
+SEEN = 0.999  # share of the radius of the fold that is seen: at the fold itself, a pixel's ray isn't defined
+ROUNDS = 60  # of Newton's method, which takes 4 to 8 but beside the fold
+RESIDUAL = 1e-13  # relative: what an inverse may miss its point by
+SIDE = 64  # places along each side of an image at which its bounds at unit depth are measured
+
+Coefficients = tuple[float, float, float, float, float]
+
+
+def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float = math.inf) -> np.ndarray:
+    """Where points go; nan beyond the radius that is seen.
+
+    Parameters
+    ----------
+    points
+        (..., 2) of the plane at unit depth.
+    distortion
+        (..., 5) coefficients.
+    radius
+        (...) see `seen_radius`.
+    """
+    x, y = points[..., 0], points[..., 1]
+    k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
+    square = x * x + y * y
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond all numbers is beyond all images
+        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+        across = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
+        down = y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.where((square <= radius * radius)[..., None], np.stack([across, down], -1), np.nan)
+
+
+def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
+    x, y = points[..., 0], points[..., 1]
+    k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
+    square = x * x + y * y
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    slope = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))
+    return (
+        radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
+        slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y,
+        radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
+    )
+
+
+def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    """The points within the radius that `distorted` takes to these, by Newton's method; nan where there are none.
+
+    Every point has its own number of rounds, so an answer doesn't depend on the points beside it.
+    """
+    wanted = np.asarray(points, dtype=np.float64)
+    lead = wanted.shape[:-1]
+    target = wanted.reshape(-1, 2)
+    lens = np.broadcast_to(distortion, (*lead, 5)).reshape(-1, 5)
+    limit = np.broadcast_to(radius, lead).reshape(-1)
+    at = _within(target, limit)
+    off = distorted(at, lens) - target
+    miss = _length(off)
+    close = RESIDUAL * (1.0 + _length(target))
+    share = np.ones(len(target))
+    active = np.flatnonzero(np.isfinite(miss) & (miss > 0.0))
+    for _ in range(ROUNDS):
+        if not len(active):
+            break
+        xx, xy, yy = jacobian(at[active], lens[active])
+        u, v = off[active, 0], off[active, 1]
+        scale = share[active] / (xx * yy - xy * xy)
+        step = np.stack([(yy * u - xy * v) * scale, (xx * v - xy * u) * scale], -1)
+        tried = _within(at[active] - step, limit[active])
+        tried_off = distorted(tried, lens[active]) - target[active]
+        tried_miss = _length(tried_off)
+        better = tried_miss < miss[active]
+        rows = active[better]
+        at[rows], off[rows], miss[rows] = tried[better], tried_off[better], tried_miss[better]
+        share[active] = np.where(better, 1.0, share[active] / 2.0)
+        # A point is done when it is close and no step brings it closer.
+        active = active[(better & (tried_miss > 0.0)) | (~better & (miss[active] > close[active]))]
+    return np.where((miss <= close)[:, None], at, np.nan).reshape(wanted.shape)
+
+
+@lru_cache(maxsize=256)
+def seen_radius(distortion: Coefficients) -> float:
+    """How far from the axis, at unit depth, a lens sees: to just before it folds; infinite if it never does."""
+    k1, k2, p1, p2, k3 = distortion
+    if not any(distortion):
+        return math.inf
+    tangential = -6.0 * math.sqrt(p1 * p1 + p2 * p2)
+    folds = [
+        float(root.real)
+        for radial in ((7.0 * k3, 5.0 * k2, 3.0 * k1), (k3, k2, k1))
+        for root in np.roots([radial[0], 0.0, radial[1], 0.0, radial[2], tangential, 1.0])
+        # A double root, which rounding may have moved off the real axis, is a fold too.
+        if root.real > 0.0 and abs(root.imag) <= 1e-6 * root.real
+    ]
+    return SEEN * min(folds, default=math.inf)
+
+
+@lru_cache(maxsize=256)
+def frame_bounds(
+    width: float, height: float, pinhole: tuple[float, float, float, float], distortion: Coefficients
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Lowest and highest corner of the smallest rectangle at unit depth that holds all that an image shows.
+
+    Raises
+    ------
+    ValueError
+        If the lens folds inside the image.
+    """
+    fx, fy, cx, cy = pinhole
+    t = np.linspace(0.0, 1.0, SIDE + 1)
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    sides = np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
+    pixels = (sides * [width, height] - [cx, cy]) / [fx, fy]
+    if not any(distortion):
+        return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
+    unit = undistorted(pixels, np.array(distortion), seen_radius(distortion))
+    if not np.isfinite(unit).all():
+        raise ValueError(
+            f"distortion: expected a lens that doesn't fold inside the image, got {distortion!r}, which folds at "
+            f"{seen_radius(distortion) / SEEN:.3g} times the focal length"
+        )
+    # Between two places a side bulges by no more than an eighth of the second difference.
+    bulge = np.abs(np.diff(unit, n=2, axis=1)).max(axis=(0, 1))
+    return tuple((unit.min(axis=(0, 1)) - bulge).tolist()), tuple((unit.max(axis=(0, 1)) + bulge).tolist())
+
+
+def _within(points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The points, or the nearest on the circle where they are beyond it."""
+    length = _length(points)
+    with np.errstate(invalid="ignore"):
+        return np.where((length > radius)[:, None], points * (radius / np.maximum(length, 1e-300))[:, None], points)
+
+
+def _length(points: np.ndarray) -> np.ndarray:
+    """Distance of points from the axis."""
+    return np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])
