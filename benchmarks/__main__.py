@@ -114,9 +114,9 @@ def document(results: dict, plots: Path) -> str:
     parts = [
         "# Benchmarks: speed against error",
         "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
-        "ratios, since machines differ. Each section ends with the commit that was measured; later changes of the code "
-        "are not in its figures. The raw figures are in [benchmarks.json](benchmarks.json); studies that `make bench` "
-        "no longer runs are in [measured once](measured-once.md).",
+        "ratios, since machines differ. Each section ends with the commit that was measured. Raw figures and versions "
+        "of libraries are in [benchmarks.json](benchmarks.json); [measured once](measured-once.md) has the studies "
+        "that no longer run.",
     ]
     for name in SUITES:
         if name not in results:
@@ -124,7 +124,7 @@ def document(results: dict, plots: Path) -> str:
         result = results[name]
         module = importlib.import_module(f"hulldown.benchmarks.{name}")
         drawn = module.plots(result["figures"], plots) or []
-        on = ", ".join(f"{key} {value}" for key, value in result["machine"].items())
+        on = f"{result['machine']['processor']}, {result['machine']['cores']} cores"
         note = "quick sizes, " if result["quick"] else ""
         parts += [
             module.report(result["figures"]).strip(),

@@ -82,7 +82,6 @@ def report(results: dict) -> str:
             f"{mean['seconds']:.2f}",
             f"{mean['box']:.2f}",
             f"{mean['frame']:.2f}",
-            *(f"{points[name]['box']:.2f}" for points in pictures.values()),
         )
         for name, mean in means(results).items()
     ]
@@ -92,7 +91,7 @@ def report(results: dict) -> str:
         f"square difference from a reference of {results['reference_samples']} samples and 12 bounces, in 8-bit steps, "
         "over the target's box and over the frame. Seconds are those that Cycles samples and denoises, mean of the "
         "pictures; the variants take turns in an order drawn for each picture.",
-        table(["settings", "s", "box", "frame", *(f"box, {name}" for name in pictures)], rows),
+        table(["settings", "s", "box", "frame"], rows),
     ])  # fmt: skip
 
 
