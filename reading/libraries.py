@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 
-# What the bpy wheels link against but don't bring, and the Debian or Ubuntu package that has it.
+# What the bpy wheels need but don't bring, and the Debian or Ubuntu package that has it.
 SYSTEM_LIBRARIES = {
     "libX11.so.6": "libx11-6",
     "libXrender.so.1": "libxrender1",
@@ -24,6 +24,7 @@ SYSTEM_LIBRARIES = {
     "libSM.so.6": "libsm6",
     "libICE.so.6": "libice6",
     "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",  # opened when a grease pencil is drawn, without which Blender aborts
 }
 INSTALL = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
 
