@@ -40,8 +40,8 @@ def draw(
     image
         The picture the annotations belong to.
     annotations
-        COCO records: ``bbox``, ``category_id`` and, if they have it, ``segmentation``; those with ``iscrowd``, which
-        training and evaluation ignore, are grey and have no name.
+        COCO records or results: ``bbox``, ``category_id`` and, if they have it, ``segmentation`` and ``score``. Those
+        with ``iscrowd``, which training and evaluation ignore, are gray and have no name.
     names
         Category id -> name.
     masks
@@ -63,7 +63,8 @@ def draw(
         corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
         pen.rectangle(corners, outline=colour, width=line)
         if not annotation.get("iscrowd"):
-            _label(pen, corners, names.get(annotation["category_id"], "?"), colour, font, picture.size)
+            name, score = names.get(annotation["category_id"], "?"), annotation.get("score")
+            _label(pen, corners, name if score is None else f"{name} {score:.2f}", colour, font, picture.size)
     return picture
 
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -15,6 +16,7 @@ from hulldown.training.detectors.centre_points import CentreNetwork
 from hulldown.training.detectors.small import save_small, small_size
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.pictures import find_pictures
 from hulldown.training.predict import UNFINISHED_SUFFIX, predict
 
 
@@ -131,3 +133,73 @@ def test_a_mistake_in_train_is_one_line(tmp_path, monkeypatch, capsys, model, na
     shown = capsys.readouterr()
     assert (shown.out, shown.err.count("\n"), list(tmp_path.iterdir())) == ("", 1, [])
     assert named in shown.err
+
+
+@pytest.fixture
+def video(tmp_path):
+    """A video of five frames, each darker than the one before."""
+    path = tmp_path / "clip.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, (96, 54))
+    for k in range(5):
+        writer.write(np.full((54, 96, 3), 200 - 40 * k, dtype=np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize("what", ["folder", "pattern", "one", "several", "video"])
+def test_pictures_need_no_records(run, data, video, tmp_path, what):
+    (data / "annotations.json").unlink()
+    names = sorted((data / "images").iterdir())
+    given = {"folder": data, "pattern": f"{data}/**/*.png", "one": names[0], "several": names[:2], "video": video}[what]
+    done = predict(run / "weights.pt", given, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.1)
+    found = json.loads((tmp_path / "found.json").read_text())
+    info = json.loads((tmp_path / "found.json.info.json").read_text())
+    count = {"one": 1, "several": 2}.get(what, 5)
+    assert (done.images, info["images"]) == (count, list(range(1, count + 1)))
+    assert {one["image_id"] for one in found} <= set(info["images"])
+    assert info["categories"] == [{"id": 1, "name": "truck"}, {"id": 2, "name": "tank"}]
+    assert done.counts["truck"] == sum(one["score"] >= 0.1 and one["category_id"] == 1 for one in found)
+    drawn = sorted(path.name for path in (tmp_path / "drawn").rglob("*.*"))
+    assert drawn == ["clip.mp4"] if what == "video" else drawn == [path.name for path in names[:count]]
+    assert [record["file_name"].rpartition("/")[2] for record in info["pictures"]] == (
+        ["clip.mp4"] * 5 if what == "video" else drawn
+    )
+
+
+def test_a_video_is_read_frame_by_frame_and_drawn_on_as_a_video(run, video, tmp_path):
+    frames = list(find_pictures([video]).read([0, 2, 4]))
+    assert [round(float(frame.mean()), -1) for frame in frames] == [200, 120, 40]
+    predict(run, video, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.0)
+    drawn = list(find_pictures([tmp_path / "drawn" / "clip.mp4"]).read(range(5)))
+    assert len(drawn) == 5
+    assert all(picture.std() > 5 for picture in drawn)  # boxes on what was one gray
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("a.pt", b"\x89PNG\r\n\x1a\n", "a PNG picture"), ("b.pt", b'{"a": 1}', "a JSON file"), ("c.pth", b"", "empty"),
+        ("d.onnx", b"\x08\x07", ".onnx"), ("e.ckpt", b"hello", "unknown"), ("f.pt", b"PK\x03\x04", "PyTorch"),
+    ],
+)  # fmt: skip
+def test_a_file_that_holds_no_weights_is_named_by_its_kind(data, tmp_path, name, content, kind):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(HulldownError, match=kind) as caught:
+        predict(tmp_path / name, data, tmp_path / "found.json")
+    assert "weights_only" not in str(caught.value)
+
+
+@pytest.mark.parametrize("given", ["nothing/*.jpg", "text.txt", "empty"])
+def test_what_is_no_picture_is_refused(run, tmp_path, monkeypatch, given):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.txt").write_text("no picture")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(HulldownError, match="picture"):
+        predict(run, given, tmp_path / "found.json")
+
+
+def test_the_command_counts_what_it_finds_and_draws_it(run, data, tmp_path, capsys):
+    arguments = [str(data / "images"), "-o", str(tmp_path / "f.json"), "--draw", str(tmp_path / "drawn")]
+    assert main(["predict", str(run), *arguments, "--threshold", "0.1"]) == 0
+    assert "truck" in capsys.readouterr().err
+    assert len(list((tmp_path / "drawn").iterdir())) == 5

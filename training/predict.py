@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import orjson
-from jaxtyping import UInt8
+from PIL import Image
 
-from hulldown.dataset.picture_files import read_pixels
+from hulldown.annotate.drawing import draw
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room, open_in_place, replace_file
+from hulldown.geometry.files import make_room, open_in_place, replace_file, replacing
 from hulldown.geometry.terminal import shown
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
@@ -26,17 +27,18 @@ from hulldown.training.detectors.detector import (
     DetectorError,
     chosen_device,
     read_run,
+    read_weights,
 )
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
-from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
 from hulldown.training.extra import require_extra
+from hulldown.training.pictures import Pictures, find_pictures
 
 UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
-READERS = 2
 BATCH = 8
 DIGITS = 3  # decimals of a pixel
-Picture = UInt8[np.ndarray, "h w 3"]
+THRESHOLD = 0.5  # score from which detections are counted and drawn
 Found = list[dict[str, Any]]  # COCO results of an image
 
 
@@ -52,69 +54,76 @@ class Predicted:
         Of these images, how many were done before.
     unknown
         Classes of the detector that the dataset lacks; they have got ids of their own.
+    counts
+        Class -> detections with a score of at least the threshold.
     """
 
     images: int
     detections: int
     already: int
     unknown: tuple[str, ...]
+    counts: Mapping[str, int]
 
 
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
-    """The detector of a run folder, or of an RF-DETR checkpoint.
+    """Return the detector of a run folder or of a weights file.
 
     Parameters
     ----------
     path
-        A folder that `hulldown train` has finished, or a checkpoint file of RF-DETR (.pth, .pt, .ckpt).
+        A folder that `hulldown train` has finished, the weights.pt of one, or a checkpoint of RF-DETR.
     device
         ``"auto"``: a GPU if there is one; or a name that PyTorch knows, such as ``"cpu"`` or ``"cuda:1"``.
 
     Raises
     ------
     DetectorError
-        If it is neither, the run is not finished, or the device does not exist.
+        If it is none of these, the run is not finished, or the device does not exist.
     """
     require_extra()
     path = Path(path)
-    if not path.is_dir():
-        from hulldown.training.detectors.detr import load_checkpoint
-
-        return load_checkpoint(path, device=chosen_device(device))
-    run = read_run(path)
-    if run.get("status") != "finished":
-        raise DetectorError(
-            f"training is {run.get('status')}, not finished", path=path, remedy="run the same `hulldown train` again"
-        )
-    weights = path / WEIGHTS_NAME
-    if run["model"] == "small":
+    if path.is_dir():
+        run = read_run(path)
+        if run.get("status") != "finished":
+            problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
+            raise DetectorError(problem, path=path, remedy=remedy)
+        path /= WEIGHTS_NAME
+    chosen = chosen_device(device)
+    if "hulldown" in read_weights(path):
         from hulldown.training.detectors.small import load_small
 
-        return load_small(weights, device=chosen_device(device))
+        return load_small(path, device=chosen)
     from hulldown.training.detectors.detr import load_checkpoint
 
-    return load_checkpoint(weights, device=chosen_device(device))
+    return load_checkpoint(path, device=chosen)
 
 
 def predict(
     run: str | os.PathLike[str],
-    dataset: str | os.PathLike[str],
+    pictures: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     output: str | os.PathLike[str],
     *,
+    drawn: str | os.PathLike[str] | None = None,
+    threshold: float = THRESHOLD,
     device: str = "auto",
     batch: int = BATCH,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
-    """Look at every image of a dataset and write COCO results, and beside them which images were looked at.
+    """Look at pictures and write COCO results, and beside them which pictures were looked at.
 
     Parameters
     ----------
     run
-        Folder of a finished training, or a checkpoint of RF-DETR.
-    dataset
-        See `training.evaluation.labels.read_labels`; its labels are not looked at.
+        See `load_detector`.
+    pictures
+        A dataset, whose labels are not looked at; or see `training.pictures.find_pictures`.
     output
-        The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too.
+        The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too;
+        without a dataset also their names and the categories.
+    drawn
+        A folder for copies of the pictures, or of the video, with the detections on them; None: none.
+    threshold
+        Score from which detections are drawn and counted. The results have all.
     device
         See `load_detector`.
     batch
@@ -136,31 +145,35 @@ def predict(
     require_extra()
     output = Path(output)
     make_room(output)
-    labels = read_labels(Path(dataset))
+    found = find_pictures([pictures] if isinstance(pictures, str | os.PathLike) else list(pictures))
     detector = load_detector(Path(run), device)
-    ids, unknown = _category_ids(detector.classes, labels)
-    key = _key(Path(run), labels, detector.classes)
+    ids, unknown = _category_ids(detector.classes, found)
+    key = _key(Path(run), found, detector.classes)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
     with shown("predicting", progress) as advance, _kept(unfinished, key) as (done, keep):
         already = len(done)
-        left = [k for k, image in enumerate(labels.image_id.tolist()) if image not in done]
-        for found in _detected(detector, labels, ids, left, batch):
-            keep(found)
-            advance(len(done), len(labels.images))
-    results = [one for image in labels.image_id.tolist() for one in done[image]]
-    info = {
+        left = [k for k, record in enumerate(found.records) if record["id"] not in done]
+        for some in _detected(detector, found, ids, left, batch):
+            keep(some)
+            advance(len(done), len(found.records))
+    results = [one for record in found.records for one in done[record["id"]]]
+    names = dict(zip(ids, detector.classes, strict=True))
+    info: dict[str, Any] = {
         "detector": str(run),
-        "images": labels.image_id.tolist(),
-        "categories": [
-            {"id": i, "name": name} for i, name in zip(ids, detector.classes, strict=True) if name in unknown
-        ],
+        "images": [record["id"] for record in found.records],
+        "categories": [{"id": i, "name": name} for i, name in names.items() if name not in found.categories],
     }
+    if not found.categories:
+        info["pictures"] = found.records
     beside = output.with_name(output.name + INFO_SUFFIX)
     beside.unlink(missing_ok=True)  # of earlier results, which it must not outlive
     for path, value in ((output, results), (beside, info)):
         replace_file(path, orjson.dumps(value) + b"\n")
+    if drawn is not None:
+        _draw(found, done, names, Path(drawn), threshold)
     unfinished.unlink()
-    return Predicted(len(labels.images), len(results), already, unknown)
+    counts = Counter(names[one["category_id"]] for one in results if one["score"] >= threshold)
+    return Predicted(len(found.records), len(results), already, unknown, dict(counts))
 
 
 def validation_figures(
@@ -177,9 +190,11 @@ def validation_figures(
     progress
         Told (images done, all).
     """
-    ids, _ = _category_ids(detector.classes, labels)
+    by_name = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
+    pictures = Pictures(labels.path, labels.folder, labels.images, by_name)
+    ids, _ = _category_ids(detector.classes, pictures)
     done: dict[int, Found] = {}
-    for found in _detected(detector, labels, ids, range(len(labels.images)), BATCH):
+    for found in _detected(detector, pictures, ids, range(len(labels.images)), BATCH):
         done |= found
         progress(len(done), len(labels.images))
     results = [one for found in done.values() for one in found]
@@ -189,12 +204,13 @@ def validation_figures(
 
 
 def _detected(
-    detector: Detector, labels: Labels, ids: Sequence[int], indices: Sequence[int], batch: int
+    detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, Found]]:
-    """The results of some images by their ids, a batch at a time."""
-    for chunk, pictures in _batches(labels, indices, batch):
-        images = [int(labels.image_id[k]) for k in chunk]
-        found = zip(images, detector.detect(pictures), strict=True)
+    """Yield the results of some images by their ids, a batch at a time."""
+    pixels = pictures.read(indices)
+    for start in range(0, len(indices), batch):
+        images = [int(pictures.records[k]["id"]) for k in indices[start : start + batch]]
+        found = zip(images, detector.detect(list(islice(pixels, batch))), strict=True)
         yield {image: _results(image, one, ids) for image, one in found}
 
 
@@ -206,30 +222,56 @@ def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
     ]
 
 
-def _category_ids(classes: Sequence[str], labels: Labels) -> tuple[list[int], tuple[str, ...]]:
+def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
     """The dataset's id of each of the detector's classes, by name; new ones above all others for those it lacks."""
-    by_name = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
+    by_name = pictures.categories
+    if not by_name:
+        return list(range(1, len(classes) + 1)), ()
     unknown = tuple(name for name in classes if name not in by_name)
     if len(unknown) == len(classes):
         raise HulldownError(
-            f"has none of the detector's classes: it has {', '.join(labels.class_names) or 'none'}; the detector knows "
-            f"{', '.join(classes)}",
-            path=labels.path,
+            f"has none of the detector's classes: it has {', '.join(by_name)}; the detector knows {', '.join(classes)}",
+            path=pictures.path,
             remedy="rename the categories of the dataset, to the letter",
         )
-    following = max(by_name.values(), default=0) + 1
+    following = max(by_name.values()) + 1
     new = {name: following + k for k, name in enumerate(unknown)}
     return [by_name[name] if name in by_name else new[name] for name in classes], unknown
 
 
-def _key(run: Path, labels: Labels, classes: Sequence[str]) -> str:
+def _draw(
+    pictures: Pictures, found: Mapping[int, Found], names: Mapping[int, str], folder: Path, threshold: float
+) -> None:
+    """Write each picture with its detections into a folder, under its own name; a video as a video."""
+
+    def labeled() -> Iterator[tuple[Mapping[str, Any], Image.Image]]:
+        for record, pixels in zip(pictures.records, pictures.read(range(len(pictures.records))), strict=True):
+            shown = [one for one in found[record["id"]] if one["score"] >= threshold]
+            yield record, draw(Image.fromarray(pixels), shown, names)
+
+    if pictures.video:
+        from supervision import VideoInfo, VideoSink
+
+        make_room(target := folder / pictures.path.with_suffix(".mp4").name)
+        with VideoSink(str(target), VideoInfo.from_video_path(str(pictures.path))) as sink:
+            for _, picture in labeled():
+                sink.write_frame(np.asarray(picture)[..., ::-1])
+        return
+    for record, picture in labeled():
+        name = record["file_name"]
+        make_room(target := folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png"))
+        with replacing(target) as file:
+            picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
+
+
+def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
     """What makes results these and no others: weights, classes, and which images are looked at."""
     digest = hashlib.sha256()
     with (run / WEIGHTS_NAME if run.is_dir() else run).open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
-    images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in labels.images]
-    digest.update(orjson.dumps([list(classes), images, labels.class_id.tolist(), labels.class_names]))
+    images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
+    digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items())]))
     return digest.hexdigest()
 
 
@@ -257,18 +299,3 @@ def _kept(path: Path, key: str) -> Iterator[tuple[dict[int, Found], Callable[[di
             done.update(some)
 
         yield done, keep
-
-
-def _batches(labels: Labels, indices: Sequence[int], size: int) -> Iterator[tuple[list[int], list[Picture]]]:
-    """Images and their pictures, the next batch read while the network works on this one."""
-
-    def read(k: int) -> Picture:
-        record = labels.images[k]
-        return read_pixels(labels.folder / record["file_name"], (record["width"], record["height"]))
-
-    chunks = [list(indices[start : start + size]) for start in range(0, len(indices), size)]
-    with ThreadPoolExecutor(READERS) as pool:
-        coming: list[Iterable[Picture]] = [pool.map(read, chunk) for chunk in chunks[:1]]
-        for n, chunk in enumerate(chunks):
-            coming += [pool.map(read, following) for following in chunks[n + 1 : n + 2]]
-            yield chunk, list(coming.pop(0))

@@ -74,17 +74,20 @@ def _predict(arguments: argparse.Namespace) -> int:
 
     with progress_bar("predicting") as advance:
         done = predict(
-            arguments.detector, arguments.dataset, arguments.output, device=arguments.device, batch=arguments.batch,
-            progress=advance,
+            arguments.detector, arguments.pictures, arguments.output, drawn=arguments.draw,
+            threshold=arguments.threshold, device=arguments.device, batch=arguments.batch, progress=advance,
         )  # fmt: skip
+    pictures = arguments.pictures[0]
     if done.unknown:
-        warn(f"{arguments.dataset} has no class {', '.join(done.unknown)}: what is found of it counts as false alarms")
+        warn(f"{pictures} has no class {', '.join(done.unknown)}: detections of it count as false positives")
     if arguments.json:
         print_json(dataclasses.asdict(done))
-    say(
-        f"wrote {arguments.output}: {done.detections} detections in {done.images} images, {done.already} of them done "
-        f"before; next: hulldown evaluate {arguments.dataset} {arguments.output} -o report"
-    )
+    counts = ", ".join(f"{n} {name}" for name, n in done.counts.items()) or "nothing"
+    say(f"found with a score of at least {arguments.threshold:g}: {counts}")
+    if arguments.draw:
+        say(f"look at {arguments.draw}")
+    again = f", {done.already} of them done before" if done.already else ""
+    say(f"wrote {arguments.output}: {done.detections} detections in {done.images} images{again}")
     return DONE
 
 
@@ -162,18 +165,25 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
 
     sub = verb(
-        "predict", _predict, "detect in every image of a dataset",
-        "Reads a run, or a checkpoint of RF-DETR, and a dataset; writes COCO results. The same command goes on with "
-        "what was stopped.",
+        "predict", _predict, "detect in pictures, a video, or a dataset",
+        "Reads a run or weights, and pictures; writes COCO results. The same command goes on with what was stopped.",
         resumes=True,
     )  # fmt: skip
-    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a checkpoint")
-    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
+    sub.add_argument(
+        "pictures", nargs="+", metavar="PICTURES",
+        help="a dataset, a video, or pictures, folders, and patterns such as 'photographs/*.jpg'",
+    )  # fmt: skip
     sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
     sub.add_argument(
         "--device", default="auto", help="a name that PyTorch knows (default: auto, a GPU if there is one)"
     )
     sub.add_argument("--batch", type=at_least_one, default=8, help="images at once (default: 8)")
+    sub.add_argument("--draw", type=Path, metavar="DIR", help="also write the pictures with their detections")
+    sub.add_argument(
+        "--threshold", type=overlap, default=0.5, metavar="T",
+        help="score from which detections are drawn and counted (default: 0.5); the results have all",
+    )  # fmt: skip
 
     sub = verb(
         "evaluate", _evaluate, "judge detections: what, where, why, how sure",

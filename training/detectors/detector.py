@@ -23,6 +23,15 @@ DAMAGED = (
     *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
     *(pickle.UnpicklingError, struct.error),
 )
+_REMEDY = "name a folder of `hulldown train`, its weights.pt, or a checkpoint of RF-DETR"
+_KINDS = {
+    b"\x89PNG": "a PNG picture",
+    b"\xff\xd8\xff": "a JPEG picture",
+    b"PK": "a damaged PyTorch file, or one that holds more than weights",
+    b"{": "a JSON file",
+    b"[": "a JSON file",
+    b"\x80": "a pickled Python object",
+}
 
 
 class DetectorError(HulldownError):
@@ -98,12 +107,27 @@ def read_weights(path: Path) -> dict[str, Any]:
         with torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
             found = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
-        raise DetectorError("no such file", path=path, remedy="name a run folder or a checkpoint") from None
-    except DAMAGED as error:
-        raise DetectorError(f"is no weights file ({first_line(error)})", path=path, remedy="name another") from None
+        raise DetectorError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
+    except DAMAGED:  # whose text advises to load code
+        raise DetectorError(f"is {_kind(path)}, not the weights of a detector", path=path, remedy=_REMEDY) from None
     if not isinstance(found, dict):
-        raise DetectorError("is no weights file of a detector", path=path, remedy="name another")
+        raise DetectorError("is a PyTorch file, but not the weights of a detector", path=path, remedy=_REMEDY)
     return found
+
+
+def _kind(path: Path) -> str:
+    """Name what a file that isn't loaded seems to be, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        return f"unreadable ({error.strerror})"
+    for start, kind in _KINDS.items():
+        if head.startswith(start):
+            return kind
+    if path.suffix.lower() in (".onnx", ".safetensors"):
+        return f"of the kind {path.suffix.lower()}"
+    return "empty" if not head else "damaged or of an unknown kind"
 
 
 def first_line(error: BaseException) -> str:

@@ -308,8 +308,6 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     DetectorError
         If the file is none.
     """
-    if not path.is_file():
-        raise DetectorError("no such run folder or checkpoint", path=path, remedy="name one")
     _check_kind(path, read_weights(path))
     try:
         with quiet():

@@ -1,0 +1,161 @@
+"""What a detector looks at: the pictures of a dataset, of folders and patterns, or the frames of a video."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from hulldown.dataset.picture_files import read_picture, read_pixels
+from hulldown.geometry.errors import DatasetError
+from hulldown.training.evaluation.labels import read_labels
+
+PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
+READERS = 2  # threads
+AHEAD = 16  # pictures that are read before they're needed
+COCO_NAMES = ("annotations.json", "_annotations.coco.json")
+Picture = UInt8[np.ndarray, "h w 3"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pictures:
+    """Pictures in an order that stays the same.
+
+    Parameters
+    ----------
+    path
+        What the user named, for errors.
+    folder
+        What names of files are relative to.
+    records
+        COCO image records: ``id``, ``file_name``, ``width``, ``height``; of a video also ``frame``, from 0.
+    categories
+        Name -> id, of a dataset; empty otherwise.
+    video
+        Whether all are frames of the file at `path`.
+    """
+
+    path: Path
+    folder: Path
+    records: Sequence[Mapping[str, Any]]
+    categories: Mapping[str, int]
+    video: bool = False
+
+    def read(self, indices: Sequence[int]) -> Iterator[Picture]:
+        """Yield RGB pictures, (h, w, 3), at some ascending indices.
+
+        Raises
+        ------
+        DatasetError
+            If a picture is missing, damaged, or not as large as its record states.
+        """
+        yield from _frames(self.path, indices) if self.video else self._files(indices)
+
+    def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
+        def read(k: int) -> Picture:
+            record = self.records[k]
+            return read_pixels(self.folder / record["file_name"], (record["width"], record["height"]))
+
+        coming: deque[Future[Picture]] = deque()
+        with ThreadPoolExecutor(READERS) as pool:
+            for k in indices:
+                coming.append(pool.submit(read, k))
+                if len(coming) > AHEAD:
+                    yield coming.popleft().result()
+            while coming:
+                yield coming.popleft().result()
+
+
+def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
+    """Find what a user means by some paths.
+
+    Parameters
+    ----------
+    paths
+        A dataset (its folder, or a COCO file beside its pictures); a video; or any number of pictures, folders of
+        pictures, searched to the bottom, and patterns such as ``"photographs/*.jpg"``.
+
+    Raises
+    ------
+    DatasetError
+        If something isn't there, isn't a picture, or nothing is found.
+
+    Examples
+    --------
+    >>> find_pictures(["photographs/*.jpg"]).records[0]["file_name"]  # doctest: +SKIP
+    '0001.jpg'
+    """
+    first = Path(paths[0])
+    if len(paths) == 1 and (first.suffix == ".json" or any((first / name).exists() for name in COCO_NAMES)):
+        labels = read_labels(first)
+        ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
+        return Pictures(first, labels.folder, labels.images, ids)
+    if len(paths) == 1 and first.suffix.lower() in VIDEOS:
+        width, height, frames = _video_size(first)
+        record = {"file_name": first.name, "width": width, "height": height}
+        return Pictures(first, first.parent, [{"id": k + 1, "frame": k} | record for k in range(frames)], {}, True)
+    files = sorted({file.absolute() for path in paths for file in _files_of(str(path))})
+    folder = Path(os.path.commonpath([file.parent for file in files]))
+    records = []
+    for number, file in enumerate(files, 1):
+        width, height = read_picture(file, largest=0).size
+        name = file.relative_to(folder).as_posix()
+        records.append({"id": number, "file_name": name, "width": width, "height": height})
+    return Pictures(first, folder, records, {})
+
+
+def _files_of(path: str) -> list[Path]:
+    if os.path.isdir(path):
+        found = [file for file in Path(path).rglob("*") if file.suffix.lower() in PICTURES and file.is_file()]
+    elif os.path.exists(path):
+        found = [Path(path)]
+    else:
+        found = [Path(name) for name in glob.glob(path, recursive=True) if name.lower().endswith(PICTURES)]
+    if not found:
+        raise DatasetError("no pictures here", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURES)}")
+    if strange := [file for file in found if file.suffix.lower() not in PICTURES]:
+        remedy = "name one video by itself" if strange[0].suffix.lower() in VIDEOS else "name a picture or a folder"
+        raise DatasetError(f"is no picture ({', '.join(PICTURES)})", path=strange[0], remedy=remedy)
+    return found
+
+
+def _video_size(path: Path) -> tuple[int, int, int]:
+    """Return width, height, and number of frames."""
+    import cv2
+
+    video = cv2.VideoCapture(str(path))
+    try:
+        counts = [video.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+        frames = 0
+        while video.grab():  # what a file states is often an estimate
+            frames += 1
+    finally:
+        video.release()
+    if not frames:
+        problem = "cannot be read as a video" if path.exists() else "no such file"
+        raise DatasetError(problem, path=path, remedy="convert it to MP4 (H.264)")
+    return int(counts[0]), int(counts[1]), frames
+
+
+def _frames(path: Path, indices: Sequence[int]) -> Iterator[Picture]:
+    import cv2
+
+    wanted = set(indices)
+    video = cv2.VideoCapture(str(path))
+    try:
+        for k in range(max(wanted, default=-1) + 1):
+            if not video.grab():
+                raise DatasetError(f"frame {k} cannot be decoded", path=path, remedy="convert it to MP4 (H.264)")
+            if k in wanted:
+                yield cv2.cvtColor(video.retrieve()[1], cv2.COLOR_BGR2RGB)
+    finally:
+        video.release()
