@@ -1,0 +1,158 @@
+"""The boxes of a user's photographs as arrays relative to their pictures: what plans match and reports compare."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from msgspec import Struct
+
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import open_regular
+
+NAMES = ("annotations.json", "_annotations.coco.json")
+EDGE = 0.003  # of the picture's width or height: a box that ends this near to a side is cut off by it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Photographs:
+    """m photographs and their n boxes, by photograph.
+
+    Parameters
+    ----------
+    path
+        The COCO file.
+    sha256
+        Hexadecimal digest of its bytes.
+    file_names
+        (m,) of the photographs.
+    size
+        (m, 2) width and height, pixels.
+    image
+        (n,) ascending: the photograph of each box.
+    xywh
+        (n, 4) boxes in the frame: x and width relative to the picture's width, y and height to its height.
+    category
+        (n,) class of each box.
+    cut
+        (n, 4) whether the picture's left, top, right, and bottom sides cut a box off.
+    """
+
+    path: Path
+    sha256: str
+    file_names: tuple[str, ...]
+    size: Float[np.ndarray, "m 2"]
+    image: Int[np.ndarray, " n"]
+    xywh: Float[np.ndarray, "n 4"]
+    category: tuple[str, ...]
+    cut: Bool[np.ndarray, "n 4"]
+
+    @property
+    def height(self) -> Float[np.ndarray, " n"]:
+        """Height of each box relative to its picture."""
+        return self.xywh[:, 3]
+
+    @property
+    def centre(self) -> Float[np.ndarray, "n 2"]:
+        """Center of each box relative to its picture."""
+        return self.xywh[:, :2] + self.xywh[:, 2:] / 2
+
+    @property
+    def aspect(self) -> Float[np.ndarray, " n"]:
+        """Width over height of each box in pixels."""
+        pixels = self.xywh[:, 2:] * self.size[self.image]
+        return pixels[:, 0] / pixels[:, 1]
+
+    @property
+    def count(self) -> Int[np.ndarray, " m"]:
+        """Boxes of each photograph."""
+        return np.bincount(self.image, minlength=len(self.file_names))
+
+
+class _Image(Struct):
+    id: int | str
+    width: float
+    height: float
+    file_name: str = ""
+
+
+class _Box(Struct):
+    image_id: int | str
+    category_id: int | str
+    bbox: tuple[float, float, float, float]
+    truncated_fraction: float | None = None
+
+
+class _Category(Struct):
+    id: int | str
+    name: str
+
+
+class _Coco(Struct):
+    images: list[_Image]
+    annotations: list[Any]
+    categories: list[_Category]
+
+
+def read_photographs(path: Path) -> Photographs:
+    """The boxes in a COCO file, or in that of a folder; the pictures themselves aren't opened.
+
+    Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
+    `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such file, or it isn't COCO.
+    """
+    if path.is_dir():
+        found = next((path / name for name in NAMES if (path / name).exists()), None)
+        if found is None:
+            raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy="name the COCO file itself")
+        path = found
+    try:
+        with open_regular(path) as file:
+            content = file.read()
+        coco = msgspec.json.decode(content, type=_Coco)
+        boxes = msgspec.convert([one for one in coco.annotations if _is_box(one)], list[_Box])
+    except OSError as error:
+        remedy = "name a COCO file, or a folder with annotations.json"
+        raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy=remedy) from None
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise DatasetError(f"is no COCO file ({error})", path=path, remedy="export your labels as COCO") from None
+    index = {image.id: i for i, image in enumerate(coco.images)}
+    names = {category.id: category.name for category in coco.categories}
+    if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in names), None):
+        problem = f"a box has image {lost.image_id!r} and category {lost.category_id!r}, and one of them isn't listed"
+        raise DatasetError(problem, path=path, remedy="list all images and categories")
+    size = np.array([(image.width, image.height) for image in coco.images], dtype=np.float64).reshape(-1, 2)
+    if (size <= 0.0).any():
+        name = coco.images[int((size <= 0.0).any(axis=1).argmax())].file_name
+        raise DatasetError(f"{name!r} has no width or height", path=path, remedy="add them to its record")
+    image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
+    xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4) / np.tile(size[image], 2)
+    low, high = np.clip(xywh[:, :2], 0.0, 1.0), np.clip(xywh[:, :2] + xywh[:, 2:], 0.0, 1.0)
+    edge = np.maximum(EDGE, 1.0 / size[image])
+    whole = np.array([box.truncated_fraction == 0.0 for box in boxes], dtype=bool)
+    cut = np.concatenate([low <= edge, high >= 1.0 - edge], axis=1) & ~whole[:, None]
+    rows = np.argsort(image, kind="stable")
+    rows = rows[((high - low) > 0.0).all(axis=1)[rows]]
+    return Photographs(
+        path,
+        hashlib.sha256(content).hexdigest(),
+        tuple(image.file_name for image in coco.images),
+        size,
+        image[rows],
+        np.concatenate([low, high - low], axis=1)[rows],
+        tuple(names[boxes[i].category_id] for i in rows.tolist()),
+        cut[rows],
+    )
+
+
+def _is_box(record: Any) -> bool:
+    return not isinstance(record, dict) or (bool(record.get("bbox")) and not record.get("iscrowd"))

@@ -1,0 +1,71 @@
+"""Photographs' boxes come out of COCO files of any tool, relative to their pictures."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hulldown.assets.photographs import read_photographs
+from hulldown.geometry.errors import DatasetError
+
+IMAGES = [
+    {"id": 7, "file_name": "b.jpg", "width": 400, "height": 200},
+    {"id": "x", "file_name": "a.jpg", "width": 1000, "height": 500},
+    {"id": 9, "file_name": "none.jpg", "width": 10, "height": 10},
+]
+
+
+def coco(*boxes, images=IMAGES):
+    annotations = [{"id": i, "image_id": image, "category_id": 1, "bbox": box} for i, (image, box) in enumerate(boxes)]
+    return {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "tank"}]}
+
+
+def read(folder, content, name="_annotations.coco.json"):
+    (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
+    return read_photographs(folder)
+
+
+def test_boxes_are_relative_to_their_pictures_and_in_the_frame(tmp_path):
+    content = coco(("x", [900, 100, 200, 50]), (7, [100, 50, 80, 40]), (7, [10, 10, 0, 5]), (7, [500, 0, 9, 9]))
+    content["annotations"] += [
+        {"id": 9, "image_id": 7, "category_id": 1, "bbox": [0, 0, 400, 200], "iscrowd": 1},
+        {"id": 10, "image_id": 7, "category_id": 1, "bbox": []},
+    ]
+    found = read(tmp_path, content)
+    assert found.file_names == ("b.jpg", "a.jpg", "none.jpg")
+    assert found.category == ("tank", "tank")
+    np.testing.assert_allclose(found.xywh, [[0.25, 0.25, 0.2, 0.2], [0.9, 0.2, 0.1, 0.1]], rtol=1e-12)
+    np.testing.assert_allclose(found.aspect, [2.0, 2.0], rtol=1e-12)
+    assert found.count.tolist() == [1, 1, 0]
+    assert found.cut.tolist() == [[False] * 4, [False, False, True, False]]
+
+
+def test_a_box_whose_record_says_so_is_not_cut(tmp_path):
+    content = coco((7, [0, 0, 80, 40]))
+    content["annotations"][0]["truncated_fraction"] = 0.0
+    assert not read(tmp_path, content, "annotations.json").cut.any()
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("{", "no COCO"),
+        ([], "no COCO"),
+        ({"images": []}, "annotations"),
+        (coco((7, [1, 2, 3])), "no COCO"),
+        (coco((8, [1, 2, 3, 4])), "image 8"),
+        (coco(images=[{**IMAGES[0], "width": 0}]), "'b.jpg' has no width"),
+    ],
+)
+def test_what_is_no_coco_file_is_refused_by_name(tmp_path, content, problem):
+    with pytest.raises(DatasetError, match=problem) as caught:
+        read(tmp_path, content)
+    assert caught.value.path.name == "_annotations.coco.json"
+    assert caught.value.remedy
+
+
+def test_folders_without_labels_are_refused(tmp_path):
+    with pytest.raises(DatasetError, match="no annotations"):
+        read_photographs(tmp_path)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        read_photographs(tmp_path / "missing.json")
