@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from hulldown.geometry.errors import HulldownError
 
-PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentations", "cv2")
+PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentations", "cv2", "onnx")
 
 
 def require_extra() -> None:

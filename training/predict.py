@@ -65,6 +65,23 @@ class Predicted:
     counts: Mapping[str, int]
 
 
+def weights_of(path: Path) -> Path:
+    """Return the file of weights of a finished run; any other path as it is.
+
+    Raises
+    ------
+    DetectorError
+        If the folder holds no run, or the run isn't finished.
+    """
+    if not path.is_dir():
+        return path
+    run = read_run(path)
+    if run.get("status") != "finished":
+        problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
+        raise DetectorError(problem, path=path, remedy=remedy)
+    return path / WEIGHTS_NAME
+
+
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
     """Return the detector of a run folder or of a weights file.
 
@@ -81,13 +98,7 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
         If it is none of these, the run is not finished, or the device does not exist.
     """
     require_extra()
-    path = Path(path)
-    if path.is_dir():
-        run = read_run(path)
-        if run.get("status") != "finished":
-            problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
-            raise DetectorError(problem, path=path, remedy=remedy)
-        path /= WEIGHTS_NAME
+    path = weights_of(Path(path))
     chosen = chosen_device(device)
     if "hulldown" in read_weights(path):
         from hulldown.training.detectors.small import load_small
@@ -267,7 +278,7 @@ def _draw(
 def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
     """What makes results these and no others: weights, classes, and which images are looked at."""
     digest = hashlib.sha256()
-    with (run / WEIGHTS_NAME if run.is_dir() else run).open("rb") as file:
+    with weights_of(run).open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
     images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]

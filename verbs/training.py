@@ -1,4 +1,4 @@
-"""The verbs from datasets to a judged detector: subset, augment, train, predict, evaluate."""
+"""The verbs from datasets to an evaluated detector: subset, augment, train, predict, export_model, evaluate."""
 
 from __future__ import annotations
 
@@ -88,6 +88,19 @@ def _predict(arguments: argparse.Namespace) -> int:
         say(f"look at {arguments.draw}")
     again = f", {done.already} of them done before" if done.already else ""
     say(f"wrote {arguments.output}: {done.detections} detections in {done.images} images{again}")
+    return DONE
+
+
+def _export_model(arguments: argparse.Namespace) -> int:
+    from hulldown.training.extra import require_extra
+
+    require_extra()
+    from hulldown.training.onnx_model import export_model
+
+    about = export_model(arguments.detector, arguments.output)
+    if arguments.json:
+        print_json(about)
+    say(f"wrote {arguments.output}; {about['input']}; {about['output']}")
     return DONE
 
 
@@ -184,6 +197,13 @@ def add(verb: AddVerb) -> None:
         "--threshold", type=overlap, default=0.5, metavar="T",
         help="score from which detections are drawn and counted (default: 0.5); the results have all",
     )  # fmt: skip
+
+    sub = verb(
+        "export_model", _export_model, "write a detector as ONNX",
+        "Reads a run or weights; writes an ONNX file, whose metadata name classes, input, and output.",
+    )  # fmt: skip
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
+    sub.add_argument("-o", "--output", type=Path, metavar="MODEL", required=True, help="an .onnx file")
 
     sub = verb(
         "evaluate", _evaluate, "judge detections: what, where, why, how sure",

@@ -48,8 +48,8 @@ class SmallDetector:
     def __init__(
         self, network: CentreNetwork, classes: tuple[str, ...], size: tuple[int, int], device: torch.device
     ) -> None:
-        self.classes, self._size = classes, size
-        self._network = network.to(device, memory_format=torch.channels_last).eval()
+        self.classes, self.size = classes, size
+        self.network = network.to(device, memory_format=torch.channels_last).eval()
         self._device = device
 
     @torch.inference_mode()
@@ -57,13 +57,13 @@ class SmallDetector:
         """What is in each of some RGB pictures."""
         if not images:
             return []
-        found = peaks(self._network(network_pictures(images, self._size).to(self._device)), MOST)
+        found = peaks(self.network(network_pictures(images, self.size).to(self._device)), MOST)
         return [self._detections(found, i, image.shape[1], image.shape[0]) for i, image in enumerate(images)]
 
     def _detections(self, found: Peaks, i: int, width: int, height: int) -> Detections:
         """What was found in a picture, cut to it."""
         kept = found.score[i] >= MIN_SCORE
-        corners = found.xyxy[i][kept].cpu().double().numpy() * ([width / self._size[0], height / self._size[1]] * 2)
+        corners = found.xyxy[i][kept].cpu().double().numpy() * ([width / self.size[0], height / self.size[1]] * 2)
         corners = corners.clip(0.0, [width, height] * 2)
         return Detections(
             np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1),

@@ -1,0 +1,88 @@
+"""hulldown export_model: what onnxruntime finds is what the detector finds."""
+
+import json
+from functools import partial
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from hulldown.cli import main
+from hulldown.geometry.errors import HulldownError
+from hulldown.training.data import network_pictures
+from hulldown.training.detectors import detr
+from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.small import MIN_SCORE, save_small, small_size
+from hulldown.training.extra import quiet
+from hulldown.training.onnx_model import export_model
+from hulldown.training.predict import load_detector
+from hulldown.training.settings import load_settings
+
+CLASSES = ("truck", "tank")
+SIZE = small_size(64)
+
+
+def small_weights():
+    network = CentreNetwork(2)
+    with torch.no_grad():  # untrained it is sure of nothing
+        network.heat.bias.fill_(1.0)
+    return save_small(network, CLASSES, SIZE)
+
+
+def nano_weights(folder):
+    settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
+    with quiet():
+        configs = detr.detr_configs(settings, CLASSES, 1, weights=None, device=torch.device("cpu"), folder=folder)
+        return detr.save_detr(detr.RFDETRModelModule(*configs), CLASSES)
+
+
+def of_small(found, width, height):
+    """Boxes as corners in pixels, scores, labels."""
+    boxes, scores, labels = (part[0] for part in found)
+    kept = scores >= MIN_SCORE
+    boxes = boxes[kept] * ([width / SIZE[0], height / SIZE[1]] * 2)
+    return boxes.clip(0.0, [width, height] * 2), scores[kept], labels[kept]
+
+
+def of_detr(found, width, height):
+    """The same by the published rule: the best pairs of query and class, boxes from center and size."""
+    boxes, logits = found[0][0], found[1][0]
+    scores = 1.0 / (1.0 + np.exp(-logits))
+    best = np.argsort(-scores, axis=None, kind="stable")[: len(boxes)]
+    query, label = best // scores.shape[1], best % scores.shape[1]
+    center, half = boxes[query, :2], boxes[query, 2:] / 2
+    corners = np.concatenate([center - half, center + half], axis=1) * ([width, height] * 2)
+    known = label < len(CLASSES)
+    return corners[known], scores.ravel()[best][known], label[known]
+
+
+@pytest.mark.parametrize("kind", ["small", "nano"])
+def test_onnxruntime_finds_what_the_detector_finds(kind, tmp_path, capsys):
+    torch.manual_seed(0)
+    torch.save(small_weights() if kind == "small" else nano_weights(tmp_path), tmp_path / "weights.pt")
+    assert main(["export_model", str(tmp_path / "weights.pt"), "-o", str(tmp_path / "model.onnx"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["classes"] == list(CLASSES)
+    session = onnxruntime.InferenceSession(tmp_path / "model.onnx", providers=["CPUExecutionProvider"])
+    assert json.loads(session.get_modelmeta().custom_metadata_map["classes"]) == list(CLASSES)
+    detector = load_detector(tmp_path / "weights.pt", "cpu")
+    rng = np.random.default_rng(0)
+    for height, width in ((54, 96), (90, 40)):
+        picture = rng.integers(0, 255, (height, width, 3), dtype=np.uint8)
+        given = network_pictures([picture], SIZE if kind == "small" else (64, 64))
+        given = given.float() if kind == "small" else detr.normalised(given)
+        found = session.run(None, {"input": given.numpy()})
+        corners, scores, labels = (of_small if kind == "small" else of_detr)(found, width, height)
+        expected = detector.detect([picture])[0]
+        assert len(expected.score) > 5
+        order, same = (np.argsort(-s, kind="stable") for s in (scores, expected.score))
+        close = partial(np.testing.assert_allclose, atol=1e-3, rtol=0)
+        close(scores[order], expected.score[same])
+        close(corners[order][:, :2], expected.xywh[same][:, :2])
+        close((corners[:, 2:] - corners[:, :2])[order], expected.xywh[same][:, 2:])
+        np.testing.assert_array_equal(labels[order], expected.label[same])
+
+
+def test_another_name_is_refused(tmp_path):
+    with pytest.raises(HulldownError, match="onnx"):
+        export_model(tmp_path, tmp_path / "model.pt")

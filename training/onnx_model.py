@@ -1,0 +1,108 @@
+"""A trained detector as an ONNX file, for programs without PyTorch."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import make_room, replace_file
+from hulldown.training.detectors.detector import read_weights
+from hulldown.training.extra import quiet, require_extra
+from hulldown.training.predict import load_detector, weights_of
+
+if TYPE_CHECKING:
+    from hulldown.training.detectors.small import SmallDetector
+
+SMALL_INPUT = "input: (1, 3, h, w) RGB, 0 to 255"
+SMALL_OUTPUT = "boxes: (1, k, 4) left, top, right, bottom in pixels of the input; scores: (1, k); labels: (1, k)"
+DETR_INPUT = "input: (1, 3, h, w) RGB, 0 to 1, less ImageNet's mean, over its standard deviation"
+DETR_OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes + 1) logits"
+
+
+def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) -> dict[str, object]:
+    """Write a detector as ONNX: of RF-DETR by its own exporter, of `small` by PyTorch's.
+
+    Parameters
+    ----------
+    run
+        See `training.predict.load_detector`.
+    output
+        The .onnx file.
+
+    Returns
+    -------
+    What the file's metadata hold too: ``classes``, in the order of labels, and the meaning of ``input`` and ``output``.
+
+    Raises
+    ------
+    HulldownError
+        If the detector can't be loaded, or the output isn't an .onnx file.
+
+    Examples
+    --------
+    >>> export_model("run", "model.onnx")["classes"]  # doctest: +SKIP
+    ['tank', 'truck']
+    """
+    require_extra()
+    import onnx
+
+    output = Path(output)
+    if output.suffix.lower() != ".onnx":
+        raise HulldownError("is no name of an ONNX file", path=output, remedy="end it in .onnx")
+    make_room(output)
+    weights = weights_of(Path(run))
+    detector = load_detector(weights, "cpu")
+    small = "hulldown" in read_weights(weights)
+    content = _small(detector) if small else _detr(weights)  # type: ignore[arg-type]
+    model = onnx.load_from_string(content)
+    about: dict[str, object] = {
+        "classes": list(detector.classes),
+        "input": SMALL_INPUT if small else DETR_INPUT,
+        "output": SMALL_OUTPUT if small else DETR_OUTPUT,
+    }
+    onnx.helper.set_model_props(
+        model, {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
+    )
+    replace_file(output, model.SerializeToString())
+    return about
+
+
+def _small(detector: SmallDetector) -> bytes:
+    import torch
+
+    from hulldown.training.detectors.centre_points import peaks
+    from hulldown.training.detectors.small import MOST
+
+    network, (width, height) = detector.network, detector.size
+
+    class Found(torch.nn.Module):
+        """The network and its peaks, without the threshold on scores."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = network
+
+        def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            found = peaks(self.network(pictures), MOST)
+            return found.xyxy, found.score, found.label
+
+    content = io.BytesIO()
+    with quiet():
+        torch.onnx.export(
+            Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # whose successor needs onnxscript
+            input_names=["input"], output_names=["boxes", "scores", "labels"],
+        )  # fmt: skip
+    return content.getvalue()
+
+
+def _detr(weights: Path) -> bytes:
+    with tempfile.TemporaryDirectory() as folder, quiet():
+        from rfdetr import RFDETR
+
+        RFDETR.from_checkpoint(str(weights), device="cpu").export(output_dir=folder, verbose=False)
+        return next(Path(folder).glob("*.onnx")).read_bytes()
