@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hulldown.annotate.masks import extent
+from hulldown.annotate.oriented import fits
 from hulldown.camera.weather import GHOST
 from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
+from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import is_box
@@ -297,6 +299,11 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
     lengths = isinstance(annotation["segmentation"], Mapping)
     if lengths and annotation.get("area") is not None and annotation["area"] != pixels:
         yield f"area is {annotation['area']}, its mask has {pixels} pixels"
+    if lengths and box is not None and (given := annotation.get("obb")) is not None:
+        if not is_rectangle(given):
+            yield f"obb {given!r} is not [x, y, width, height, angle]"
+        elif not fits(given, annotation["segmentation"], image["width"], image["height"]):
+            yield f"obb {given!r} isn't the smallest rectangle around its mask"
 
 
 def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:

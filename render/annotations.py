@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from hulldown.annotate.masks import area, encode, vehicle_mask
+from hulldown.annotate.oriented import mask_rectangle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
@@ -37,9 +38,12 @@ class Segmenter:
         self._world: tuple[str, World] = ("", World())  # the scenery last asked for: rows come sorted
 
     def segmentations(self, row: Row) -> list[dict[str, Any]]:
-        """`segmentation` (compressed run lengths) and `area` (pixels) of each labelled vehicle of a row."""
-        masks = self._masks(row, row.labelled)
-        return [{"segmentation": encode(mask), "area": area(mask)} for mask in masks]
+        """`segmentation` (compressed run lengths), `area` (pixels), and `obb` of each labelled vehicle of a row."""
+        records = []
+        for mask in self._masks(row, row.labelled):
+            encoded = encode(mask)
+            records.append({"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)})
+        return records
 
     def pixels(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> list[int]:
         """How many pixels show each of some vehicles of a row that are in the frame."""
@@ -68,3 +72,9 @@ class Segmenter:
         if self._world[0] != name:
             self._world = name, World.of(self._sceneries[name])
         return self._world[1]
+
+
+def _rectangle(segmentation: Mapping[str, Any], row: Row) -> list[float] | None:
+    """`mask_rectangle` as records have it: to 1e-6 pixels, and 1e-9 radians."""
+    found = mask_rectangle(segmentation, row.width, row.height)
+    return None if found is None else [*np.round(found[:4], 6).tolist(), round(float(found[4]), 9)]

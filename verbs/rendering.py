@@ -243,7 +243,11 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="a new or an empty folder")
     sub.add_argument(
         "--format", default="coco",
-        choices=("coco", "yolo", "rfdetr-yolo", "voc", "kitti", "huggingface", "webdataset"), help="default: coco",
+        choices=(
+            *("coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-obb-ground", "dota", "dota-ground", "voc", "kitti"),
+            *("huggingface", "webdataset"),
+        ),
+        help="default: coco",
     )  # fmt: skip
     sub.add_argument(
         "--polygons", type=at_least_zero, nargs="?", const=0.3, metavar="PIXELS",

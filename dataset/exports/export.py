@@ -10,7 +10,7 @@ from typing import Any
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
 from hulldown.dataset.exports.clipping import clipped_boxes, refuse_all
-from hulldown.dataset.exports.layouts import coco, huggingface, kitti, voc, webdataset, yolo
+from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.shares import Shares, check_sound
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.records import by_image, read_usable
@@ -25,6 +25,10 @@ LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
     "coco": coco.write,
     "yolo": yolo.write,
     "rfdetr-yolo": yolo.write_for_rfdetr,
+    "yolo-obb": yolo.write_oriented,
+    "yolo-obb-ground": yolo.write_ground,
+    "dota": dota.write,
+    "dota-ground": dota.write_ground,
     "voc": voc.write,
     "kitti": kitti.write,
     "huggingface": huggingface.write,

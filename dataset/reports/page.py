@@ -104,11 +104,14 @@ class Overlay:
         xywh, color, class, and whether it's to be ignored, of each label.
     masks
         Corners and color of each polygon.
+    lines
+        Points and color of each thin line.
     """
 
     size: tuple[int, int]
     boxes: Sequence[tuple[tuple[float, float, float, float], str, str, bool]]
     masks: Sequence[tuple[Sequence[tuple[float, float]], str]]
+    lines: Sequence[tuple[Sequence[tuple[float, float]], str]] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from PIL import Image as Pictures
 
 from hulldown.annotate.drawing import colour_of
+from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
 from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
+from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.page import (
     GENERATOR,
@@ -209,9 +214,9 @@ def _about(dataset: Dataset, row: int) -> list[str]:
 
 
 def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
-    """Return an image's boxes and masks; None if it has no label."""
+    """Return an image's boxes, masks, and oriented boxes; None if it has no label."""
     ids = {name: number for number, name in dataset.categories.items()}
-    boxes, masks = [], []
+    boxes, masks, lines = [], [], []
     for label in image.labels:
         colour = "rgb({},{},{})".format(*colour_of(ids[label.category]))
         if label.record.get("segmentation"):
@@ -222,9 +227,20 @@ def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
                 remedy = "check the dataset with `hulldown verify`"
                 raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
             masks += [(np.reshape(ring, (-1, 2)).tolist(), colour) for ring in rings]
+        lines += [(ring.tolist(), colour) for ring in _oriented(label.record, image.record)]
         x, y, w, h = label.bbox.tolist()
         boxes.append(((x, y, w, h), colour, label.category, label.crowd))
-    return Overlay((image.width, image.height), boxes, masks) if boxes else None
+    return Overlay((image.width, image.height), boxes, masks, lines) if boxes else None
+
+
+def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[np.ndarray, "_ 2"]]:
+    """Lines around what is visible, and around the ground under it, with an arrow to its front."""
+    rings = [rectangle_corners(label["obb"])] if is_rectangle(label.get("obb")) else []
+    if label.get("bbox_3d") is not None:
+        with contextlib.suppress(DatasetError):  # a part of it is behind the camera
+            ground = ground_corners(label, image)
+            rings += [ground, np.stack([ground[3], ground[:2].mean(axis=0), ground[2]])]
+    return [np.concatenate([ring, ring[:1]]) if len(ring) == 4 else ring for ring in rings]
 
 
 def _thumbnail(picture: Pictures.Image) -> bytes:

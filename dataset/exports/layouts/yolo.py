@@ -2,32 +2,46 @@
 
 References
 ----------
-Ultralytics documentation, "Object detection datasets" and "Instance segmentation datasets".
+Ultralytics documentation, "Object detection datasets", "Instance segmentation datasets", and "Oriented bounding box
+datasets".
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
-from hulldown.dataset.exports.shares import Shares, rings_of
+from hulldown.dataset.exports.shares import Item, Shares, rings_of
+from hulldown.dataset.oriented import ground_corners, visible_corners
+
+CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np.ndarray, "4 2"]]
 
 
 def write(shares: Shares, out: Path) -> None:
     """Write ``images/train``, ``labels/train`` and so on, as Ultralytics has it."""
-    folders = {split: (Path("images", split), Path("labels", split)) for split, _ in shares}
-    _write(shares, out, folders)
+    _write(shares, out, _lines)
 
 
 def write_for_rfdetr(shares: Shares, out: Path) -> None:
     """Write ``train/images``, ``train/labels`` and so on, as RF-DETR and Roboflow have it."""
-    folders = {split: (Path(split, "images"), Path(split, "labels")) for split, _ in shares}
-    _write(shares, out, folders)
+    _write(shares, out, _lines, split_first=True)
+
+
+def write_oriented(shares: Shares, out: Path) -> None:
+    """Write as `write`, the four corners of the smallest rectangle around what is visible of each vehicle."""
+    _write(shares, out, partial(_corner_lines, corners_of=visible_corners))
+
+
+def write_ground(shares: Shares, out: Path) -> None:
+    """Write as `write`, the four corners of the ground under each vehicle, its front first."""
+    _write(shares, out, partial(_corner_lines, corners_of=ground_corners))
 
 
 def label_lines(
@@ -48,23 +62,47 @@ def label_lines(
             numbers_of_label = (corners / [width, height]).ravel()
         else:
             numbers_of_label = np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
-        # Nine digits: a millionth of a pixel of any image.
-        lines.append(" ".join([str(numbers[label["category_id"]]), *(f"{n:.9f}" for n in numbers_of_label)]))
+        lines.append(_line(numbers[label["category_id"]], numbers_of_label))
     return lines
 
 
-def _write(shares: Shares, out: Path, folders: Mapping[str, tuple[Path, Path]]) -> None:
+def _lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
+    return label_lines(item.labels, numbers, item.image["width"], item.image["height"])
+
+
+def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
+    size = np.array([item.image["width"], item.image["height"]])
+    lines = []
+    for label in item.labels:
+        if not label.get("iscrowd"):
+            shares = corners_of(label, item.image) / size
+            if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
+                shares = shares.clip(0.0, 1.0)
+            lines.append(_line(numbers[label["category_id"]], shares.ravel()))
+    return lines
+
+
+def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
+    # Nine digits: a millionth of a pixel of any image.
+    return " ".join([str(number), *(f"{n:.9f}" for n in shares)])
+
+
+def _write(
+    shares: Shares, out: Path, lines: Callable[[Item, Mapping[int, int]], list[str]], *, split_first: bool = False
+) -> None:
     numbers = shares.class_numbers
+    folders = {}
     for split, items in shares:
-        pictures, texts = (out / folder for folder in folders[split])
-        pictures.mkdir(parents=True)
-        texts.mkdir(parents=True)
+        pictures, texts = (Path(split, kind) if split_first else Path(kind, split) for kind in ("images", "labels"))
+        folders[split] = pictures
+        (out / pictures).mkdir(parents=True)
+        (out / texts).mkdir(parents=True)
         for item in items:
-            item.link(pictures)
-            lines = label_lines(item.labels, numbers, item.image["width"], item.image["height"])
-            (texts / f"{item.stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+            item.link(out / pictures)
+            text = "".join(f"{line}\n" for line in lines(item, numbers))
+            (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
     key = {"train": "train", "valid": "val", "test": "test"}
-    data = [f"{key[split]}: {pictures.as_posix()}" for split, (pictures, _) in folders.items()]
+    data = [f"{key[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # JSON strings are YAML strings, whatever is in them.
     names = [json.dumps(shares.class_names[category["id"]]) for category in shares.categories]
     data += ["names:", *(f"  {number}: {name}" for number, name in enumerate(names))]

@@ -1,0 +1,109 @@
+"""Oriented boxes: the smallest rectangle around a visible mask, and the ground under a vehicle as its camera sees it.
+
+A rectangle is written as center, width, height, and the angle of its width from the image's x axis to its y axis.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from hulldown.annotate.masks import run_lengths
+from hulldown.geometry.arrays import checked
+
+ROUNDED = 1e-5  # pixels: more than sides and angles are rounded by
+_UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+
+
+def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "5"] | None:
+    """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask.
+
+    Parameters
+    ----------
+    segmentation
+        COCO's run lengths or polygons; see `annotate.masks.decode`. Each pixel is a square.
+    width, height
+        Of the image, in pixels.
+
+    Returns
+    -------
+    The center and the sides are in continuous pixels. The width is the longer side; its angle is in radians from the
+    image's x axis to its y axis, at least -pi/2 and below pi/2.
+
+    Raises
+    ------
+    ValueError
+        If the segmentation is damaged.
+
+    Examples
+    --------
+    >>> mask_rectangle({"size": [3, 3], "counts": [0, 1, 3, 1, 3, 1]}, 3, 3).round(3).tolist()
+    [1.5, 1.5, 4.243, 1.414, 0.785]
+    """
+    corners = _pixel_corners(segmentation, width, height)
+    if not len(corners):
+        return None
+    around = shapely.oriented_envelope(shapely.multipoints(corners))
+    return rectangle_of(shapely.get_coordinates(around)[:4])
+
+
+def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bool:
+    """Whether a rectangle is, but for rounding, a smallest one that holds a mask; of a triangle three are.
+
+    Parameters and errors as of `mask_rectangle`.
+    """
+    given = checked(rectangle, "rectangle", (5,))
+    smallest = mask_rectangle(segmentation, width, height)
+    if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDED * (1.0 + smallest[2:4].sum()):
+        return False
+    along = np.array([np.cos(given[4]), np.sin(given[4])])
+    off = _pixel_corners(segmentation, width, height) - given[:2]
+    reach = [np.abs(off @ axis).max() for axis in (along, np.array([-along[1], along[0]]))]
+    return bool((reach <= given[2:4] / 2 + ROUNDED).all())
+
+
+def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "n 2"]:
+    """Corners of pixels of a mask, those of its convex hull among them."""
+    ends = np.cumsum(run_lengths(segmentation, width, height))
+    first, end = ends[:-1:2], ends[1::2]
+    first, end = first[end > first], end[end > first]
+    left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
+    # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
+    one, full = left == right, np.full(len(first), height)
+    bars = [(left, left + 1, top, np.where(one, bottom, full)), (right, right + 1, np.where(one, top, 0), bottom)]
+    bars.append((np.minimum(left + 1, right), right, np.where(one, top, 0), np.where(one, bottom, full)))
+    corners = [np.stack([bar[i], bar[j]], axis=1) for bar in bars for i in (0, 1) for j in (2, 3)]
+    return np.concatenate(corners).astype(np.float64)
+
+
+def rectangle_of(corners: Float[np.ndarray, "4 2"]) -> Float[np.ndarray, "5"]:
+    """Center, width, height, and angle of a rectangle with these corners, in order around it."""
+    first, second = corners[1] - corners[0], corners[2] - corners[1]
+    sides = np.hypot(*first), np.hypot(*second)
+    along = first if sides[0] >= sides[1] else second
+    angle = (np.arctan2(along[1], along[0]) + np.pi / 2) % np.pi - np.pi / 2
+    return np.array([*corners.mean(axis=0), max(sides), min(sides), angle])
+
+
+def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
+    """Corners of rectangles (..., 5), in order around each; the first two are where its height begins.
+
+    Examples
+    --------
+    >>> rectangle_corners([2.0, 1.0, 4.0, 2.0, 0.0]).tolist()
+    [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]
+    """
+    given = checked(rectangles, "rectangles", ("...", 5))
+    angle = given[..., 4, None]
+    x, y = np.moveaxis(_UNIT * given[..., None, 2:4], -1, 0)
+    turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)
+    return given[..., None, :2] + turned
+
+
+def overlap(first: Float[np.ndarray, "n 4 2"], second: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, " n"]:
+    """Shared area of convex quadrilaterals, pair by pair, in square pixels."""
+    return np.asarray(shapely.area(shapely.intersection(shapely.polygons(first), shapely.polygons(second))))

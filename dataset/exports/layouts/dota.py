@@ -1,0 +1,38 @@
+"""DOTA: a text file a picture, with the four corners of oriented boxes.
+
+References
+----------
+Xia et al., DOTA: a large-scale dataset for object detection in aerial images, CVPR 2018, and its description of
+``labelTxt``: x1 y1 x2 y2 x3 y3 x4 y4 category difficult.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hulldown.dataset.exports.layouts.yolo import CornersOf
+from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.oriented import ground_corners, visible_corners
+
+FOLDERS = {"train": "train", "valid": "val", "test": "test"}
+
+
+def write(shares: Shares, out: Path, *, corners_of: CornersOf = visible_corners) -> None:
+    """Write ``train/images``, ``train/labelTxt`` and so on; crowds are difficult, blanks in class names hyphens."""
+    names = {number: "-".join(name.split()) for number, name in shares.class_names.items()}
+    for split, items in shares:
+        pictures, texts = (out / FOLDERS[split] / name for name in ("images", "labelTxt"))
+        pictures.mkdir(parents=True)
+        texts.mkdir()
+        for item in items:
+            item.link(pictures)
+            lines = []
+            for label in item.labels:
+                corners = " ".join(f"{n:.4f}" for n in corners_of(label, item.image).ravel())
+                lines.append(f"{corners} {names[label['category_id']]} {int(label.get('iscrowd', 0))}\n")
+            (texts / f"{item.stem}.txt").write_text("".join(lines), encoding="utf-8")
+
+
+def write_ground(shares: Shares, out: Path) -> None:
+    """The same with the ground under each vehicle, its front first."""
+    write(shares, out, corners_of=ground_corners)

@@ -1,0 +1,171 @@
+"""Oriented boxes: the smallest rectangle around a mask, the ground under a vehicle, and who reads their exports."""
+
+import importlib
+import json
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import ConvexHull
+
+from hulldown.annotate.masks import encode
+from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.oriented import ground_corners
+from hulldown.dataset.verification.planned import image_record
+from hulldown.dataset.verification.verify import verify
+from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.transforms import apply
+from hulldown.planning.planner import plan
+from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.tests.planning_assets import small_assets, small_config
+
+
+def reader(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its own, when it is imported
+        return importlib.import_module(name)
+
+
+def random_mask(rng, kind):
+    """Specks, a turned bar, whole columns with one pixel more, or a disc; sometimes nothing."""
+    h, w = rng.integers(1, 60, 2).tolist()
+    y, x = np.mgrid[:h, :w]
+    if kind == 0:
+        return rng.random((h, w)) < rng.random() ** 3
+    if kind == 1:
+        angle, (a, b) = rng.random() * np.pi, np.array([w, h]) * rng.random(2)
+        along = (x + 0.5 - a) * np.cos(angle) + (y + 0.5 - b) * np.sin(angle)
+        across = (y + 0.5 - b) * np.cos(angle) - (x + 0.5 - a) * np.sin(angle)
+        return (abs(along) < w * rng.random()) & (abs(across) < 0.4 * h * rng.random())
+    if kind == 2:
+        mask = (x >= w // 3) & (x <= w // 2)
+        mask[rng.integers(h), rng.integers(w)] = True
+        return mask
+    return (x - w / 2) ** 2 + (y - h / 2) ** 2 < (min(w, h) * rng.random()) ** 2
+
+
+def test_the_rectangle_is_the_smallest_of_all_that_hold_a_mask():
+    rng = np.random.default_rng(0)
+    for i in range(1000):
+        mask = random_mask(rng, i % 4)
+        found = mask_rectangle(encode(mask), mask.shape[1], mask.shape[0])
+        if not mask.any():
+            assert found is None
+            continue
+        y, x = np.nonzero(mask)
+        corners = np.concatenate([np.stack([x + a, y + b], axis=1) for a in (0, 1) for b in (0, 1)])
+        # The smallest lies along one side of the convex hull: Freeman and Shapira, CACM 18(7), 1975.
+        hull = corners[ConvexHull(corners).vertices]
+        sides = np.roll(hull, -1, axis=0) - hull
+        sides = sides / np.linalg.norm(sides, axis=1)[:, None]
+        smallest = min(np.ptp(hull @ side) * np.ptp(hull @ [-side[1], side[0]]) for side in sides)
+        assert found[2] * found[3] == pytest.approx(smallest, rel=1e-9)
+        assert found[2] >= found[3]
+        assert -np.pi / 2 <= found[4] < np.pi / 2
+        along = np.array([np.cos(found[4]), np.sin(found[4])])
+        for axis, size in ((along, found[2]), (np.array([-along[1], along[0]]), found[3])):
+            assert np.abs((corners - found[:2]) @ axis).max() <= size / 2 + 1e-9
+
+
+@pytest.fixture(scope="module")
+def planned():
+    assets = small_assets()
+    return assets, list(plan(small_config(budget={"images_per_class": 4}), assets))
+
+
+@pytest.fixture(scope="module")
+def dataset(planned, tmp_path_factory):
+    """The planned rows with their labels, over gray pictures."""
+    assets, rows = planned
+    folder = tmp_path_factory.mktemp("oriented")
+    segmenter = Segmenter(assets.vehicles, assets.sceneries)
+    with CocoDataset.open(folder, categories=["main battle tank", "truck"]) as dataset:
+        for row in rows:
+            image = {"file_name": row.file_name, **image_record(row)}
+            (folder / row.file_name).parent.mkdir(exist_ok=True)
+            Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
+            dataset.append(image, annotation_records(row, segmenter.segmentations(row)))
+    return folder
+
+
+def test_the_ground_is_below_the_vehicle_with_its_front_first(planned, dataset):
+    coco = json.loads((dataset / "annotations.json").read_text())
+    images = {image["id"]: image for image in coco["images"]}
+    label_of = {label["image_id"]: label for label in coco["annotations"][::-1]}
+    for image_id, row in enumerate(planned[1], start=1):
+        if image_id not in label_of or row.empty:
+            continue
+        low, high = row.target.bounds
+        ground = [[high[0], high[1]], [high[0], low[1]], [low[0], low[1]], [low[0], high[1]]]
+        corners = apply(row.target.world_from_vehicle, np.c_[ground, np.full(4, low[2])])
+        wanted = row.camera.project(corners).pixels
+        np.testing.assert_allclose(ground_corners(label_of[image_id], images[image_id]), wanted, rtol=0, atol=1e-4)
+
+
+def changed(dataset, folder, change):
+    coco = json.loads((dataset / "annotations.json").read_text())
+    change(coco["annotations"][0])
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return [finding.problem for finding in verify(folder, fast=True) if "obb" in finding.problem]
+
+
+@pytest.mark.parametrize(
+    "by", [[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0.7], [0, 0, 0, -1e9, 0]]
+)
+def test_verify_finds_a_rectangle_that_is_not_its_masks(dataset, tmp_path, by):
+    problems = changed(
+        dataset, tmp_path, lambda label: label.update(obb=[a + b for a, b in zip(label["obb"], by, strict=True)])
+    )
+    assert len(problems) == any(by)
+
+
+@pytest.mark.parametrize("ground", [False, True])
+def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
+    coco = json.loads((dataset / "annotations.json").read_text())
+    images = {image["file_name"].rpartition("/")[2][:-4]: image for image in coco["images"]}
+    names = {category["id"]: category["name"] for category in coco["categories"]}
+    wanted = {}
+    for stem, image in images.items():
+        mine = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
+        corners = [ground_corners(one, image) if ground else rectangle_corners(one["obb"]) for one in mine]
+        wanted[stem] = list(zip([names[one["category_id"]] for one in mine], corners, mine, strict=True))
+    options = {"fractions": (1.0, 0.0, 0.0)}
+    suffix = "-ground" if ground else ""
+    export(dataset, tmp_path / "yolo", layout="yolo-obb" + suffix, **options)
+    folders = (str(tmp_path / "yolo" / kind / "train") for kind in ("images", "labels"))
+    data = reader("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
+    assert len(data) == len(wanted)
+    for path, _, detections in data:
+        full = [(name, corners) for name, corners, one in wanted[path[-12:-4]] if not one["iscrowd"]]
+        assert [data.classes[k] for k in detections.class_id] == [name for name, _ in full]
+        for found, (_, corners) in zip(detections.data.get("xyxyxyxy", []), full, strict=True):
+            np.testing.assert_allclose(found, corners, rtol=0, atol=1e-3)
+    export(dataset, tmp_path / "dota", layout="dota" + suffix, **options)
+    loaded = reader("hotcoco").COCO.from_dota(str(tmp_path / "dota/train/labelTxt")).dataset
+    known = {category["id"]: category["name"] for category in loaded["categories"]}
+    assert len(loaded["annotations"]) == len(coco["annotations"])
+    for image in loaded["images"]:
+        mine = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
+        for found, (name, corners, _) in zip(mine, wanted[image["file_name"]], strict=True):
+            assert known[found["category_id"]] == name.replace(" ", "-")
+            if not ground:  # it makes rectangles of other quadrilaterals
+                np.testing.assert_allclose(
+                    np.sort(rectangle_corners(found["obb"]), axis=0), np.sort(corners, axis=0), rtol=0, atol=1e-3
+                )
+
+
+def test_labels_without_a_pose_have_no_ground(dataset, tmp_path):
+    with CocoDataset.open(tmp_path / "photographs", categories=["truck"]) as photographs:
+        photographs.append(
+            {"file_name": "1.png", "width": 9, "height": 9}, [{"category": "truck", "bbox": [1, 1, 5, 4]}]
+        )
+    Image.new("RGB", (9, 9)).save(tmp_path / "photographs/1.png")
+    with pytest.raises(DatasetError, match="annotation 1 has no bbox_3d"):
+        export(tmp_path / "photographs", tmp_path / "out", layout="dota-ground")
+    assert not (tmp_path / "out").exists()
+    export(tmp_path / "photographs", tmp_path / "out", layout="dota", fractions=(1.0, 0.0, 0.0))
+    line = (tmp_path / "out/train/labelTxt/1.txt").read_text()
+    assert line == "1.0000 1.0000 6.0000 1.0000 6.0000 5.0000 1.0000 5.0000 truck 0\n"
