@@ -114,7 +114,7 @@ def sync_folder(folder: Path) -> None:
 # begins with a dot, ends in what Windows drops, or is a device of Windows; no character is one that a system refuses.
 PICTURE_NAME = (
     r"^images(?:/(?!\.)(?!(?i:con|prn|aux|nul|com\d|lpt\d)(?:\.|/|\Z))"
-    r"[^/\\\x00-\x1f\x7f-\x9f<>:\"|?*\ud800-\udfff]{1,200}(?<![ .])){1,16}(?<=\.png)\Z"
+    r"[^/\\\x00-\x1f\x7f-\x9f<>:\"|?*\ud800-\udfff]{1,200}(?<![ .])){1,16}(?<=\.png|\.jpg)\Z"
 )
 
 

@@ -204,6 +204,8 @@ class Plan:
             raise _damaged(self.path, number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
             raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
+        if not row.file_name.endswith(suffix := ".png" if row.sensor is None else row.sensor.suffix):
+            raise _damaged(self.path, number, f"has file_name {row.file_name!r:.80}, expected a {suffix} file")
         if unknown := row.rejected.keys() - BY_KEY.keys():
             raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
@@ -233,14 +235,14 @@ class _Names:
 
     def holder(self, row: Row) -> int | None:
         """The row before that has this row's name, in capitals or not; None if there is none."""
-        name, index = row.file_name, row.index
-        if name == picture_name(index):
+        name, index, suffix = row.file_name, row.index, row.file_name[-len(".png") :]
+        if name == picture_name(index, suffix):
             return self._others.get(name)
         name = unicodedata.normalize("NFC", name).casefold()
         self._rows.add(index)
-        digits = name.removeprefix("images/").removesuffix(".png")
+        digits = name.removeprefix("images/").removesuffix(suffix)
         planned = int(digits) - 1 if digits.isascii() and digits.isdecimal() else index
-        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned):
+        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned, suffix):
             return planned
         return other if (other := self._others.setdefault(name, index)) != index else None
 

@@ -18,6 +18,7 @@ from msgspec import Meta, Struct
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
+from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
@@ -106,6 +107,7 @@ Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), 
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0, "kind": ...}', "1e-9", _to(9))]
+Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
@@ -163,7 +165,7 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     exposure_ev: Annotated[EV, _means("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")]
     weather: Annotated[Air, _means("what is in the air and lies on things; null: it is clear and dry")]
-    sample_seed: Annotated[Seed, _means("of Cycles' noise")]
+    sample_seed: Annotated[Seed, _means("of Cycles' noise, and of the sensor's")]
     background: Annotated[
         YesOrNo,
         _means(
@@ -185,6 +187,9 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
         Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
     ]
     left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)]
+    sensor: Annotated[
+        Optics, _means("lens and sensor, [camera.md](camera.md#sensor); not there if `[sensor]` isn't given")
+    ] = None
 
 
 class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
@@ -359,9 +364,9 @@ def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..
     return rounding(values)
 
 
-def picture_name(index: int) -> str:
+def picture_name(index: int, suffix: str = ".png") -> str:
     """What a planner calls the picture of an image."""
-    return f"images/{index + 1:08d}.png"
+    return f"images/{index + 1:08d}{suffix}"
 
 
 _decode_image = msgspec.json.Decoder(_Image, dec_hook=decoded_pose).decode

@@ -14,6 +14,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.exposure import exposures
 from hulldown.planning.appearance.light import Lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.aiming import Views
@@ -39,11 +40,15 @@ def rows_of(
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
     ev, white_balance, horizon = exposures(image, hdris, strength, light=config.light, assets=assets, draws=draws)
+    sensors = draw_sensors(config.sensor, draws=draws, image=image)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
         "image_id": (image + 1).tolist(),
-        "file_name": [picture_name(i) for i in image.tolist()],
+        "file_name": [
+            picture_name(i, sensor.suffix if sensor else ".png")
+            for i, sensor in zip(image.tolist(), sensors, strict=True)
+        ],
         "shot": block.shot.tolist(),
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": rounded("fov_x_deg", views.lens.fov_x_deg).tolist(),
@@ -55,6 +60,7 @@ def rows_of(
         "white_balance_k": white_balance.tolist(),
         "weather": lights.air.weathers(),
         "sample_seed": lights.sample_seed.tolist(),
+        "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
     }
     found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()

@@ -221,6 +221,7 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
         seed=row.sample_seed % 2**31,
         settings=settings,
         output=str(output),
+        sensor=row.sensor,
     )
 
 

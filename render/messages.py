@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather_kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
@@ -151,7 +152,10 @@ class MaskJob:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """Render a picture to `output`, a .png file; without weather it is clear and dry."""
+    """Render a picture to `output`; without weather it is clear and dry.
+
+    Without a sensor, the picture is what Blender's view transform makes of the light, a .png file.
+    """
 
     scenery: SceneryInput
     vehicles: list[VehicleInput]
@@ -161,6 +165,7 @@ class RenderJob:
     seed: int
     settings: Settings
     output: str
+    sensor: Sensor | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +190,7 @@ PARTS: Mapping[str, Callable[..., Any]] = {
     "camera": _camera_input,
     "light": LightInput,
     "weather": Weather,
+    "sensor": Sensor,
     "settings": Settings,
 }
 

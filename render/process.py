@@ -25,13 +25,14 @@ from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
 from hulldown.render.confinement import Confinement
 from hulldown.render.messages import StartJob, to_json
-from hulldown.render.png import damage
+from hulldown.render.pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # what a worker gets to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
-STEADY_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**17)}
+# For OpenBLAS: threads that wait by turning round and round, for products that are too small for them.
+ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": str(2**17), "OPENBLAS_NUM_THREADS": "1"}
 POLL_S = 0.2  # how often time and memory are looked at
 NEARLY = 0.8  # of the memory limit: a Blender that has grown so far is replaced between two jobs
 GIB = 2**30
@@ -315,7 +316,7 @@ class Blender:
         try:
             self._child = Child(
                 self._confinement.of(command) if self._confinement else command,
-                env={**STEADY_MEMORY, **os.environ, **more},
+                env={**ENVIRONMENT, **os.environ, **more},
                 hear=hear,
                 log=self._log,
             )

@@ -27,7 +27,7 @@ from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
-from hulldown.render.png import without_notes
+from hulldown.render.pictures import without_notes
 from hulldown.render.pool import Pool
 from hulldown.render.process import Limits, Outcome
 from hulldown.render.remaining import Remaining, stamp_of
@@ -178,8 +178,8 @@ class Session:
         add_provenance(self._folder, {self._remaining.run.key: entry})
         self._recorded = made_by
 
-    def _output(self, index: int) -> Path:
-        return self._unfinished / f"{index}.png"
+    def _output(self, row: Row) -> Path:
+        return self._unfinished / f"{row.index}{Path(row.file_name).suffix}"
 
     def _row(self, index: int) -> Row:
         """A row of the plan, read when it is needed; refused if another file has replaced the plan meanwhile."""
@@ -194,7 +194,7 @@ class Session:
     def _message(self, index: int) -> dict[str, Any]:
         row = self._row(index)
         try:
-            return to_json(render_job(row, self._assets, self._settings, self._output(index)))
+            return to_json(render_job(row, self._assets, self._settings, self._output(row)))
         except ValueError as error:  # what the schema cannot know, such as the parts of a vehicle
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({error})",
@@ -204,7 +204,7 @@ class Session:
 
     def _done(self, index: int, outcome: Outcome) -> None:
         row = self._row(index)
-        picture = self._output(index)
+        picture = self._output(row)
         run, name = self._remaining.run, self._remaining.run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
         first = int(self._remaining.first_annotation[index])

@@ -7,6 +7,7 @@ import re
 
 import pytest
 
+from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import PICTURE_NAME, stays_inside
 from hulldown.planning.plan_file import PlanWriter, read_plan
@@ -305,7 +306,7 @@ LEGAL = ["images/1.png", "images/a/b c.png", "images/é.v2.png", "images/constan
 ILLEGAL = [
     *("images/./1.png", "images//1.png", "./images/1.png", "images/../images/1.png", "/images/1.png", "../1.png"),
     *("images", "images/", "images/.png", ".unfinished/1.png", "images/.unfinished/1.png", "images/a/.b.png", "1.png"),
-    *("annotations.json", "images/1.jpg", "images/1.PNG", "Images/1.png", "a/images/1.png", "images/1.png/"),
+    *("annotations.json", "images/1.gif", "images/1.PNG", "Images/1.png", "a/images/1.png", "images/1.png/"),
     *(
         "images\\1.png",
         "C:\\images\\1.png",
@@ -335,6 +336,22 @@ def test_a_picture_may_not_be_called(tmp_path, name):
     path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": name}))
     with pytest.raises(ConfigError, match=r"line 2 has file_name .*, expected a path like images/1.png"):
         list(read_plan(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "kind"),
+    [("1.png", {"jpeg_quality": 90}, "jpg"), ("1.jpg", {"blur_px": 0.5}, "png"), ("1.jpg", None, "png")],
+)
+def test_a_picture_has_the_suffix_of_its_kind(tmp_path, name, sensor, kind):
+    path = tmp_path / "plan.jsonl"
+    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": f"images/{name}", "sensor": sensor}))
+    with pytest.raises(ConfigError, match=f"file_name 'images/{name}', expected a .{kind} file"):
+        list(read_plan(path))
+    right = {**row(0), "file_name": f"images/1.{kind}", "sensor": sensor}
+    path.write_bytes(line({**HEADER, "images": 1}) + line(right))
+    (read,) = read_plan(path)
+    assert (image_record(read).get("sensor") or {}).items() >= (sensor or {}).items()
+    assert ("sensor" in image_record(read)) == (sensor is not None)
 
 
 @pytest.mark.parametrize(

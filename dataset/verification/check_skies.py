@@ -14,6 +14,7 @@ from PIL import Image
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
+from hulldown.camera.sensor import Sensor
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
@@ -55,7 +56,7 @@ class SkyCheck:
             return
         try:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
-            along, sky = self._sky(image, height)
+            along, sky, light = self._sky(image, height)
             yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
             weather = image["weather"]
             visibility_m = weather["visibility_m"] if weather else None
@@ -79,7 +80,7 @@ class SkyCheck:
                 kind=kind,
                 horizon_deg=horizon_deg,
             )
-            expected = pictured(seen, exposure_ev=exposure_ev, white_balance_k=white_balance_k)
+            expected = pictured(seen * light, exposure_ev=exposure_ev, white_balance_k=white_balance_k)
             return deviation(small, expected, sky)
 
         figure = differs(hdri)
@@ -94,14 +95,18 @@ class SkyCheck:
                 problem = f"its sky is {nearest!r}, recorded is {hdri!r}: it differs by {figure:.1f} of 255"
                 yield Finding("error", name, problem, figure)
 
-    def _sky(self, image: Mapping[str, Any], height: int) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-        """Directions of the rays of the small picture, and which of them meet neither ground nor obstacles."""
+    def _sky(
+        self, image: Mapping[str, Any], height: int
+    ) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"], Float[np.ndarray, "h w 1"]]:
+        """Rays of the small picture: directions, which meet neither ground nor obstacles, and shares of light."""
         intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
         camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
         x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
         met = self.worlds[image["scenery"]].occluded(np.broadcast_to(camera.position, along.shape), along)
-        return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH)
+        to_x, to_y = intrinsics.matrix[:2, 2]
+        light = Sensor(**image.get("sensor") or {}).falloff(x - to_x, y - to_y, math.hypot(WIDTH, height) / 2.0)
+        return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH), light[..., None]
 
 
 def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None) -> SkyCheck | None:

@@ -20,6 +20,7 @@ from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
 from hulldown.planning.config.section import ranged as _range
+from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
@@ -390,6 +391,7 @@ class Config(Section):
     budget: BudgetSection
     light: LightSection = LightSection()
     weather: WeatherSection = WeatherSection()
+    sensor: SensorSection = Field(default=SensorSection(), exclude_if=is_absent)
     render: RenderSection = RenderSection()
 
     @model_validator(mode="after")

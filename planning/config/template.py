@@ -9,11 +9,14 @@ from typing import Any
 
 from hulldown.planning.config.config_keys import ENTRIES, Key, keys_of, sections, toml_value
 from hulldown.planning.config.schema import PROFILES, Config
+from hulldown.planning.config.sensor_section import PRESETS
 
 _WIDTH = 120
 # One of two alternatives has to be given, so that the first has a value.
 _GIVEN = MappingProxyType({"budget.images_per_class": 140})
 
+# A profile or preset sets these keys, and what is given wins over it.
+_BY_PROFILE = MappingProxyType({"render": tuple(PROFILES["paper"]), "sensor": tuple(PRESETS["camera"])})
 _LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
 _LISTED = ("hdris", *_LISTS.values())  # written in other ways
 
@@ -70,7 +73,7 @@ def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
     pairs = []
     for key in keys:
         path = f"{section}.{key.name}".lstrip(".")
-        by_profile = section == "render" and key.name in PROFILES["paper"]
+        by_profile = key.name in _BY_PROFILE.get(section, ())
         off = "# " if path not in given and (key.default is None or by_profile) else ""
         value = toml_value(given.pop(path)) if path in given else key.default or key.example
         pairs.append((f"{off}{key.name} = {value}", key))

@@ -40,6 +40,7 @@ class Purpose(IntEnum):
     PAINT = 20
     EXPOSURE = 21
     WEATHER = 22
+    SENSOR = 30
 
 
 class RandomStreams:

@@ -25,6 +25,7 @@ NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup
 NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
 FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) waits by turning round and round, on a core of its own
+VIEW_TRANSFORM = "AgX"  # rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
@@ -171,6 +172,20 @@ def expose(scene: Any, settings: Settings, exposure: float, white_balance: float
         setattr(scene.cycles, name, value)
 
 
+def store_picture(scene: Any) -> None:
+    """Have a scene write pictures."""
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
+    settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
+
+
+def store_light(scene: Any) -> None:
+    """Have a scene write scene-linear light."""
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
+    settings.color_depth, settings.exr_codec = "32", "NONE"
+
+
 def _denoise(cycles: Any, *, gpu: bool) -> None:
     try:
         cycles.denoiser = OIDN
@@ -199,9 +214,6 @@ def _plain_output(scene: Any) -> None:
     scene.render.use_sequencer = False
     scene.timeline_markers.clear()  # a marker may carry a camera
     scene.display_settings.display_device = "sRGB"
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
-    settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
-    # AgX rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white.
-    scene.view_settings.view_transform = "AgX"
+    store_picture(scene)
+    scene.view_settings.view_transform = VIEW_TRANSFORM
     scene.view_settings.look = "None"

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.render.blender import cycles
+from hulldown.render.blender import cycles, film
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import MaskJob, RenderJob, StartJob, from_json
@@ -72,13 +72,18 @@ class Renderer:
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
         output.unlink(missing_ok=True)  # of an attempt that failed
-        stage.scene.render.filepath = os.fspath(output)
+        rendered = output if job.sensor is None else output.with_suffix(".exr")
+        stage.scene.render.filepath = os.fspath(rendered)
+        (cycles.store_picture if job.sensor is None else cycles.store_light)(stage.scene)
         posed = time.monotonic()
         with _Stopwatch() as watch:
             bpy.ops.render.render(write_still=True, scene=stage.scene.name)
-        end = time.monotonic()
-        if not output.is_file():
+        if not rendered.is_file():
             raise RuntimeError("Blender has written no picture")
+        if job.sensor is not None:
+            film.develop_file(rendered, output, job.sensor, job.camera, seed=job.seed, threads=self._threads)
+            rendered.unlink()
+        end = time.monotonic()
         parts = {
             "load": posed - start,
             "sync": watch.sampling - posed,

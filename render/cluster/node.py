@@ -157,7 +157,7 @@ class OpenBlender(WorkerPlugin):
             )
         here = {asset.file.path: str(self._cache.place(asset).resolve()) for asset in order.assets}
         blender = self._blender_for(order, [path for asset in order.assets for path in self._cache.readable(asset)])
-        output = self._pictures / "picture.png"
+        output = (self._pictures / "picture").with_suffix(Path(order.message["output"]).suffix)
         outcome = blender.do(_moved(order.message, here, output), stopping=stopping)
         output.unlink(missing_ok=True)
         return Answer(outcome, has_failed=bool(outcome.reasons))

@@ -1,28 +1,33 @@
-"""The PNG files that Blender writes: whole or not, and without dates, render times and paths of this machine."""
+"""The pictures that a worker writes: whole or not, and without dates, render times and paths of this machine."""
 
 from __future__ import annotations
 
 import struct
 from pathlib import Path
 
+from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
+SIGNATURE, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 def without_notes(data: bytes) -> bytes:
     """The same picture without text, date and EXIF chunks, so that equal pictures are equal files.
 
+    A JPEG file has none: the worker writes it, not Blender.
+
     Raises
     ------
     ValueError
-        If `data` is no whole PNG file.
+        If `data` is neither a JPEG file nor a whole PNG file.
 
     References
     ----------
     W3C, Portable Network Graphics (PNG) Specification, 3rd edition, section 5.
     """
+    if data.startswith(JPEG):
+        return data
     if not data.startswith(SIGNATURE):
         raise ValueError("data: expected a PNG file, got something else")
     kept, at = [SIGNATURE], len(SIGNATURE)
@@ -43,10 +48,10 @@ def damage(picture: Path, width: int, height: int) -> str | None:
     """What is wrong with a picture that Blender says it has written; None if nothing is."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.
-        with PngImageFile(picture) as image:
+        with JpegImageFile(picture) if picture.suffix == ".jpg" else PngImageFile(picture) as image:
             if image.size != (width, height):
                 return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
-            image.verify()
+            image.load() if picture.suffix == ".jpg" else image.verify()  # a JPEG file has no checksum
     except (OSError, SyntaxError, ValueError) as error:
         return f"Blender wrote a picture that cannot be read ({error})"
     return None

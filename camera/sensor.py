@@ -1,0 +1,87 @@
+"""What a camera's lens and sensor do to the light of an image, in numbers; it runs in Blender too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Lens, sensor, and processing of an image; with its defaults nothing changes.
+
+    Parameters
+    ----------
+    blur_px
+        Standard deviation of the lens's point spread function.
+    aberration_px
+        How far red lies outward, and blue inward, of green in the corners.
+    vignetting_ev
+        What the corners lose, in stops.
+    full_well_e
+        Electrons at which a pixel clips at base gain; 0 for a sensor without noise.
+    read_noise_e
+        Standard deviation of the readout, in electrons.
+    gain
+        Over base gain: every level is made of so many times fewer electrons.
+    sharpening
+        Share of the detail that is added again.
+    jpeg_quality
+        1 to 100; 0 for PNG.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+    """
+
+    blur_px: float = 0.0
+    aberration_px: float = 0.0
+    vignetting_ev: float = 0.0
+    full_well_e: float = 0.0
+    read_noise_e: float = 0.0
+    gain: float = 1.0
+    sharpening: float = 0.0
+    jpeg_quality: int = 0
+
+    def __post_init__(self) -> None:
+        for key, (low, high) in LIMITS.items():
+            if not low <= getattr(self, key) <= high:
+                raise ValueError(f"sensor.{key}: expected {low:g} to {high:g}, got {getattr(self, key)!r}")
+
+    def falloff(
+        self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."], corner: float
+    ) -> Float[np.ndarray, "..."]:
+        """Return the share of light that arrives at (x, y) from the axis: the fourth power of a cosine.
+
+        Parameters
+        ----------
+        x, y
+            Distances from where the lens's axis meets the picture.
+        corner
+            Half the picture's diagonal, in the same unit: there it's `vignetting_ev` stops less.
+
+        References
+        ----------
+        P. Slater, Remote Sensing, 1980.
+        """
+        return (1.0 + (2.0 ** (self.vignetting_ev / 2.0) - 1.0) / corner**2 * (x**2 + y**2)) ** -2
+
+    @property
+    def suffix(self) -> str:
+        """Of the pictures' names."""
+        return ".jpg" if self.jpeg_quality else ".png"
+
+
+LIMITS = {
+    "blur_px": (0.0, 8.0),
+    "aberration_px": (-32.0, 32.0),
+    "vignetting_ev": (0.0, 8.0),
+    "full_well_e": (0.0, 1e7),
+    "read_noise_e": (0.0, 1e4),
+    "gain": (1.0, 1e4),
+    "sharpening": (0.0, 8.0),
+    "jpeg_quality": (0, 100),
+}

@@ -1,0 +1,90 @@
+"""What a config may say about lens and sensor: `[sensor]`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from hulldown.camera.sensor import LIMITS
+from hulldown.planning.config.section import Section, ranged
+
+Pixels = Annotated[tuple[float, float], ranged(*LIMITS["blur_px"])]
+Shifts = Annotated[tuple[float, float], ranged(*LIMITS["aberration_px"])]
+Stops = Annotated[tuple[float, float], ranged(*LIMITS["vignetting_ev"])]
+Wells = Annotated[tuple[float, float], ranged(*LIMITS["full_well_e"])]
+Electrons = Annotated[tuple[float, float], ranged(*LIMITS["read_noise_e"])]
+Gains = Annotated[tuple[float, float], ranged(*LIMITS["gain"])]
+Amounts = Annotated[tuple[float, float], ranged(*LIMITS["sharpening"])]
+Qualities = Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)]
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "none": {},
+    "camera": {
+        "blur_px": (0.4, 0.8),
+        "aberration_px": (-0.5, 0.5),
+        "vignetting_ev": (0.2, 1.0),
+        "full_well_e": 50_000,
+        "read_noise_e": 3,
+        "gain": (1, 4),
+        "sharpening": (0.0, 0.6),
+        "jpeg_quality": (85, 97),
+    },
+    "phone": {
+        "blur_px": (0.5, 1.0),
+        "aberration_px": (-0.3, 0.3),
+        "vignetting_ev": (0.1, 0.5),
+        "full_well_e": 20_000,
+        "read_noise_e": 2,
+        "gain": (1, 4),
+        "sharpening": (0.4, 1.2),
+        "jpeg_quality": (75, 92),
+    },
+}
+
+
+class SensorSection(Section):
+    """What lens, sensor, and the camera's processing do to the picture; a preset sets the keys that are not given."""
+
+    preset: Literal["none", "camera", "phone"] = Field(
+        default="none",
+        description=(
+            '"none": pictures are Blender\'s own; "camera": a system camera; "phone": a phone. Sets all keys below'
+        ),
+    )
+    blur_px: Pixels = Field(
+        default=(0.0, 0.0), description="sharpness of the lens: standard deviation of its point spread, pixels"
+    )
+    aberration_px: Shifts = Field(
+        default=(0.0, 0.0), description="pixels in the corners by which red lies outside of green, and blue inside"
+    )
+    vignetting_ev: Stops = Field(default=(0.0, 0.0), description="light that the corners lose, stops")
+    full_well_e: Wells = Field(
+        default=(0.0, 0.0),
+        description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: there is no noise",
+    )
+    read_noise_e: Electrons = Field(default=(0.0, 0.0), description="noise of the readout, electrons")
+    gain: Gains = Field(
+        default=(1.0, 1.0), description="ISO over base ISO: a picture is made of so many times fewer electrons"
+    )
+    sharpening: Amounts = Field(
+        default=(0.0, 0.0), description="share of the detail that the camera adds again, after the view transform"
+    )
+    jpeg_quality: Qualities = Field(default=(0, 0), description="quality of .jpg files; 0: .png files")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_first(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        preset = data.get("preset", "none")
+        return {**PRESETS[preset], **data} if isinstance(preset, str) and preset in PRESETS else data
+
+    @model_validator(mode="after")
+    def _with_or_without(self) -> SensorSection:
+        for key in ("full_well_e", "jpeg_quality"):
+            low, high = getattr(self, key)
+            if low == 0 < high:
+                raise ValueError(f"{key} = [0, {high:g}]: expected 0, or a range of more than 0")
+        return self

@@ -1,0 +1,55 @@
+"""Pictures as a camera makes them, by Cycles: Blender's own without effects, and datasets of .jpg files."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as altered
+
+from hulldown.camera.sensor import Sensor
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.verification.verify import verify
+from hulldown.planning.check import check_plan
+from hulldown.planning.config.config_file import load_config
+from hulldown.planning.loading import load_assets
+from hulldown.render.jobs import render_assets
+from hulldown.render.supervisor import render_plan
+from hulldown.tests.blender_plans import CONFIG, copied, draw, job, make_plan
+
+pytestmark = pytest.mark.blender
+SETTINGS = {"samples": 2, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
+
+
+@pytest.fixture(scope="module")
+def folder(worlds, tmp_path_factory):
+    return copied(worlds, tmp_path_factory.mktemp("sensed"))
+
+
+@pytest.fixture(scope="module")
+def plan(folder):
+    text = CONFIG.format(vehicle="tank.blend", scenery="field.blend", images=2)
+    return make_plan(folder, text + '[sensor]\npreset = "camera"\n')
+
+
+def test_without_effects_a_picture_is_blenders_own(plan, folder):
+    assets, row = render_assets(plan), plan[0]
+    turned = altered(row, exposure_ev=row.exposure_ev + 1.0, white_balance_k=1500.0)
+    rows = [altered(each, sensor=sensor) for each in (row, turned) for sensor in (None, Sensor())]
+    pictures = draw(folder, [job(each, assets, SETTINGS, folder / f"{i}.png") for i, each in enumerate(rows)])
+    for own, developed in zip(pictures[::2], pictures[1::2], strict=True):
+        apart = np.abs(own - developed)
+        assert np.ptp(own) > 100.0
+        assert np.percentile(apart, 99.9) <= 1.0  # Blender dithers, which is one step more now and then
+        assert apart.max() <= 2.0
+
+
+def test_a_camera_makes_a_sound_dataset_of_jpeg_files(plan, folder):
+    assert check_plan(plan, load_assets(load_config(folder / "hulldown.toml"))) == []
+    datasets = [folder / name for name in ("one", "again")]
+    for dataset in datasets:
+        assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete
+    names = [f"images/{i:08d}.jpg" for i in (1, 2)]
+    contents = [[(dataset / name).read_bytes() for name in names] for dataset in datasets]
+    assert contents[0] == contents[1], "the noise doesn't follow from the row's seed"
+    assert all(content.startswith(b"\xff\xd8\xff") for content in contents[0])
+    assert list(verify(datasets[0], plan=plan.path)) == []
+    export(datasets[0], folder / "yolo", layout="yolo")
+    assert len(list((folder / "yolo").rglob("*.jpg"))) == 2

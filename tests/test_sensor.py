@@ -1,0 +1,171 @@
+"""Lens and sensor against what laboratories measure of cameras: photon transfer, slanted edges, charts of dots."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from hulldown.camera.sensor import Sensor
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.appearance.sensor import draw_sensors
+from hulldown.planning.config.schema import Config
+from hulldown.planning.config.sensor_section import PRESETS, SensorSection
+from hulldown.planning.search.draws import RandomStreams
+from hulldown.render.sensor import BAND, WHITE, Lens, develop, read_out
+
+MINIMAL = {
+    "assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [{"path": "b.blend"}]},
+    "budget": {"images_per_class": 1},
+}
+
+
+def developed(light, sensor, *, seed=0, threads=2):
+    height, width = light.shape[:2]
+    axis = (width / 2.0, height / 2.0)
+    return develop(light, sensor, axis=axis, exposure_ev=0.0, seed=seed, view=lambda shown: shown, threads=threads)
+
+
+def behind(light, sensor):
+    """Light behind a lens."""
+    height, width = light.shape[:2]
+    lens = Lens.of(sensor, width, height, (width / 2.0, height / 2.0))
+    bands = [slice(top, min(top + BAND, height)) for top in range(0, height, BAND)]
+    return np.concatenate([lens.through(light.astype(np.float32), band) for band in bands])
+
+
+@pytest.mark.parametrize(("gain", "read_noise_e"), [(1.0, 40.0), (6.0, 12.0)])
+def test_a_photon_transfer_curve_has_the_gain_and_the_read_noise(gain, read_noise_e):
+    sensor = Sensor(full_well_e=30_000.0, read_noise_e=read_noise_e, gain=gain)
+    rng = np.random.default_rng(1)
+    levels = WHITE * np.array([0.02, 0.03, 0.05, 0.1, 0.2, 0.4])
+    fields = [read_out(np.full((600, 600, 3), level, np.float32), sensor, rng) for level in levels]
+    mean = np.array([field.mean(dtype=np.float64) for field in fields])
+    variance = np.array([field.var(dtype=np.float64) for field in fields])
+    slope, offset = np.polyfit(mean, variance, 1, w=1.0 / variance)
+    electrons = 1.0 / slope  # that a unit of light is made of
+    assert mean == pytest.approx(levels, rel=1e-3)
+    assert electrons == pytest.approx(30_000.0 / (gain * WHITE), rel=0.02)
+    assert electrons * np.sqrt(offset) == pytest.approx(read_noise_e, rel=0.02)
+
+
+def edge_response(picture, distance):
+    """Frequencies in cycles per pixel, and the response at them to an edge at known distances (ISO 12233)."""
+    near = np.abs(distance) < 16.0
+    place = np.floor(4.0 * (distance[near] + 16.0)).astype(int)
+    spread = np.diff(np.bincount(place, picture[near]) / np.bincount(place))
+    return np.fft.rfftfreq(len(spread), 0.25), np.abs(np.fft.rfft(spread * np.hanning(len(spread))))
+
+
+@pytest.mark.parametrize("sigma", [0.4, 0.7, 1.5])
+def test_a_slanted_edge_has_the_point_spread(sigma):
+    angle, (y, x) = np.radians(5.0), np.mgrid[:200, :120] + 0.5
+
+    def distance(x, y):
+        return (x - 60.0) * np.cos(angle) + (y - 100.0) * np.sin(angle)
+
+    fine = (np.arange(8) + 0.5) / 8.0 - 0.5
+    sharp = np.mean([distance(x + dx, y + dy) > 0.0 for dx in fine for dy in fine], axis=0)
+    shown = behind(np.repeat(sharp[..., None], 3, axis=2), Sensor(blur_px=sigma))
+    inner = (slice(20, -20), slice(20, -20))
+    frequency, before = edge_response(sharp[inner], distance(x, y)[inner])
+    _, after = edge_response(shown[inner][..., 1], distance(x, y)[inner])
+    seen = (frequency > 0.05) & (frequency < 0.35) & (after > 0.05 * before)
+    wanted = 2.0 * (np.pi * frequency[seen]) ** 2
+    variance = -(wanted * np.log(after[seen] / before[seen])).sum() / (wanted**2).sum()
+    assert np.sqrt(variance) == pytest.approx(sigma, rel=0.02)
+    assert np.ptp(shown[inner], axis=2).max() < 1e-5
+
+
+@pytest.mark.parametrize("aberration_px", [0.5, -2.0])
+def test_dots_lie_where_the_aberration_moves_them(aberration_px):
+    height, width, corner = 240, 480, np.hypot(240, 480) / 2.0
+    centers = np.stack(np.meshgrid(np.arange(30.0, width, 60.0), np.arange(30.0, height, 60.0)), axis=-1).reshape(-1, 2)
+    y, x = np.mgrid[:height, :width] + 0.5
+    dots = sum(np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 8.0) for cx, cy in centers)
+    shown = behind(np.repeat(dots[..., None], 3, axis=2), Sensor(aberration_px=aberration_px))
+    tile = (np.floor(y / 60.0) * 8 + np.floor(x / 60.0)).astype(int)
+    places = [np.array(ndimage.center_of_mass(shown[..., c], tile, np.unique(tile)))[:, ::-1] + 0.5 for c in range(3)]
+    outward = centers - np.array([width, height]) / 2.0
+    for channel, sign in ((0, 1.0), (1, 0.0), (2, -1.0)):
+        moved = places[channel] - centers
+        found = corner * (moved * outward).sum() / (outward**2).sum()
+        assert found == pytest.approx(sign * aberration_px, rel=0.02, abs=1e-3)
+
+
+def test_corners_lose_what_is_said_as_the_fourth_power_of_a_cosine():
+    light = behind(np.ones((301, 401, 3)), Sensor(vignetting_ev=1.5))[..., 0]
+    square = 0.25 * (301**2 + 401**2)
+    tangents = (
+        (2.0**0.75 - 1.0) * (np.hypot(*(np.mgrid[:301, :401] - np.array([150, 200])[:, None, None])) ** 2) / square
+    )
+    assert light == pytest.approx((1.0 + tangents) ** -2, rel=1e-5)
+    assert light[150, 200] == pytest.approx(1.0)
+    assert np.log2(light[0, 0]) == pytest.approx(-1.5, abs=0.02)
+
+
+def test_without_effects_light_is_only_rounded():
+    light = np.random.default_rng(3).uniform(-0.1, 1.1, (70, 33, 3)).astype(np.float32)
+    assert np.array_equal(developed(light, Sensor()), np.rint(np.clip(light, 0.0, 1.0) * 255.0))
+
+
+def test_noise_is_all_over_the_picture_and_follows_from_the_seed():
+    gray = np.full((130, 200, 3), 0.5, np.float32)
+    sensor = Sensor(blur_px=0.6, aberration_px=0.4, full_well_e=10_000.0, gain=4.0, sharpening=0.5)
+    one, again, other = (developed(gray, sensor, seed=seed, threads=n) for seed, n in ((1, 1), (1, 3), (2, 2)))
+    assert np.array_equal(one, again)
+    assert (one != other).mean() > 0.9
+    tiles = one[:128, :192].astype(float).reshape(8, 16, 12, 16, 3).std(axis=(1, 3))
+    assert tiles.max() < 1.5 * tiles.min()
+    halves = [one[:64].ravel().astype(float), one[64:128].ravel().astype(float)]
+    assert abs(np.corrcoef(halves)[0, 1]) < 0.03, "two bands of rows have the same noise"
+
+
+def test_a_full_pixel_clips():
+    sensor = Sensor(full_well_e=1000.0, read_noise_e=5.0)
+    read = read_out(np.full((50, 50, 3), 2.0 * WHITE, np.float32), sensor, np.random.default_rng(0))
+    assert read.min() == pytest.approx(WHITE)
+    assert read.max() == pytest.approx(WHITE)
+
+
+def test_sharpening_adds_what_a_blurred_copy_lacks():
+    light = np.random.default_rng(4).uniform(0.3, 0.7, (80, 90, 3)).astype(np.float32)
+    kernel = np.outer([1, 2, 1], [1, 2, 1])[..., None] / 16.0
+    blurred = ndimage.convolve(light, kernel, mode="nearest")
+    wanted = np.clip(light + 0.8 * (light - blurred), 0.0, 1.0) * 255.0
+    assert np.abs(developed(light, Sensor(sharpening=0.8)) - wanted).max() < 0.51
+
+
+@pytest.mark.parametrize("preset", ["camera", "phone"])
+def test_a_preset_sets_what_is_not_given(preset):
+    section = SensorSection.model_validate({"preset": preset, "gain": 3})
+    assert section.gain == (3.0, 3.0)
+    assert section.blur_px == PRESETS[preset]["blur_px"]
+    image = np.arange(200)
+    sensors = draw_sensors(section, draws=RandomStreams(5), image=image)
+    assert sensors[20:30] == draw_sensors(section, draws=RandomStreams(5), image=image[20:30])
+    low, high = section.jpeg_quality
+    assert {sensor.jpeg_quality for sensor in sensors} == set(range(low, high + 1))
+    assert {sensor.suffix for sensor in sensors} == {".jpg"}
+    shifts = [sensor.aberration_px for sensor in sensors]
+    assert min(shifts) < 0.8 * section.aberration_px[0] < 0.8 * section.aberration_px[1] < max(shifts)
+
+
+def test_plans_without_a_sensor_are_what_they_were():
+    assert "sensor" not in Config.of({**MINIMAL, "sensor": {}}).model_dump()
+    sensor = {"preset": "phone", "gain": 3}
+    assert Config.of({**MINIMAL, "sensor": sensor}).model_dump()["sensor"]["gain"] == (3.0, 3.0)
+    assert draw_sensors(SensorSection(), draws=RandomStreams(0), image=np.arange(3)) == [None] * 3
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ({"preset": "dslr"}, "preset"),
+        ({"blur_px": -1}, "from|blur_px"),
+        ({"jpeg_quality": [0, 90]}, "expected 0, or a range of more than 0"),
+        ({"full_well_e": [0, 100]}, "expected 0, or a range of more than 0"),
+        ({"gain": 0.5}, "gain"),
+    ],
+)
+def test_wrong_sensors_are_refused(said, expected):
+    with pytest.raises(ConfigError, match=expected):
+        Config.of({**MINIMAL, "sensor": said})
