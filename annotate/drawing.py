@@ -88,7 +88,7 @@ def contact_sheet(
     columns, tile_width
         How many in a row, and how wide each is, in pixels.
     captions
-        One line for below each.
+        For below each, broken into lines as wide as a tile.
     """
     if not pictures:
         raise ValueError("pictures: expected at least one, got none")
@@ -96,7 +96,8 @@ def contact_sheet(
         raise ValueError(f"captions: expected {len(pictures)}, one for each picture, got {len(captions)}")
     gap, letters = max(2, tile_width // 80), max(10, tile_width // 32)
     font = ImageFont.load_default(letters)
-    caption_height = 2 * gap + letters if captions is not None else 0
+    lines = [_broken(caption, font, tile_width - 2 * gap) for caption in captions or ()]
+    caption_height = max((2 * gap + round(1.2 * letters) * (caption.count("\n") + 1) for caption in lines), default=0)
     columns = min(columns, len(pictures))
     tiles = [
         picture.convert("RGB").resize(
@@ -114,9 +115,18 @@ def contact_sheet(
             left = gap + c * (tile_width + gap)
             sheet.paste(tile, (left, top))
             if captions is not None:
-                pen.text((left + gap, top + tile.height + gap // 2), captions[r * columns + c], fill=INK, font=font)
+                pen.text((left + gap, top + tile.height + gap // 2), lines[r * columns + c], fill=INK, font=font)
         top += height + gap
     return sheet
+
+
+def _broken(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+    """A text in lines that are at most `width` pixels wide, but for words that are wider."""
+    lines = [""]
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}".strip()
+        lines[-1:] = [longer] if not lines[-1] or font.getlength(longer) <= width else [lines[-1], word]
+    return "\n".join(lines)
 
 
 def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:

@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
@@ -77,7 +77,7 @@ def read_found(
     folder: Path,
     files: Sequence[Path],
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
     """What each of the files is: by the name of a folder that it is in, else by what is in it.
@@ -87,7 +87,7 @@ def read_found(
     folder, files
         As of `asset_files`.
     progress
-        Called with a file's path before it is read.
+        Called with the number of files that were read and of all.
     limits
         When reading it is given up.
 
@@ -107,15 +107,17 @@ def read_found(
             return FoundFile(path, "", ("its name cannot be written; rename it",))
         if (same := taken[path.with_suffix("")]) != path:
             return FoundFile(path, "", (f"is called as {same.name} is, which is used",))
-        if progress:
-            progress(str(folder / path))
         try:
             return _hdri(folder, path, shared) if path.suffix.lower() in HDRI_SUFFIXES else _model(folder, path, shared)
         except AssetError as error:
             return FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))
 
     with ThreadPoolExecutor(at_once) as pool:
-        found = list(pool.map(read, files))
+        reading = [pool.submit(read, path) for path in files]
+        for done, _ in enumerate(as_completed(reading), start=1):
+            if progress:
+                progress(done, len(files))
+    found = [each.result() for each in reading]
     if not any(file.kind for file in found):
         first = next((file for file in found if taken[file.path.with_suffix("")] == file.path), found[0])
         raise AssetError(f"none of its {len(found)} files can be used; {first.path}: {first.notes[0]}", path=folder)

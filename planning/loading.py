@@ -29,6 +29,7 @@ from hulldown.reading.report import FileReport, refuse_missing
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.skies.sky_report import REMEDY
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
+from hulldown.reading.wording import warnings_of
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,24 +51,20 @@ class Library:
     sceneries: Mapping[str, Exported]
     hdris: Mapping[str, Hdri]
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """What a person should look at, a line each, beginning with the file's path."""
-        exported = [*self.models.values(), *self.sceneries.values()]
-        doubts = [f"{e.report.path}: {doubt}" for e in exported for doubt in e.report.doubts]
-        files = self.assets.hdri_files
-        skies = [(files[name].path, (*hdri.notes, *hdri.doubts)) for name, hdri in self.hdris.items()]
-        return (*doubts, *(f"{path}: {line}" for path, lines in skies for line in lines))
+    def doubts(self, *, backdrop: bool) -> dict[str, list[str]]:
+        """What a person should look at, by the file's path.
 
-    @property
-    def misfits(self) -> tuple[str, ...]:
-        """HDRIs that show no open land, a line each."""
+        Parameters
+        ----------
+        backdrop
+            Whether pictures show all of an HDRI, so that what's on it should be open land.
+        """
         files = self.assets.hdri_files
-        return tuple(
-            f"{files[name].path}: {hdri.light.misfits[0]}; {REMEDY}"
-            for name, hdri in self.hdris.items()
-            if hdri.light.misfits
-        )
+        doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
+        for name, hdri in self.hdris.items():
+            misfits = [f"{misfit}; {REMEDY}" for misfit in hdri.light.misfits[:backdrop]]
+            doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *misfits)))
+        return {path: list(lines) for path, lines in doubts if lines}
 
 
 def load_assets(
@@ -92,7 +89,7 @@ def load_assets(
     progress
         Called with a file's path before it is exported.
     warn
-        Called with a line for everything that a person should look at.
+        Called with what a person should look at, once for each file; see `reading.wording.warnings_of`.
     limits
         When reading a file is given up.
 
@@ -103,8 +100,8 @@ def load_assets(
     """
     library = load_library(config, strict=strict, cache=cache, progress=progress, limits=limits)
     if warn:
-        for doubt in (*library.doubts, *(library.misfits if config.light.backdrop == "hdri" else ())):
-            warn(doubt)
+        for line in warnings_of(library.doubts(backdrop=config.light.backdrop == "hdri")):
+            warn(line)
     return library.assets
 
 

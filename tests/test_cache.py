@@ -261,7 +261,7 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert assets.vehicle_files["T"].path == "a.blend"
     assert assets.hdri_files["sky"].path == "sky.exr"
     assert len(assets.hdri_files["sky"].sha256) == 64
-    assert said == [f"{tmp_path / file}: odd" for file in ("b.blend", "a.blend", "field.blend")]
+    assert said == [f"{tmp_path / file}\n  odd" for file in ("b.blend", "a.blend", "field.blend")]
     load_assets(config_in(tmp_path))
     assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]
 

@@ -94,9 +94,9 @@ def test_nothing_found_is_one_line_and_nothing_is_written(
         for name, content in files.items():
             (Path("mine") / name).write_bytes(content)
     assert cli.main(["init", "project", "--from", "mine"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith(f"hulldown: {said}")
-    assert error.count("\n") == 1
+    *bar, line = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"hulldown: {said}")
+    assert len(bar) <= 1  # of progress, where files were read
     assert not Path("project").exists()
 
 

@@ -67,6 +67,10 @@ def test_contact_sheet_has_rows_and_columns(count, columns, rows):
 def test_captions_need_room_and_one_for_each():
     plain, captioned = contact_sheet([grey()]), contact_sheet([grey()], captions=["hills, shot 3"])
     assert captioned.height > plain.height
+    long = contact_sheet([grey()] * 2, captions=["a long caption " * 20, ""])
+    assert long.height > captioned.height
+    beside = np.asarray(long)[:, -480 - 6 :]
+    assert (beside == contact_sheet([grey()]).getpixel((0, 0))).all(axis=2)[-40:].all()
     with pytest.raises(ValueError, match="captions: expected 1, one for each picture, got 2"):
         contact_sheet([grey()], captions=["a", "b"])
     with pytest.raises(ValueError, match="pictures: expected at least one"):

@@ -8,6 +8,7 @@ from PIL import Image
 from hulldown.assets.bundle import load_scenery
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.skies.hdri import read_hdris
+from hulldown.reading.wording import warnings_of
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
 GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
@@ -126,3 +127,11 @@ def test_an_hdri_with_a_sun_of_one_color_is_a_doubt(tmp_path):
     assert white.doubts == ()
     assert len(blue.doubts) == 1
     assert "tinted" in blue.doubts[0]
+
+
+def test_serious_doubts_come_first_in_one_warning_for_each_file(read):
+    doubts = {name: read[name].report.doubts for name in ("max", "moved", "clear", "sheet", "pit")}
+    lines = warnings_of(doubts)
+    assert [line.partition("\n")[0] for line in lines] == ["moved", "clear", "sheet", "max", "pit"]
+    assert all(line.count("\n") <= 4 for line in lines)
+    assert "missing: " in lines[0].splitlines()[1]

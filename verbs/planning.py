@@ -43,7 +43,8 @@ def _init_from(arguments: argparse.Namespace) -> int:
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
-    with reading_status() as progress:
+    with progress_bar("reading files") as progress:
+        progress(0, len(files))
         found = read_found(arguments.source, files, progress=progress, limits=read_limits(arguments))
     make_room(arguments.folder / CONFIG)
     config = create_found_project(arguments.folder, arguments.source, found)
