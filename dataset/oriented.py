@@ -21,11 +21,21 @@ _GROUND = np.array([[0.5, 0.5, -0.5], [0.5, -0.5, -0.5], [-0.5, -0.5, -0.5], [-0
 
 
 def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[np.ndarray, "4 2"]:
-    """Corners in pixels of a label's `obb`; of a label without one, of its mask's, and without a mask, of its box."""
+    """Corners in pixels of a label's `obb`; of a label without one, of its mask's, and without a mask, of its box.
+
+    Raises
+    ------
+    DatasetError
+        If the mask is damaged.
+    """
     if is_rectangle(given := label.get("obb")):
         return rectangle_corners(given)
     if label.get("segmentation"):
-        found = mask_rectangle(label["segmentation"], image["width"], image["height"])
+        try:
+            found = mask_rectangle(label["segmentation"], image["width"], image["height"])
+        except ValueError as error:
+            problem, path = f"annotation {label['id']}: {error}", Path(str(image["file_name"]))
+            raise DatasetError(problem, path=path, remedy="check the dataset with `hulldown verify`") from None
         if found is not None:
             return rectangle_corners(found)
     x, y, w, h = label["bbox"]

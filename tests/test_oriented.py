@@ -20,7 +20,10 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.planner import plan
 from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.tests.detections import dataset as dataset_of
+from hulldown.tests.detections import loaded
 from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 
 
 def reader(name):
@@ -169,3 +172,51 @@ def test_labels_without_a_pose_have_no_ground(dataset, tmp_path):
     export(tmp_path / "photographs", tmp_path / "out", layout="dota", fractions=(1.0, 0.0, 0.0))
     line = (tmp_path / "out/train/labelTxt/1.txt").read_text()
     assert line == "1.0000 1.0000 6.0000 1.0000 6.0000 5.0000 1.0000 5.0000 truck 0\n"
+
+
+def oriented_case(seed):
+    """Turned boxes near each other, some in crowds, as labels and as detections."""
+    rng = np.random.default_rng(seed)
+
+    def box():
+        return [*rng.uniform(20, 60, 2), *rng.uniform(4, 40, 2), rng.uniform(-4, 4)]
+
+    boxes = [(i, int(rng.integers(1, 3)), box()) for i in range(1, 6) for _ in range(rng.integers(5))]
+    near = [(i, c, np.array(one) + rng.normal(0, [2, 2, 2, 2, 0.1])) for i, c, one in boxes]
+    near += [(i, int(rng.integers(1, 3)), np.array(box())) for i in range(1, 6) for _ in range(2)]
+    found = [
+        {"image_id": i, "category_id": c, "obb": [*one[:2].tolist(), *np.abs(one[2:4]).tolist(), float(one[4])]}
+        for i, c, one in near
+    ]
+    marked = [
+        {"obb": one, "area": one[2] * one[3], "iscrowd": int(rng.random() < 0.2 * (seed % 2))} for *_, one in boxes
+    ]
+    labels = [(i, c, mask_box_of(one), more) for (i, c, one), more in zip(boxes, marked, strict=True)]
+    return dataset_of(labels, images=5), [{**one, "score": float(rng.random())} for one in found]
+
+
+def mask_box_of(rectangle):
+    corners = rectangle_corners(rectangle)
+    return [*corners.min(axis=0).tolist(), *np.ptp(corners, axis=0).tolist()]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_average_precision_of_oriented_boxes_is_hotcocos(seed):
+    hotcoco = reader("hotcoco")
+    coco, found = oriented_case(seed)
+    labels, predictions = loaded(coco, found)
+    average = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).average
+    truth = hotcoco.COCO(
+        {**coco, "annotations": [{"area": one["obb"][2] * one["obb"][3], **one} for one in coco["annotations"]]}
+    )
+    reference = hotcoco.COCOeval(truth, truth.load_res(found), "obb")
+    reference.run()
+    wanted = np.where(np.array(reference.stats[:3]) < 0, np.nan, reference.stats[:3])
+    np.testing.assert_allclose([average.summary[key] for key in ("ap", "ap50", "ap75")], wanted, rtol=0, atol=1e-9)
+
+
+def test_detections_with_and_without_an_oriented_box_are_refused():
+    coco, found = oriented_case(0)
+    found[3] = {**found[3], "bbox": [1.0, 2.0, 3.0, 4.0], "obb": None}
+    with pytest.raises(DatasetError, match="detection 3: has no obb, which others have"):
+        loaded(coco, found)

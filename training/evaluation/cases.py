@@ -10,6 +10,7 @@ from jaxtyping import Float
 from PIL import Image, ImageDraw
 
 from hulldown.annotate.drawing import BACKGROUND, contact_sheet
+from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.page import Facet, Tile
 from hulldown.geometry.errors import DatasetError
@@ -161,14 +162,23 @@ def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
     inner = tuple(max(1, round(n * scale)) for n in size.tolist())
     cut = whole.resize((inner[0], inner[1]), Image.Resampling.BICUBIC, box=(*low, *np.minimum(low + size, whole.size)))
     pen = ImageDraw.Draw(cut)
-    labels = one.labels.xywh[(one.labels.image == case.image) & ~one.labels.crowd]
+    shown = (one.labels.image == case.image) & ~one.labels.crowd
     counted = (one.seen.true | one.seen.false) & (one.predictions.image == case.image)
-    for boxes, colour in ((labels, LABEL_COLOUR), (one.predictions.xywh[counted], FOUND_COLOUR)):
-        for xywh in boxes:
-            start, stop = (xywh[:2] - low) * scale, (xywh[:2] + xywh[2:] - low) * scale
-            line = 3 if np.array_equal(xywh, case.xywh) else 2
-            corners = (*(start - line), *np.maximum(stop + line - 1, start - line))
-            pen.rectangle(tuple(float(n) for n in corners), outline=colour, width=line)
+    if one.predictions.corners is not None:
+        true = [
+            visible_corners(one.labels.annotations[k], one.labels.images[case.image]) for k in np.flatnonzero(shown)
+        ]
+        for rings, colour in ((true, LABEL_COLOUR), (one.predictions.corners[counted], FOUND_COLOUR)):
+            for ring in rings:
+                pen.polygon([(x, y) for x, y in ((ring - low) * scale).tolist()], outline=colour, width=2)
+    else:
+        found = one.predictions.xywh[counted]
+        for boxes, colour in ((one.labels.xywh[shown], LABEL_COLOUR), (found, FOUND_COLOUR)):
+            for xywh in boxes:
+                start, stop = (xywh[:2] - low) * scale, (xywh[:2] + xywh[2:] - low) * scale
+                line = 3 if np.array_equal(xywh, case.xywh) else 2
+                corners = (*(start - line), *np.maximum(stop + line - 1, start - line))
+                pen.rectangle(tuple(float(n) for n in corners), outline=colour, width=line)
     tile = Image.new("RGB", TILE, BACKGROUND)
     tile.paste(cut, ((TILE[0] - cut.width) // 2, (TILE[1] - cut.height) // 2))
     return tile

@@ -14,6 +14,7 @@ from hulldown.training.evaluation.average_precision import (
     AveragePrecision,
     average_precision,
     class_mean,
+    oriented_average,
     resampled_averages,
 )
 from hulldown.training.evaluation.bins import BinFigures, fields, figures_of
@@ -26,7 +27,7 @@ from hulldown.training.evaluation.bootstrap import (
     standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.matching import Matching, match, overlapping
 from hulldown.training.evaluation.metrics import (
     SUMS,
     Curves,
@@ -119,16 +120,21 @@ class Evaluation:
     @cached_property
     def average(self) -> AveragePrecision:
         """AP and AR."""
+        if self.predictions.corners is not None:
+            return oriented_average(self.labels, self.predictions, self._matchings)
         return average_precision(self.labels, self.predictions)
+
+    @cached_property
+    def _matchings(self) -> list[Matching]:
+        among = self._pairs.where(self._pairs.iou >= IOUS[0])
+        return [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
 
     @cached_property
     def averages_resampled(self) -> Float[np.ndarray, "r c 3"]:
         """`average_precision.AVERAGES` of every resample of positions."""
         if not self.positions:
             return np.full((AP_RESAMPLES, self._classes, len(AVERAGES)), np.nan)
-        among = self._pairs.where(self._pairs.iou >= IOUS[0])
-        matchings = [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
-        again = partial(resampled_averages, self.labels, self.predictions, matchings, position=self._position)
+        again = partial(resampled_averages, self.labels, self.predictions, self._matchings, position=self._position)
         return np.concatenate([again(weights=some) for some in resamples(self.positions, times=AP_RESAMPLES)])
 
     @cached_property

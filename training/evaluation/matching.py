@@ -15,8 +15,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
+from hulldown.dataset.oriented import visible_corners
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
@@ -91,13 +93,32 @@ def overlaps(
     return np.divide(shared, union, out=np.zeros(len(shared)), where=meets)
 
 
+def oriented_overlaps(
+    found: Float[np.ndarray, "p 4 2"], true: Float[np.ndarray, "p 4 2"], crowd: Bool[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """The same of convex quadrilaterals by their corners, by Shapely."""
+    near = ((found.max(axis=1) > true.min(axis=1)) & (true.max(axis=1) > found.min(axis=1))).all(axis=1)
+    result = np.zeros(len(found))
+    first, second = shapely.polygons(found[near]), shapely.polygons(true[near])
+    shared, own = shapely.area(shapely.intersection(first, second)), shapely.area(first)
+    union = np.where(crowd[near], own, own + shapely.area(second) - shared)
+    result[near] = np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0.0)
+    return result
+
+
 def overlapping(
     labels: Labels, predictions: Predictions, *, at_least: float = 0.1, max_detections: int = MAX_DETECTIONS
 ) -> Pairs:
     """Every detection with every label of its image, whatever its class, that it overlaps enough.
 
-    Detections beyond the first `max_detections` of their class and image have no pairs.
+    Detections beyond the first `max_detections` of their class and image have no pairs. Oriented detections are
+    compared with the labels' `dataset.oriented.visible_corners`.
     """
+    found, true, iou_of = predictions.xywh, labels.xywh, overlaps
+    if predictions.corners is not None:
+        records = zip(labels.annotations, labels.image.tolist(), strict=True)
+        corners = [visible_corners(label, labels.images[image]) for label, image in records]
+        found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
     order = np.argsort(labels.image, kind="stable")
     first = np.searchsorted(labels.image[order], np.arange(len(labels.images) + 1))
     counts = np.diff(first)[predictions.image]
@@ -109,7 +130,7 @@ def overlapping(
         detection = np.repeat(np.arange(start, stop), each)
         within = np.arange(len(detection)) - np.repeat(np.cumsum(each) - each, each)
         box = order[first[predictions.image[detection]] + within]
-        iou = overlaps(predictions.xywh[detection], labels.xywh[box], labels.crowd[box])
+        iou = iou_of(found[detection], true[box], labels.crowd[box])
         parts.append(Pairs(detection, box, iou).where(iou >= at_least))
     return Pairs(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))
 

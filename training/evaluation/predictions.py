@@ -12,18 +12,23 @@ import numpy as np
 import orjson
 from jaxtyping import Float, Int
 
+from hulldown.annotate.oriented import rectangle_corners
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # beside a file of results: which images were looked at, and by what
 
 
-class _Detection(msgspec.Struct):
-    """A COCO result."""
+_Side = Annotated[float, msgspec.Meta(ge=0)]
+
+
+class _Detection(msgspec.Struct, kw_only=True):
+    """A COCO result; `obb` is center x, center y, width, height, and angle."""
 
     image_id: int
     category_id: int
-    bbox: tuple[float, float, Annotated[float, msgspec.Meta(ge=0)], Annotated[float, msgspec.Meta(ge=0)]]
+    bbox: tuple[float, float, _Side, _Side] | None = None
+    obb: tuple[float, float, _Side, _Side, float] | None = None
     score: Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
@@ -42,9 +47,11 @@ class Predictions:
     image, label
         (d,) of each detection, which image and which class, as indices.
     xywh
-        (d, 4) pixels.
+        (d, 4) pixels; around `corners` where the boxes are oriented.
     score
         (d,) confidence.
+    corners
+        (d, 4, 2) pixels, of oriented boxes; None if the boxes aren't oriented.
     """
 
     name: str
@@ -54,11 +61,12 @@ class Predictions:
     label: Int[np.ndarray, " d"]
     xywh: Float[np.ndarray, "d 4"]
     score: Float[np.ndarray, " d"]
+    corners: Float[np.ndarray, "d 4 2"] | None = None
 
     def take(self, rows: np.ndarray) -> Predictions:
         """Some of them: `rows` are indices or a mask."""
         arrays = {key: getattr(self, key)[rows] for key in ("image", "label", "xywh", "score")}
-        return replace(self, **arrays)
+        return replace(self, **arrays, corners=None if self.corners is None else self.corners[rows])
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
@@ -115,16 +123,26 @@ def predictions_of(
     for i, row in enumerate(rows):
         if row.image_id not in index:
             raise _unusable(f"{i}: image {row.image_id} is not in the dataset", path, labels)
+    oriented = any(row.obb is not None for row in rows)
+    for i, row in enumerate(rows):
+        if (row.obb if oriented else row.bbox) is None:
+            raise _unusable(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
     known = labels.class_id.tolist()
     others = sorted({row.category_id for row in rows} - set(known))
     class_index = {category: i for i, category in enumerate([*known, *others])}
     image = np.array([index[row.image_id] for row in rows], dtype=np.int64)
     label = np.array([class_index[row.category_id] for row in rows], dtype=np.int64)
-    xywh = np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 4)
+    corners = rectangle_corners([row.obb for row in rows if row.obb is not None]) if oriented else None
+    if corners is None:
+        xywh = np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 4)
+    else:
+        xywh = np.concatenate([corners.min(axis=1), np.ptp(corners, axis=1)], axis=1)
     score = np.array([row.score for row in rows], dtype=np.float64)
     called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
-    order = np.lexsort((*xywh.T[::-1], -score, label, image))
-    return Predictions(name, np.array([*known, *others], dtype=np.int64), called, image, label, xywh, score).take(order)
+    boxes = xywh if corners is None else np.concatenate([xywh, corners.reshape(-1, 8)], axis=1)
+    order = np.lexsort((*boxes.T[::-1], -score, label, image))
+    class_id = np.array([*known, *others], dtype=np.int64)
+    return Predictions(name, class_id, called, image, label, xywh, score, corners).take(order)
 
 
 def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
