@@ -27,13 +27,13 @@ $(STAMP): pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@$(PYTHON) -P reading/libraries.py
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) '.[blender,cluster,dev]'
+	$(INSTALL) '.[blender,cluster,dev,geo]'
 	@touch $@
 
 setup-training: $(TRAINING_STAMP) ## the same with PyTorch, RF-DETR and Albumentations: 6 GB more
 
 $(TRAINING_STAMP): $(STAMP)
-	$(INSTALL) '.[blender,cluster,dev,training,readers]'
+	$(INSTALL) '.[blender,cluster,dev,geo,training,readers]'
 	@touch $@
 
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)

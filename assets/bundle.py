@@ -16,7 +16,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 3  # also when what finds undersides or extreme vertices changes
+FORMAT = 4  # also when what finds undersides or extreme vertices changes
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -64,6 +64,7 @@ def save_scenery(path: Path | str, scenery: Scenery) -> None:
         Path(path),
         "scenery",
         name=np.str_(scenery.name),
+        crs=np.str_(scenery.crs),
         ground_names=_names(scenery.ground_names),
         instance_names=_names(scenery.instance_names),
         removed_names=_names(scenery.removed_names),
@@ -90,6 +91,7 @@ def load_scenery(path: Path | str) -> Scenery:
     """
     wanted = {
         "name",
+        "crs",
         "ground_names",
         "instance_names",
         "removed_names",
@@ -108,6 +110,7 @@ def load_scenery(path: Path | str) -> Scenery:
     ground = meshes.pop() if data["has_ground"] else None
     return Scenery(
         name=str(data["name"]),
+        crs=str(data["crs"]),
         ground=ground,
         ground_names=tuple(data["ground_names"].tolist()),
         obstacle_meshes=tuple(meshes),

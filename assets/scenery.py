@@ -43,6 +43,8 @@ class Scenery:
         Objects of the file that the config drops; they are not rendered.
     scenery_from_file
         (4, 4) affine: from the file's world coordinates to metres, z up, relative to `origin`.
+    crs
+        The coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Scenery:
     instance_is_water: Bool[np.ndarray, " k"]
     removed_names: tuple[str, ...]
     scenery_from_file: Float[np.ndarray, "4 4"]
+    crs: str = ""
 
     @property
     def solid(self) -> Bool[np.ndarray, " k"]:

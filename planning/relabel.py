@@ -11,7 +11,7 @@ from hulldown.camera.lenses import lenses
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, Row, rounded
-from hulldown.planning.rows import bounds_in_rows, records, seen_in_rows
+from hulldown.planning.rows import bounds_in_rows, geo_in_rows, records, seen_in_rows
 from hulldown.planning.search.aiming import no_views, views_of_others
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
@@ -73,5 +73,5 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     numbers = {"slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))}
     numbers |= {"gap": gap, "penetration": penetration}
     columns = {key: rounded(key, values).tolist() for key, values in numbers.items()}
-    columns |= {"label": labels, "bounds": bounds_in_rows(vehicles)}
+    columns |= {"label": labels, "bounds": bounds_in_rows(vehicles), "geo": geo_in_rows(poses, site)}
     return [seen | own for seen, own in zip(seen_in_rows(views), records(columns), strict=True)]

@@ -79,6 +79,16 @@ class Bounds(NamedTuple):
     high: tuple[Metre, Metre, Metre]
 
 
+class OnMap(Struct, frozen=True, kw_only=True, gc=False):
+    """Where on a map a vehicle is: meters, to a micrometer, and degrees of WGS 84, to 1e-9."""
+
+    crs: str
+    easting: float
+    northing: float
+    longitude: float
+    latitude: float
+
+
 Name = Annotated[str, _is("a name", max_length=4096)]
 NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
 YesOrNo = Annotated[bool, _is("true or false")]
@@ -110,10 +120,11 @@ Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0, "k
 Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
+OnMapOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
 
-class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
+class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
     """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
@@ -137,6 +148,10 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     bounds: Annotated[Room, _means("lowest and highest corner in its own frame, with its parts turned", recorded=False)]
     paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")]
     air_contrast: Annotated[Share, _means("share of its contrast that is left after haze, docs/weather.md")]
+    geo: Annotated[
+        OnMapOrNone,
+        _means("`crs`, `easting`, `northing`, `longitude`, `latitude` of its origin, on a GeoTIFF"),
+    ] = None
 
 
 class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):

@@ -16,13 +16,15 @@ from hulldown.planning.appearance.light import Lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name, rounded
+from hulldown.planning.row import Bounds, Box, OnMap, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.block import Block, InstanceTable, Planned
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.extras import Role
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
+from hulldown.planning.search.stage import Site
+from hulldown.reading.scenery.geotiff import longitude_latitude
 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
@@ -123,6 +125,7 @@ def _vehicles(block: Block, table: InstanceTable, *, config: Config, draws: Rand
             "penetration": rounded("penetration", settled.penetration).tolist(),
             "tries": table.tries.tolist(),
             "bounds": bounds_in_rows(instances),
+            "geo": geo_in_rows(settled.world_from_vehicle, block.site),
             "paint": _coats(block, table, config=config, draws=draws),
         }
     )
@@ -159,6 +162,21 @@ def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
 def bounds_in_rows(instances: Instances) -> list[Bounds]:
     """Return the bounds of each vehicle in its own frame, as rows have them."""
     return [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
+
+
+def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:
+    """Return where vehicles are on the map, if the scenery is on one; None for those without a place."""
+    if not site.crs:
+        return [None] * len(world_from_vehicle)
+    meters = np.round(world_from_vehicle[:, :2, 3] + site.origin[:2], 6)
+    degrees = np.round(longitude_latitude(site.crs, meters), 9)
+    found = np.isfinite(degrees).all(axis=1).tolist()
+    keys = OnMap.__struct_fields__[1:]
+    rows = np.concatenate([meters, degrees], axis=1).tolist()
+    return [
+        OnMap(crs=site.crs, **dict(zip(keys, row, strict=True))) if there else None
+        for row, there in zip(rows, found, strict=True)
+    ]
 
 
 def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:

@@ -36,7 +36,7 @@ class Job:
     folder
         Exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer.
     format
-        "blend", "gltf", "fbx", "obj", or "hdri".
+        "blend", "gltf", "fbx", "obj", "geotiff", or "hdri".
     kind, name, options
         Of an asset; as of `export`.
     """
@@ -89,7 +89,7 @@ def export(
     Parameters
     ----------
     path
-        A .blend, .glb, .gltf, .fbx or .obj file.
+        A .blend, .glb, .gltf, .fbx, .obj, or .tif file.
     folder
         Exists; files of an earlier export in it are overwritten.
     kind
@@ -121,6 +121,8 @@ def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", optio
     """
     kind_of_file = format_of(path)
     refuse_odd_references(path, kind_of_file)
+    if kind_of_file == "geotiff":
+        kind = kind or "scenery"
     return Job(str(path), str(folder.resolve()), kind_of_file, kind, name or path.stem, options)
 
 

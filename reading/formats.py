@@ -14,9 +14,21 @@ MAGIC = {
     b"\x1f\x8b": "blend",  # gzip, which it did before 3.0
     b"glTF": "gltf",
     b"Kaydara FBX Binary": "fbx",
+    b"II*\0": "geotiff",
+    b"MM\0*": "geotiff",
+    b"II+\0": "geotiff",  # of more than 4 GB
+    b"MM\0+": "geotiff",
 }
 LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
-SUFFIXES = {".blend": "blend", ".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx", ".obj": "obj"}
+SUFFIXES = {
+    ".blend": "blend",
+    ".glb": "gltf",
+    ".gltf": "gltf",
+    ".fbx": "fbx",
+    ".obj": "obj",
+    ".tif": "geotiff",
+    ".tiff": "geotiff",
+}
 
 
 def first_bytes(path: Path) -> bytes:
@@ -54,7 +66,7 @@ def _kind(mode: int) -> str:
 
 
 def format_of(path: Path) -> str:
-    """The format of the file `path`: "blend", "gltf", "fbx" or "obj".
+    """The format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff".
 
     Raises
     ------

@@ -34,6 +34,10 @@ class Options:
         The same of this scenery; and all of its water, or None to find it by name, material and shape.
     texture_size
         Texels of the longer side that a texture which cuts out is kept at.
+    area
+        West, south, east, and north end of what is read of a GeoTIFF, in its own coordinates.
+    texture
+        A GeoTIFF's orthophoto, relative to its folder.
     """
 
     up: str | None = None
@@ -52,6 +56,8 @@ class Options:
     not_ground: tuple[str, ...] = ()
     water: tuple[str, ...] | None = None
     texture_size: int = TEXTURE_SIZE
+    area: tuple[float, float, float, float] | None = None
+    texture: str | None = None
 
 
 DEFAULTS = Options()

@@ -38,11 +38,12 @@ OTHERS = {
     "file_name": "images/other.png", "scenery": "moon", "hdri": "moon", "horizon_deg": 3.0, "background": None,
     "K": [[1e3, 0.0, 960.0], [0.0, 1e3, 540.0], [0.0, 0.0, 1.0]], "dist": [-0.1, 0.0, 0.0, 0.0, 0.0],
     "companions": [], "distractors": [], "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
+    "geo": {"crs": "EPSG:32632", "easting": 1.0, "northing": 2.0, "longitude": 3.0, "latitude": 4.0},
 }  # fmt: skip
 # The file's own reader refuses another index, image number, or class.
 READER = {"index", "image_id", "category"}
 FOLLOWS = {"bbox", "bbox_amodal", "visible_fraction", "truncated_fraction", "slope_deg", "gap", "penetration", "label",
-           "bounds", "air_contrast"}  # fmt: skip
+           "bounds", "air_contrast", "geo"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -78,7 +78,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
 @pytest.mark.parametrize(
     ("files", "said"),
     [
-        ({}, "mine: holds no .blend, .glb, .gltf, .fbx, .obj, .exr, .hdr file; name the folder"),
+        ({}, "mine: holds no .blend, .glb, .gltf, .fbx, .obj, .tif, .tiff, .exr, .hdr file; name the folder"),
         ({"readme.txt": b"x"}, "mine: holds no .blend"),
         ({"a.fbx": b"x", "b.exr": b"x"}, "mine: none of its 2 files can be used; a.fbx: is no .fbx file"),
         (None, "mine: is no folder; name the folder"),

@@ -192,8 +192,8 @@ def add(verb: AddVerb) -> None:
 
     sub = verb(
         "inspect", _inspect, "show what will be used of asset files",
-        "Reads .blend, .glb, .gltf, .fbx, .obj, .exr or .hdr files, or configs and what they list, with their options; "
-        "writes a table of each, and with -o a picture of vehicles and sceneries from four sides.",
+        "Reads .blend, .glb, .gltf, .fbx, .obj, .tif, .exr or .hdr files, or configs and what they list, with their "
+        "options; writes a table of each, and with -o a picture of vehicles and sceneries from four sides.",
     )  # fmt: skip
     sub.add_argument("files", type=Path, nargs="+", metavar="FILE", help="an asset, or a config (.toml)")
     sub.add_argument(

@@ -77,7 +77,11 @@ def label_records(row: Row) -> list[dict[str, Any]]:
         said = orjson.loads(encode(vehicle))
         ignored = int(vehicle.label == "ignored")
         records.append(
-            {**{key: said[key] for key in ("category", *LABEL_KEYS)}, **space_of(vehicle, row), "iscrowd": ignored}
+            {
+                **{key: said[key] for key in ("category", *LABEL_KEYS) if key in said},
+                **space_of(vehicle, row),
+                "iscrowd": ignored,
+            }
         )
     return records
 

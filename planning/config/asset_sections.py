@@ -8,11 +8,11 @@ from fnmatch import fnmatchcase
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.assets.textures import TEXTURE_SIZE
 from hulldown.planning.appearance.paint import Paint
-from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
 from hulldown.planning.config.section import ranged as _range
 
 CACHE_NAME = ".hulldown-cache"
@@ -149,11 +149,27 @@ class DistractorEntry(ModelEntry):
 class SceneryEntry(FileEntry):
     """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
 
+    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file, or elevations in a GeoTIFF (.tif)")
     up: Literal["z", "y"] | None = Field(
         default=None, description="the axis that points up; default: by the file", examples=["z"]
     )
     scale: Positive | None = Field(
-        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
+        default=None,
+        description="meters per unit of the file, or of a GeoTIFF's elevations; default: from the file",
+        examples=[1.0],
+    )
+    area: tuple[float, float, float, float] | None = Field(
+        default=None,
+        strict=False,
+        description="west, south, east, north: the part of a GeoTIFF to read, in its own coordinates; default: all",
+        examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]],
+        exclude_if=is_absent,
+    )
+    texture: str | None = Field(
+        default=None,
+        description="orthophoto of a GeoTIFF's terrain, a GeoTIFF too; default: colors by slope",
+        examples=["ortho.tif"],
+        exclude_if=is_absent,
     )
     ground: Patterns = Field(
         default=(), description="whole names of objects that are its ground; * for any part of a name"
@@ -170,6 +186,19 @@ class SceneryEntry(FileEntry):
     )
     drop: Patterns = Field(default=(), description="objects that are neither planned with nor rendered")
     weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other sceneries")
+
+    @field_validator("area")
+    @classmethod
+    def _area_has_an_inside(cls, area: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if area and not (area[0] < area[2] and area[1] < area[3]):
+            raise ValueError("expected [west, south, east, north] with west < east and south < north")
+        return area
+
+    @model_validator(mode="after")
+    def _is_geotiff(self) -> SceneryEntry:
+        if (self.area or self.texture) and not self.path.lower().endswith((".tif", ".tiff")):
+            raise ValueError("`area` and `texture` are for GeoTIFFs (.tif)")
+        return self
 
 
 class AssetsSection(Section):

@@ -48,6 +48,8 @@ class Site:
         Answers whether cameras are clear of ground, water and obstacles.
     bounds
         (2, 2) lowest and highest (x, y) that vehicles are placed in, before the margin.
+    origin, crs
+        The scenery's: where on a map it is.
     """
 
     name: str
@@ -57,6 +59,8 @@ class Site:
     vehicle_room: Obstacles
     camera_room: CameraRoom
     bounds: Float[np.ndarray, "2 2"]
+    origin: Float[np.ndarray, "3"]
+    crs: str
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -213,6 +217,8 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
         vehicle_room=Obstacles(obstacles, solid=solid),
         camera_room=CameraRoom(terrain, obstacles, solid=solid, water=water),
         bounds=bounds,
+        origin=scenery.origin,
+        crs=scenery.crs,
     )
 
 

@@ -14,6 +14,9 @@ from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.mtl import clear_false_glass
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.textures import find_moved
+from hulldown.reading.blender.terrain import open_terrain
+from hulldown.reading.options import Options
+from hulldown.reading.scenery.geotiff import Elevations
 from hulldown.reading.wording import quoted
 
 NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
@@ -36,6 +39,10 @@ class Opened:
         What a person should look at.
     duplicates
         What was taken out of the scene, by the name of the object that it equals.
+    terrain
+        Of a GeoTIFF: the elevations, in float64.
+    files
+        What it refers to besides what Blender lists.
     """
 
     unit: float
@@ -43,9 +50,11 @@ class Opened:
     written_by: str
     doubts: tuple[str, ...] = ()
     duplicates: Mapping[str, Sequence[Duplicate]] = field(default_factory=dict)
+    terrain: Elevations | None = None
+    files: Sequence[str] = ()
 
 
-def open_file(path: Path, kind: str) -> Opened:
+def open_file(path: Path, kind: str, options: Options) -> Opened:
     """Make `path` the file that is open in Blender.
 
     Parameters
@@ -54,6 +63,8 @@ def open_file(path: Path, kind: str) -> Opened:
         The file.
     kind
         Its format, as `reading.formats.format_of` tells it.
+    options
+        How to read it.
 
     Raises
     ------
@@ -63,6 +74,9 @@ def open_file(path: Path, kind: str) -> Opened:
     if kind == "blend":
         return _open_blend(path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    if kind == "geotiff":
+        terrain, files = open_terrain(path, options)
+        return Opened(1.0, "z", "GeoTIFF", terrain.doubts, terrain=terrain, files=files)
     # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
     try:
         if kind == "gltf":

@@ -10,6 +10,7 @@ import json
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.pictures import read_picture
 from hulldown.reading.blender.surfaces.materials import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, used_files
+from hulldown.reading.blender.terrain import NAME
 from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle, xyz
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
@@ -53,10 +55,12 @@ def main(job_path: str) -> None:
 def read(job: Job) -> dict[str, Any]:
     """Read the file, write bundle and tidy twin, and return report and dependencies."""
     path, options = Path(job.path).resolve(), job.options
-    opened = open_file(path, job.format)
+    opened = open_file(path, job.format, options)
     unit, up = options.scale or opened.unit, options.up or opened.up
+    if opened.terrain:
+        unit = opened.unit  # its scale is that of the elevations alone
     metres = metres_from_file(unit, up)
-    files = used_files()
+    files = sorted({*used_files(), *opened.files})
     keeper = Keeper()
     drawn = evaluate(
         bpy.context.scene,
@@ -65,6 +69,9 @@ def read(job: Job) -> dict[str, Any]:
         texture_size=options.texture_size,
         keeper=keeper,
     )
+    if opened.terrain:
+        (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
+        drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)
@@ -94,6 +101,7 @@ def read(job: Job) -> dict[str, Any]:
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:
         scenery, wet = build_scenery(job.name, drawn, roles, metres=metres, options=options)
+        scenery = replace(scenery, crs=opened.terrain.crs if opened.terrain else "")
         uses = [role.use for role in roles]
         save_scenery(job.file("bundle.npz"), scenery)
         write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)

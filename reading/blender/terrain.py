@@ -1,0 +1,131 @@
+"""A GeoTIFF's elevations as an object in Blender, which wears an orthophoto or is colored by slope."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+
+from hulldown.geometry.errors import AssetError
+from hulldown.reading.confinement.landlock import asset_folders, is_inside
+from hulldown.reading.options import Options
+from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
+
+NAME = "terrain"
+# Linear colors by the upward component of the normal: rock, scree, soil, grass.
+SLOPES = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.13, 0.11, 0.06)), (0.97, (0.06, 0.08, 0.025)))
+PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # waves per meter of noise, and by how much it darkens or brightens
+
+
+def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
+    """Make the scene in Blender a GeoTIFF's terrain; its elevations, and the files it refers to.
+
+    Raises
+    ------
+    AssetError
+        If a file can't be read or is elsewhere than asset files may be.
+    """
+    terrain = read_elevations(path, area=options.area, scale=options.scale)
+    mesh = bpy.data.meshes.new(NAME)
+    vertices, faces = terrain.vertices, terrain.faces
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(faces.size)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(faces, dtype=np.int32).ravel())
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    mesh.shade_smooth()
+    obj = bpy.data.objects.new(NAME, mesh)
+    obj.location = terrain.anchor
+    bpy.context.scene.collection.objects.link(obj)
+    material = bpy.data.materials.new(NAME)
+    mesh.materials.append(material)
+    material.use_nodes = True
+    shader = material.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.95
+    shader.inputs["Specular IOR Level"].default_value = 0.1
+    color = _by_slope(material.node_tree)
+    files = []
+    if options.texture:
+        file = Path(os.path.normpath(path.parent / options.texture))
+        if not is_inside(file, asset_folders(path)):
+            raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
+        files.append(str(file))
+        low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+        anchor = terrain.anchor[:2]
+        picture = read_orthophoto(file, crs=terrain.crs, low=anchor + low, high=anchor + high)
+        color = _over(material.node_tree, color, picture, low.tolist(), high.tolist())
+    material.node_tree.links.new(color, shader.inputs["Base Color"])
+    return terrain, files
+
+
+def _by_slope(tree: Any) -> Any:
+    """A color: rock where it's steep, grass where it's level, in patches."""
+    nodes, link = tree.nodes, tree.links.new
+    normal, height = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeSeparateXYZ")
+    link(normal.outputs["Normal"], height.inputs[0])
+    place = nodes.new("ShaderNodeTexCoord").outputs["Object"]
+    brightness, uneven = None, height.outputs["Z"]
+    for scale, depth in PATCHES:
+        noise = nodes.new("ShaderNodeTexNoise")
+        noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = scale, 5.0
+        link(place, noise.inputs["Vector"])
+        uneven = _math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 0.06, uneven)
+        factor = _math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 2.0 * depth, 1.0 - depth)
+        brightness = factor if brightness is None else _math(tree, "MULTIPLY", brightness, factor)
+    ramp = nodes.new("ShaderNodeValToRGB")
+    for k, (at, color) in enumerate(SLOPES):
+        stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
+        stop.position, stop.color = at + 0.015 * len(PATCHES), (*color, 1.0)
+    link(uneven, ramp.inputs[0])
+    scaled = nodes.new("ShaderNodeVectorMath")
+    scaled.operation = "SCALE"
+    link(ramp.outputs["Color"], scaled.inputs[0])
+    link(brightness, scaled.inputs["Scale"])
+    return scaled.outputs[0]
+
+
+def _math(tree: Any, operation: str, *values: Any) -> Any:
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, values, strict=False):
+        if isinstance(value, float):
+            socket.default_value = value
+        else:
+            tree.links.new(value, socket)
+    return node.outputs[0]
+
+
+def _over(tree: Any, below: Any, picture: UInt8[np.ndarray, "h w 4"], low: list[float], high: list[float]) -> Any:
+    """A color: the picture over the rectangle from `low` to `high`, and `below` where the picture is transparent."""
+    nodes, link = tree.nodes, tree.links.new
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "orthophoto.png")
+        Image.fromarray(picture).save(file, compress_level=1)
+        image = bpy.data.images.load(str(file))
+        image.pack()
+    image.alpha_mode = "CHANNEL_PACKED"
+    shown = nodes.new("ShaderNodeTexImage")
+    shown.image, shown.extension = image, "EXTEND"
+    turned = nodes.new("ShaderNodeMapping")
+    for axis in range(2):
+        extent = high[axis] - low[axis]
+        turned.inputs["Scale"].default_value[axis] = 1.0 / extent
+        turned.inputs["Location"].default_value[axis] = -low[axis] / extent
+    link(nodes.new("ShaderNodeTexCoord").outputs["Object"], turned.inputs["Vector"])
+    link(turned.outputs[0], shown.inputs["Vector"])
+    mix = nodes.new("ShaderNodeMix")
+    mix.data_type = "RGBA"
+    # A mix node has sockets of one name for each type of data.
+    inputs = {socket.identifier: socket for socket in mix.inputs}
+    link(shown.outputs["Alpha"], inputs["Factor_Float"])
+    link(below, inputs["A_Color"])
+    link(shown.outputs["Color"], inputs["B_Color"])
+    return next(socket for socket in mix.outputs if socket.identifier == "Result_Color")

@@ -1,0 +1,278 @@
+"""Elevations and orthophotos in GeoTIFF files, as a mesh and a picture in meters.
+
+The one owner of rasterio and pyproj, which the extra `geo` installs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from hulldown.geometry.errors import AssetError, HulldownError
+
+MOST_CELLS = 9_000_000  # planning and rendering take about 1 KB of memory for each; docs/terrain.md
+LARGEST_PICTURE = 8192  # pixels of the longer side
+STRETCHED = 0.01  # a map's areas may differ from the ground's by this share
+KILOMETER = 1000.0
+NO_GEO = "pip install 'hulldown[geo]'"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Elevations:
+    """A raster as a mesh: a vertex at the center of each cell that has a value, two triangles between four of them.
+
+    Parameters
+    ----------
+    vertices
+        (v, 3) float64, meters, x east, y north, relative to `anchor`.
+    faces
+        (f, 3) counterclockwise seen from above.
+    anchor
+        (3,) whole kilometers.
+    crs
+        What `anchor` and `vertices` are coordinates of: "EPSG:32632", or WKT; "" if unknown.
+    doubts
+        What a person should look at.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    anchor: Float[np.ndarray, "3"]
+    crs: str
+    doubts: tuple[str, ...]
+
+
+def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | None) -> Elevations:
+    """Read the elevations in a GeoTIFF.
+
+    Parameters
+    ----------
+    path
+        The file.
+    area
+        West, south, east, and north end of what is read, in the raster's own coordinates; None for all of it.
+    scale
+        Meters per unit of elevation; None to take it from the file.
+
+    Raises
+    ------
+    AssetError
+        If the file has no elevations there, or too many of them.
+    """
+    with _opened(path) as raster:
+        bands = [i for i, kind in enumerate(raster.colorinterp, 1) if kind.name != "alpha"]
+        if len(bands) != 1 or raster.dtypes[bands[0] - 1].startswith("complex"):
+            kinds = ", ".join(raster.dtypes)
+            raise AssetError(f"isn't a raster of elevations: it has {raster.count} bands ({kinds})", path=path)
+        band = bands[0]
+        (top, bottom), (left, right) = _window(raster, area, path)
+        if (cells := (bottom - top) * (right - left)) > MOST_CELLS:
+            raise AssetError(
+                f"has {cells:,} cells, more than {MOST_CELLS:,}", path=path, remedy="give a smaller `area`"
+            )
+        stored = raster.read(band, window=((top, bottom), (left, right)), masked=True)
+        z = stored.astype(np.float64).filled(np.nan) * raster.scales[band - 1] + raster.offsets[band - 1]
+        row, column = np.mgrid[top:bottom, left:right] + 0.5
+        x, y = _applied(raster.transform, column, row)
+        south_up = raster.transform.determinant > 0
+        wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
+    doubts: list[str] = []
+    x, y, crs = _in_meters(x, y, wkt, path, doubts)
+    z = z * (scale or _meters(unit, wkt, path))
+    with np.errstate(invalid="ignore"):
+        known = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < 1e6)
+    number = np.cumsum(known, dtype=np.int64).reshape(known.shape).astype(np.int32) - 1
+    number[~known] = -1
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    faces = faces[(faces >= 0).all(axis=1)]
+    if not len(faces):
+        raise AssetError("has no elevations here, only nodata", path=path, remedy="give another `area`")
+    vertices = np.stack([x[known], y[known], z[known]], axis=1)
+    anchor = np.round((vertices.min(axis=0) + vertices.max(axis=0)) / 2 / KILOMETER) * KILOMETER + 0.0
+    return Elevations(vertices - anchor, faces[:, ::-1] if south_up else faces, anchor, crs, tuple(doubts))
+
+
+def read_orthophoto(
+    path: Path, *, crs: str, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
+) -> UInt8[np.ndarray, "h w 4"]:
+    """Read an orthophoto, resampled to a rectangle of another map; transparent where it has no pixels.
+
+    Parameters
+    ----------
+    path
+        A GeoTIFF of one band (gray) or of red, green, and blue.
+    crs
+        The map's coordinate reference system; "" for that of the file.
+    low, high
+        Southwest and northeast corner of the rectangle.
+
+    Raises
+    ------
+    AssetError
+        If the file is no picture, or doesn't show any of the rectangle.
+    """
+    with _opened(path) as raster:
+        import rasterio.transform
+        import rasterio.warp
+        from rasterio.enums import Resampling
+
+        kinds = [kind.name for kind in raster.colorinterp]
+        if "palette" in kinds:
+            raise AssetError("has a palette", path=path, remedy="convert it by `gdal_translate -expand rgb`")
+        colors = [i for i, name in enumerate(kinds, 1) if name != "alpha"][:3]
+        colors = colors if len(colors) == 3 else colors[:1] * 3
+        there = raster.crs or crs or "EPSG:32631"  # without any, both have the same coordinates
+        here = crs or there
+        steps = rasterio.warp.calculate_default_transform(there, here, raster.width, raster.height, *raster.bounds)[0]
+        extent = high - low
+        size = max(abs(steps.a), float(extent.max()) / LARGEST_PICTURE)
+        width, height = (max(1, int(np.ceil(side / size))) for side in extent)
+        grid = rasterio.transform.from_bounds(*low, *high, width, height)
+        shown = np.zeros((4, height, width), dtype=raster.dtypes[0])
+        how = {"src_transform": raster.transform, "src_crs": there, "dst_transform": grid, "dst_crs": here}
+        for i, band in enumerate(colors):
+            rasterio.warp.reproject(raster.read(band), shown[i], resampling=Resampling.bilinear, **how)
+        mask = np.zeros((height, width), dtype=np.uint8)
+        rasterio.warp.reproject(raster.dataset_mask(), mask, resampling=Resampling.nearest, **how)
+    seen = mask > 0
+    if not seen.any():
+        raise AssetError("doesn't show any of the terrain", path=path, remedy="check its coordinates and the `area`")
+    if shown.dtype != np.uint8:
+        dark, light = np.percentile(shown[:3, seen], (0.5, 99.5))
+        shown = np.clip((shown.astype(np.float64) - dark) / max(light - dark, 1e-9) * 255, 0, 255).astype(np.uint8)
+    shown[3] = mask
+    return np.moveaxis(shown, 0, -1)
+
+
+def longitude_latitude(crs: str, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """Degrees of longitude and latitude (WGS 84) of eastings and northings.
+
+    Raises
+    ------
+    HulldownError
+        If pyproj isn't installed.
+    """
+    try:
+        import pyproj
+    except ModuleNotFoundError:
+        raise HulldownError("a scenery from a GeoTIFF needs pyproj", remedy=NO_GEO) from None
+    transformer = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    return np.stack(transformer.transform(points[:, 0], points[:, 1]), axis=1)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a GeoTIFF, whatever else GDAL could read."""
+    try:
+        import rasterio
+        from rasterio.errors import RasterioError
+    except ModuleNotFoundError:
+        raise AssetError("needs rasterio and pyproj to be read", path=path, remedy=NO_GEO) from None
+    import warnings
+
+    warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+    try:
+        with rasterio.open(path, driver="GTiff") as raster:
+            yield raster
+    except RasterioError as error:
+        raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
+
+
+def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First row and column whose centers are in the area, and those after the last."""
+    if area is None:
+        return (0, raster.height), (0, raster.width)
+    west, south, east, north = area
+    corners = np.array([west, west, east, east]), np.array([south, north, south, north])
+    cells = np.stack(_applied(~raster.transform, *corners))
+    low = np.maximum(np.ceil(cells.min(axis=1) - 0.5), 0)
+    high = np.minimum(np.floor(cells.max(axis=1) + 0.5), (raster.width, raster.height))
+    if (high - low < 2).any():
+        west, south, east, north = (float(f"{end:.10g}") for end in raster.bounds)
+        raise AssetError(
+            f"area {list(area)} holds less than 2 x 2 of its cells",
+            path=path,
+            remedy=f"the whole of it is area = [{west}, {south}, {east}, {north}]",
+        )
+    return (int(low[1]), int(high[1])), (int(low[0]), int(high[0]))
+
+
+def _applied(
+    transform: Any, x: Float[np.ndarray, "*n"], y: Float[np.ndarray, "*n"]
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Coordinates after a raster's affine transform."""
+    a, b, c, d, e, f = tuple(transform)[:6]
+    return a * x + b * y + c, d * x + e * y + f
+
+
+def _in_meters(
+    x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[str]
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
+    """Coordinates on a map in meters and what map that is: the raster's own where it's true to scale, or UTM."""
+    import pyproj
+    from pyproj.aoi import AreaOfInterest
+    from pyproj.database import query_utm_crs_info
+
+    if not wkt:
+        doubts.append("has no coordinate reference system; its coordinates are taken for meters")
+        return x, y, ""
+    crs = _horizontal(wkt)
+    try:
+        to_degrees = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.ProjError:
+        doubts.append(f"has the local coordinate system {crs.name!r}; its coordinates are taken for meters")
+        return x, y, ""
+    middle = tuple(side.shape[i] // 2 for i, side in enumerate((x, y)))
+    longitude, latitude = to_degrees.transform(x[middle], y[middle])
+    longitude = (longitude + 180.0) % 360.0 - 180.0
+    if not np.isfinite([longitude, latitude]).all():
+        raise AssetError(f"has coordinates outside of its map {crs.name!r}", path=path)
+    if crs.is_projected and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info):
+        factors = pyproj.Proj(crs).get_factors(longitude, latitude)
+        if abs(factors.areal_scale - 1.0) < STRETCHED:
+            return x, y, _text(crs)
+    spot = AreaOfInterest(longitude, latitude, longitude, latitude)
+    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=spot)
+    if not zones:
+        raise AssetError("is too near to a pole for UTM", path=path, remedy="reproject it to a map in meters")
+    utm = f"EPSG:{zones[0].code}"
+    x, y = pyproj.Transformer.from_crs(crs, utm, always_xy=True).transform(x, y)
+    return x, y, utm
+
+
+def _horizontal(wkt: str) -> Any:
+    """A coordinate reference system without its heights."""
+    import pyproj
+
+    crs = pyproj.CRS.from_wkt(wkt)
+    return crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+
+
+def _text(crs: Any) -> str:
+    """Name a coordinate reference system as briefly as it's unmistakable."""
+    authority = crs.to_authority()
+    return ":".join(authority) if authority else str(crs.to_wkt())
+
+
+def _meters(unit: str | None, wkt: str, path: Path) -> float:
+    """Meters per unit of elevation: of the band, or of the vertical datum, or 1."""
+    import pyproj
+    from pyproj.database import get_units_map
+
+    if unit:
+        known = {"meter": 1.0, "meters": 1.0, "metres": 1.0, "feet": 0.3048}
+        for name, linear in get_units_map(category="linear").items():
+            known |= {key.lower(): linear.conv_factor for key in (name, linear.proj_short_name) if key}
+        if unit.lower() not in known:
+            raise AssetError(f"has elevations in {unit!r}", path=path, remedy="set `scale` to meters per unit of them")
+        return known[unit.lower()]
+    crs = pyproj.CRS.from_wkt(wkt) if wkt else None
+    heights = [axis for axis in (crs.axis_info if crs else ()) if axis.direction == "up"]
+    return float(heights[0].unit_conversion_factor) if heights else 1.0
