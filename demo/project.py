@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalogue import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
-from hulldown.planning.config.template import CONFIG_TEMPLATE, config_text
+from hulldown.planning.config.template import bare_text, config_text
 from hulldown.planning.found_assets import FoundFile, found_config
 
 CONFIG = "hulldown.toml"
+NOTHING: Mapping[str, Any] = MappingProxyType({})  # beyond the defaults; else see `config_text`
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
 # treetop's, as photographs are taken, under the skies that suit open country in daylight.
 SMALL = {
@@ -45,7 +48,7 @@ SMALL = {
 }
 
 
-def create_bare_project(folder: Path | str) -> Path:
+def create_bare_project(folder: Path | str, values: Mapping[str, Any] = NOTHING) -> Path:
     """Path of a config written into `folder`, with one vehicle and one scenery to put other files in the place of.
 
     Raises
@@ -53,10 +56,12 @@ def create_bare_project(folder: Path | str) -> Path:
     ConfigError
         If the folder has a config already.
     """
-    return _written(Path(folder) / CONFIG, CONFIG_TEMPLATE)
+    return _written(Path(folder) / CONFIG, bare_text(values))
 
 
-def create_found_project(folder: Path | str, source: Path, found: Sequence[FoundFile]) -> Path:
+def create_found_project(
+    folder: Path | str, source: Path, found: Sequence[FoundFile], values: Mapping[str, Any] = NOTHING
+) -> Path:
     """Path of a config written into `folder`, which lists what was found in the folder `source`.
 
     Raises
@@ -64,7 +69,7 @@ def create_found_project(folder: Path | str, source: Path, found: Sequence[Found
     ConfigError
         If the folder has a config already.
     """
-    return _written(Path(folder) / CONFIG, found_config(source, found, Path(folder)))
+    return _written(Path(folder) / CONFIG, found_config(source, found, Path(folder), values))
 
 
 def _written(config: Path, text: str) -> Path:
@@ -87,7 +92,12 @@ def refuse_config(config: Path) -> None:
 
 
 def create_project(
-    folder: Path | str, *, seed: int = 0, small: bool = False, progress: Callable[[int, int], None] | None = None
+    folder: Path | str,
+    *,
+    seed: int = 0,
+    small: bool = False,
+    values: Mapping[str, Any] = NOTHING,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Path of the config written into `folder`, beside the demo assets.
 
@@ -99,6 +109,8 @@ def create_project(
         Of the demo assets.
     small
         Whether the config asks for a few small images rather than for a dataset with the paper's settings.
+    values
+        What the config says instead of that; see `planning.config.template.config_text`.
     progress
         Called with the files done and their total.
 
@@ -111,10 +123,10 @@ def create_project(
     config = folder / CONFIG
     refuse_config(config)
     build_demo_assets(folder, seed=seed, progress=progress)
-    return _written(config, project_text(small=small))
+    return _written(config, project_text(small=small, values=values))
 
 
-def project_text(*, small: bool = False) -> str:
+def project_text(*, small: bool = False, values: Mapping[str, Any] = NOTHING) -> str:
     """The config that `create_project` writes."""
     return config_text(
         vehicles=[
@@ -128,5 +140,5 @@ def project_text(*, small: bool = False) -> str:
         distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],  # the others show a street, a wood, a quay
-        values=SMALL if small else {},
+        values={**(SMALL if small else {}), **values},
     )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.config_file import HDRI_SUFFIXES
@@ -156,7 +158,12 @@ def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
     return [word for kind, word in NEEDED.items() if all(file.kind != kind for file in found)]
 
 
-def found_config(folder: Path, found: Sequence[FoundFile], config_folder: Path) -> str:
+def found_config(
+    folder: Path,
+    found: Sequence[FoundFile],
+    config_folder: Path,
+    values: Mapping[str, Any] = MappingProxyType({}),
+) -> str:
     """The text of a config in `config_folder` that lists what was found in `folder`, with comments.
 
     Parameters
@@ -165,6 +172,8 @@ def found_config(folder: Path, found: Sequence[FoundFile], config_folder: Path) 
         As of `read_found`.
     config_folder
         What the paths in it are relative to.
+    values
+        As of `planning.config.template.config_text`.
     """
     base = os.path.relpath(folder.resolve(), config_folder.resolve())
     listed = {file.path: Path(base, file.path).as_posix() for file in found}
@@ -195,6 +204,7 @@ def found_config(folder: Path, found: Sequence[FoundFile], config_folder: Path) 
         sceneries=entries("scenery"),
         distractors=entries("distractor"),
         hdris=list(patterns.values()),
+        values=values,
         notes=notes,
         remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
     )

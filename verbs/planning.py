@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import make_room
@@ -24,20 +26,25 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, 
 
 def _init(arguments: argparse.Namespace) -> int:
     from hulldown.demo.project import create_bare_project, create_project
+    from hulldown.planning.camera_file import read_camera
 
+    values = read_camera(arguments.camera) if arguments.camera else {}
     if arguments.source:
-        return _init_from(arguments)
+        return _init_from(arguments, values)
     make_room(arguments.folder / "hulldown.toml")
     if arguments.bare:
-        say(f"wrote {create_bare_project(arguments.folder)}; next: name your files in it, and hulldown inspect it")
+        config = create_bare_project(arguments.folder, values)
+        say(f"wrote {config}; next: name your files in it, and hulldown inspect it")
         return DONE
     with progress_bar("building demo assets") as advance:
-        config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, progress=advance)
+        config = create_project(
+            arguments.folder, seed=arguments.seed, small=arguments.small, values=values, progress=advance
+        )
     say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
     return DONE
 
 
-def _init_from(arguments: argparse.Namespace) -> int:
+def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
     from hulldown.demo.project import CONFIG, create_found_project, refuse_config
     from hulldown.planning.found_assets import asset_files, missing_kinds, read_found
 
@@ -47,7 +54,7 @@ def _init_from(arguments: argparse.Namespace) -> int:
         progress(0, len(files))
         found = read_found(arguments.source, files, progress=progress, limits=read_limits(arguments))
     make_room(arguments.folder / CONFIG)
-    config = create_found_project(arguments.folder, arguments.source, found)
+    config = create_found_project(arguments.folder, arguments.source, found, values)
     for word in missing_kinds(found):
         warn(f"no {word} was found in {arguments.source}; name one in {config}")
     used = sum(bool(file.kind) for file in found)
@@ -187,6 +194,10 @@ def add(verb: AddVerb) -> None:
     one_of.add_argument(
         "--from", dest="source", type=Path, metavar="FOLDER",
         help="the config alone, with the vehicles, sceneries and HDRIs that are found in this folder",
+    )  # fmt: skip
+    sub.add_argument(
+        "--camera", type=Path, metavar="FILE",
+        help="a camera's calibration by OpenCV or ROS (.yaml, .yml, .json), which the config is to have",
     )  # fmt: skip
     add_read_limits(sub)
 

@@ -127,8 +127,14 @@ def _table(name: str, entry: Mapping[str, Any]) -> str:
     return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
 
 
-CONFIG_TEMPLATE = config_text(
-    vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
-    sceneries=[{"path": "sceneries/hills.blend"}],
-    hdris=["hdris/*.exr"],
-)
+def bare_text(values: Mapping[str, Any] = MappingProxyType({})) -> str:
+    """A config to put the names of other files into; `values` as in `config_text`."""
+    return config_text(
+        vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
+        sceneries=[{"path": "sceneries/hills.blend"}],
+        hdris=["hdris/*.exr"],
+        values=values,
+    )
+
+
+CONFIG_TEMPLATE = bare_text()
