@@ -168,8 +168,25 @@ def _report(arguments: argparse.Namespace) -> int:
         plan = read_plan(source)
         artist = Artist(plan, planned_assets(plan, arguments))
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
+    comparison = None
+    if arguments.photographs:
+        from hulldown.assets.photographs import read_photographs
+        from hulldown.dataset.reports.comparison import compare
+
+        photographs = read_photographs(arguments.photographs)
+        with progress_bar("comparing") as advance:
+            comparison = compare(dataset, photographs, pixels=source.is_dir(), progress=advance)
     with progress_bar("thumbnails") as advance:
-        write_report(dataset, arguments.output, most=arguments.images, progress=advance)
+        write_report(dataset, arguments.output, most=arguments.images, comparison=comparison, progress=advance)
+    if comparison:
+        if arguments.json:
+            print_json(comparison.to_json())
+        else:
+            show_list(comparison.sentences)
+        for note in comparison.notes:
+            warn(note)
+        differing = sum(feature.differs for feature in comparison.features)
+        say(f"{differing} of {len(comparison.features)} features differ by more than chance")
     say(f"wrote {arguments.output}")
     return DONE
 
@@ -232,6 +249,10 @@ def add(verb: AddVerb) -> None:
     sub.add_argument(
         "--images", type=at_least_one, default=1000, metavar="N",
         help="thumbnails at most, spread evenly over all images (default: 1000)",
+    )  # fmt: skip
+    sub.add_argument(
+        "--beside", dest="photographs", type=Path, metavar="PHOTOGRAPHS",
+        help="a COCO folder or file of photographs: how far each feature is from theirs, and which keys change it",
     )  # fmt: skip
     add_planned(sub)
 

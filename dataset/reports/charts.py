@@ -11,7 +11,7 @@ from jaxtyping import Float, Shaped
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLOURS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
@@ -65,14 +65,38 @@ def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False)
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     if log and low < high:
         edges = np.geomspace(low, high, BINS + 1)
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        _log_scale(axes)
     else:
         edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     axes.hist(np.clip(known, edges[0], edges[-1]), bins=edges.tolist(), color=BLUE)
     axes.set(title=title)
+    return svg(figure)
+
+
+def _log_scale(axes: Axes) -> None:
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def two_histograms(
+    title: str,
+    edges: Float[np.ndarray, " b_plus_1"],
+    shares: tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]],
+    *,
+    log: bool = False,
+) -> bytes:
+    """The shares of a dataset (filled) and of photographs (a line) in the same bins."""
+    figure, axes = axes_of(3.6, 2.2)
+    axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
+    axes.stairs(100 * shares[1], edges, color=RED, linewidth=1.6, label="photographs")
+    if log:
+        _log_scale(axes)
+    if edges[0] % 1.0 == 0.5:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(title=title, ylabel="%")
+    axes.legend(fontsize=7, frameon=False)
     return svg(figure)
 
 

@@ -20,6 +20,7 @@ from hulldown.annotate.outlines import polygons
 from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
+from hulldown.dataset.reports.comparison import Comparison
 from hulldown.dataset.reports.page import (
     GENERATOR,
     Chart,
@@ -45,7 +46,12 @@ ORDERS = (SIZE, *SCALES)
 
 
 def write_report(
-    dataset: Dataset, path: Path | str, *, most: int = MOST, progress: Callable[[int, int], None] | None = None
+    dataset: Dataset,
+    path: Path | str,
+    *,
+    most: int = MOST,
+    comparison: Comparison | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a page that fetches nothing: tables, charts, maps, and thumbnails that filter by every field.
 
@@ -57,6 +63,8 @@ def write_report(
         The page; one that hulldown wrote is replaced.
     most
         Thumbnails at most; of more images a spread is taken evenly over the whole.
+    comparison
+        With photographs; shown first.
     progress
         Told (done, all) after each thumbnail.
 
@@ -76,7 +84,8 @@ def write_report(
         if progress is not None:
             progress(done, len(chosen))
     counts = _counts(dataset)
-    sections = [_looks(dataset, tiles), counts, *_charts(dataset), *_maps(dataset)]
+    first = [comparison.section()] if comparison else []
+    sections = [*first, _looks(dataset, tiles), counts, *_charts(dataset), *_maps(dataset)]
     text = page(f"Dataset {dataset.name}", sections)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

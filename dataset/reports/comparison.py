@@ -1,0 +1,445 @@
+"""A plan or a dataset next to photographs: how far apart they are in each feature, and what changes that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from PIL import Image as Pictures
+from scipy.stats import ks_2samp
+
+from hulldown.assets.photographs import Photographs
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.dataset.reports.charts import BINS, two_histograms
+from hulldown.dataset.reports.page import Block, Chart, Charts, Items, Section, Table, Words
+from hulldown.dataset.table import Dataset
+from hulldown.geometry.errors import DatasetError
+
+SPLITS = 40  # random halves of the photographs
+MOST_PICTURES = 500  # whose pixels are measured, taken evenly from the whole
+SIDE = 512  # pixels of the longer side at which pictures are measured
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
+COARSEST = 4  # cycles per picture from which the spectrum's slope is fitted: below, it's the scene's layout
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """Something that pictures or their boxes have.
+
+    Parameters
+    ----------
+    name, title
+        For programs, and for readers.
+    keys
+        The config keys that change it.
+    log
+        Whether its ratios matter, not its differences.
+    """
+
+    name: str
+    title: str
+    keys: str
+    log: bool = False
+
+
+BOXES = (
+    Feature("height", "box height / picture height", "camera.target_fraction", log=True),
+    Feature("x", "box center from left to right", "camera.framing"),
+    Feature("y", "box center from top to bottom", "camera.framing"),
+    Feature("aspect", "box width / height", "camera.elevation_deg", log=True),
+    Feature("cut", "boxes that the frame cuts off", "camera.truncated_fraction"),
+    Feature(
+        "count",
+        "boxes in a picture",
+        "placement.vehicles_per_image and budget.background_share",
+    ),
+)
+LOOKS = (
+    Feature("brightness", "brightness (mean luma)", "light.exposure and light.exposure_error_ev"),
+    Feature("contrast", "contrast (deviation of luma)", "light.hdris and weather"),
+    Feature("saturation", "saturation (mean range of a pixel's colors)", "light.hdris, weather, and the sceneries"),
+    Feature("warmth", "warmth (mean red minus blue)", "light.hdris and light.white_balance_error_k"),
+    Feature("spectrum", "fine detail (slope of the power spectrum)", "the sceneries' textures and render.denoise"),
+)
+Values = dict[str, tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]]  # of each feature, and of which picture
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Compared:
+    """A feature of both sides.
+
+    Parameters
+    ----------
+    feature
+        Which.
+    own, photographs
+        (n,) and (m,) values.
+    distance
+        Kolmogorov-Smirnov: the largest difference of the two cumulative distributions, 0 to 1.
+    floor
+        95th percentile of that distance between random halves of the photographs; nan of fewer than four.
+    """
+
+    feature: Feature
+    own: Float[np.ndarray, " n"]
+    photographs: Float[np.ndarray, " m"]
+    distance: float
+    floor: float
+
+    @property
+    def edges(self) -> Float[np.ndarray, " b_plus_1"]:
+        """Of the bins in which both are shown: nearly all values of both, each value in a bin of its own if few."""
+        both = np.concatenate([self.own, self.photographs])
+        if len(different := np.unique(both)) <= BINS // 2 and (different == np.round(different)).all():
+            return np.arange(different[0], different[-1] + 2) - 0.5
+        low, high = np.quantile(both, [0.005, 0.995])
+        if low == high:
+            low, high = (low / 2, high * 2) if self.feature.log else (low - 0.5, high + 0.5)
+        return np.geomspace(low, high, BINS + 1) if self.feature.log else np.linspace(low, high, BINS + 1)
+
+    @property
+    def shares(self) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
+        """The share of each side's values in each bin; what is beyond the bins is in the first or last."""
+        edges = self.edges
+        own, photographs = (
+            np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] / len(values)
+            for values in (self.own, self.photographs)
+        )
+        return own, photographs
+
+    @property
+    def differs(self) -> bool:
+        """Whether chance among the photographs doesn't explain the distance."""
+        return self.distance > self.floor
+
+    def sentences(self) -> list[str]:
+        """Where the largest surplus and the largest lack is, and what changes it; none if chance explains them."""
+        if not self.differs:
+            return []
+        own, photographs = self.shares
+        if self.feature.name == "cut":
+            have, wanted = self.own.mean(), self.photographs.mean()
+            verdict = "too many" if have > wanted else "too few"
+            return [
+                f"Boxes that the frame cuts off: {verdict} ({have:.0%}, photographs {wanted:.0%}). Change "
+                f"{self.feature.keys}."
+            ]
+        found = []
+        for sign, verdict in ((1.0, "too much"), (-1.0, "too little")):
+            low, stop = _largest_run(sign * (own - photographs))
+            have, wanted = own[low:stop].sum(), photographs[low:stop].sum()
+            found.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
+        return [f"{self.feature.title.capitalize()}: {', '.join(found)}. Change {self.feature.keys}."]
+
+    def _between(self, low: int, stop: int) -> str:
+        edges = self.edges
+        if edges[0] % 1.0 == 0.5:  # whole numbers
+            first, last = round(edges[low] + 0.5), round(edges[stop] - 0.5)
+            return f"of {first}" if first == last else f"of {first} to {last}"
+        if low == 0:
+            return f"below {edges[stop]:.2g}"
+        return f"above {edges[low]:.2g}" if stop == len(edges) - 1 else f"from {edges[low]:.2g} to {edges[stop]:.2g}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Distance, floor, and both histograms."""
+        own, photographs = self.shares
+        return {
+            "distance": round(self.distance, 6),
+            "floor": None if np.isnan(self.floor) else round(self.floor, 6),
+            "keys": self.feature.keys,
+            "edges": self.edges.tolist(),
+            "own": own.round(6).tolist(),
+            "photographs": photographs.round(6).tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Comparison:
+    """All features that both sides have.
+
+    Parameters
+    ----------
+    source
+        The photographs' COCO file.
+    features
+        One for each feature, boxes first.
+    notes
+        What wasn't compared, and why.
+    embedded
+        Figures in a detector's features, by name, each with its floor; empty without.
+    """
+
+    source: Path
+    features: tuple[Compared, ...]
+    notes: tuple[str, ...]
+    embedded: Mapping[str, tuple[float, float]]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What there is too much of, what is lacking, and which keys change it: the farthest apart first."""
+        apart = sorted(self.features, key=lambda one: -one.distance)
+        return [sentence for one in apart for sentence in one.sentences()]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as plain numbers."""
+        return {
+            "photographs": str(self.source),
+            "features": {one.feature.name: one.to_json() for one in self.features},
+            "embedded": {key: {"value": value, "floor": floor} for key, (value, floor) in self.embedded.items()},
+            "sentences": self.sentences,
+            "notes": list(self.notes),
+        }
+
+    def section(self) -> Section:
+        """The same for a page."""
+        rows = [
+            [one.feature.title, f"{one.distance:.2f}", "–" if np.isnan(one.floor) else f"{one.floor:.2f}",
+             "yes" if one.differs else "no"]
+            for one in self.features
+        ]  # fmt: skip
+        charts = []
+        for one in self.features:
+            words = f"{one.feature.title}: this dataset and the photographs"
+            drawn = two_histograms(one.feature.title, one.edges, one.shares, log=one.feature.log)
+            charts.append(Chart(drawn, words))
+        said = (
+            "Distance is Kolmogorov-Smirnov's, 0 to 1. The floor is what 95 % of random splits of the photographs into "
+            "halves keep to."
+        )
+        header = ["feature", "distance", "floor", "differs"]
+        embedded: list[Block] = [
+            Table(["in features of the detector", "value", "of halves of the photographs"], [
+                [name, f"{value:.3g}", f"{floor:.3g}"] for name, (value, floor) in self.embedded.items()
+            ])
+        ] if self.embedded else []  # fmt: skip
+        sentences = self.sentences or ["No feature differs by more than chance among the photographs."]
+        notes = [Words(note, warning=True) for note in self.notes]
+        blocks: list[Block] = [Items(sentences), *notes, Words(said), Table(header, rows), *embedded, Charts(charts)]
+        return Section("Next to the photographs", blocks)
+
+
+def compare(
+    dataset: Dataset,
+    photographs: Photographs,
+    *,
+    pixels: bool,
+    embed: Callable[[Sequence[UInt8[np.ndarray, "h w 3"]]], Float[np.ndarray, "n d"]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """How a dataset or a plan differs from photographs, feature by feature.
+
+    Parameters
+    ----------
+    dataset
+        Of a folder or a plan.
+    photographs
+        Their boxes; their pictures are where their COCO file names them.
+    pixels
+        Whether the dataset's pictures are what a detector will see: a plan's previews aren't.
+    embed
+        Gives features of pictures that a detector sees in them.
+    progress
+        Told (pictures measured, all).
+
+    Raises
+    ------
+    DatasetError
+        If the photographs or the dataset have no boxes.
+    """
+    for boxes, named in ((len(photographs.image), photographs.path), (len(dataset.labels["id"]), Path(dataset.name))):
+        if not boxes:
+            raise DatasetError("has no boxes to compare", path=named, remedy="label some pictures")
+    own, wanted = _boxes_of(boxes_in(dataset)), _boxes_of(photographs)
+    notes, embedded = [], {}
+    folder = photographs.path.parent
+    files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
+    if pixels and files:
+        mine, theirs = evenly(len(dataset.images)), evenly(len(files))
+        total = len(mine) + len(theirs)
+        own_pictures, pictures = [], []
+        for done, i in enumerate(mine.tolist()):
+            own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))
+            _tell(progress, done, total)
+        for done, i in enumerate(theirs.tolist(), start=len(mine)):
+            pictures.append(_small(read_pixels(files[i])))
+            _tell(progress, done, total)
+        own, wanted = own | _looks_of(own_pictures), wanted | _looks_of(pictures)
+        if embed is not None and min(len(own_pictures), len(pictures)) > 2 * NEIGHBORS + 1:
+            embedded = _embedded(embed(own_pictures), embed(pictures))
+    elif pixels:
+        notes.append(f"None of the photographs' pictures is in {folder}, so that only boxes are compared.")
+    if len(photographs.file_names) < 4:
+        notes.append("Fewer than four photographs: what chance explains isn't known.")
+    found = [
+        Compared(
+            feature,
+            own[feature.name][0],
+            wanted[feature.name][0],
+            distance(own[feature.name][0], wanted[feature.name][0]),
+            _floor(*wanted[feature.name]),
+        )
+        for feature in (*BOXES, *LOOKS)
+        if feature.name in own and len(own[feature.name][0]) and len(wanted[feature.name][0])
+    ]
+    return Comparison(photographs.path, tuple(found), tuple(notes), embedded)
+
+
+def boxes_in(dataset: Dataset) -> Photographs:
+    """The boxes of a dataset or a plan, as those of photographs are given; crowds are left out."""
+    labels, images = dataset.labels, dataset.of_images
+    rows = np.flatnonzero(~labels["crowd"])
+    image = labels["image"][rows]
+    size = np.stack([images["width"], images["height"]], axis=1).astype(np.float64)
+    xywh = np.stack([labels[key][rows] for key in ("x", "y", "width", "height")], axis=1) / np.tile(size[image], 2)
+    cut = np.nan_to_num(labels["truncated_fraction"][rows]) > 0.0
+    return Photographs(
+        Path(dataset.name), "", tuple(images["file_name"].tolist()), size, image, xywh,
+        tuple(labels["category"][rows].tolist()), np.repeat(cut[:, None], 4, axis=1),
+    )  # fmt: skip
+
+
+def distance(own: Float[np.ndarray, " n"], photographs: Float[np.ndarray, " m"]) -> float:
+    """Kolmogorov and Smirnov's statistic of two samples."""
+    return float(ks_2samp(own, photographs, method="asymp").statistic)
+
+
+def evenly(count: int) -> Int[np.ndarray, " k"]:
+    """Indices of at most `MOST_PICTURES` pictures, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(MOST_PICTURES, count)).round().astype(int))
+
+
+def looks(picture: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "5"]:
+    """Brightness, contrast, saturation, warmth, and slope of the power spectrum (nan if it's too small for one)."""
+    colors = picture / 255.0
+    luma = colors @ LUMA
+    warmth = float(colors[..., 0].mean() - colors[..., 2].mean())
+    saturation = float(np.ptp(colors, axis=2).mean())
+    return np.array([luma.mean(), luma.std(), saturation, warmth, spectral_slope(luma)])
+
+
+def spectral_slope(luma: Float[np.ndarray, "h w"]) -> float:
+    """Slope of log power over log frequency, averaged over directions; about -2 in photographs of nature.
+
+    References
+    ----------
+    Field, Relations between the statistics of natural images and the response properties of cortical cells, JOSA A
+    1987.
+    """
+    side = min(luma.shape)
+    if side < 8 * COARSEST or np.ptp(luma) == 0.0:
+        return np.nan
+    top, left = (luma.shape[0] - side) // 2, (luma.shape[1] - side) // 2
+    square = luma[top : top + side, left : left + side]
+    window = np.hanning(side)
+    power = np.abs(np.fft.rfft2((square - square.mean()) * np.outer(window, window))) ** 2
+    frequency = np.hypot(np.fft.fftfreq(side, 1 / side)[:, None], np.fft.rfftfreq(side, 1 / side))
+    ring = np.round(frequency).astype(int)
+    rings = np.arange(COARSEST, side // 2)
+    mean = np.bincount(ring.ravel(), power.ravel())[rings] / np.bincount(ring.ravel())[rings]
+    return float(np.polyfit(np.log(rings), np.log(mean + 1e-12), 1)[0])
+
+
+NEIGHBORS = 5  # k of density and coverage, as in their paper
+
+
+def density_and_coverage(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> tuple[float, float]:
+    """How densely the dataset is where photographs are (1: as densely as they), and the share of them near one of it.
+
+    References
+    ----------
+    Naeem et al., Reliable fidelity and diversity metrics for generative models, ICML 2020.
+    """
+    radius = np.sort(_apart(photographs, photographs), axis=1)[:, NEIGHBORS]
+    near = _apart(photographs, own) < radius[:, None]
+    return float(near.sum() / (NEIGHBORS * len(own))), float(near.any(axis=1).mean())
+
+
+def kernel_distance(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> float:
+    """Unbiased squared maximum mean discrepancy under a cubic kernel: 0 on average where both are alike.
+
+    References
+    ----------
+    Bińkowski et al., Demystifying MMD GANs, ICLR 2018.
+    """
+    n, m, d = len(own), len(photographs), own.shape[1]
+    xx, yy, xy = ((a @ b.T / d + 1.0) ** 3 for a, b in ((own, own), (photographs, photographs), (own, photographs)))
+    within = (xx.sum() - np.trace(xx)) / (n * (n - 1)) + (yy.sum() - np.trace(yy)) / (m * (m - 1))
+    return float(within - 2.0 * xy.mean())
+
+
+def _embedded(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> dict[str, tuple[float, float]]:
+    order = np.random.default_rng(0).permutation(len(photographs))
+    halves = photographs[order[::2]], photographs[order[1::2]]
+    found, floor = ([kernel_distance(a, b), *density_and_coverage(a, b)] for a, b in ((own, photographs), halves))
+    names = ("distance (kernel)", "density", "coverage")
+    return {name: (round(a, 6), round(b, 6)) for name, a, b in zip(names, found, floor, strict=True)}
+
+
+def _apart(one: Float[np.ndarray, "n d"], other: Float[np.ndarray, "m d"]) -> Float[np.ndarray, "n m"]:
+    squares = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
+    return np.sqrt(np.maximum(squares, 0.0))
+
+
+def _boxes_of(photographs: Photographs) -> Values:
+    image = photographs.image
+    centre, pictures = photographs.centre, np.arange(len(photographs.file_names))
+    return {
+        # Rounded: the same box is to have the same value whichever way it was computed.
+        "height": (photographs.height.round(9), image),
+        "x": (centre[:, 0].round(9), image),
+        "y": (centre[:, 1].round(9), image),
+        "aspect": (photographs.aspect.round(9), image),
+        "cut": (photographs.cut.any(axis=1).astype(np.float64), image),
+        "count": (photographs.count.astype(np.float64), pictures),
+    }
+
+
+def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:
+    table = np.array([looks(picture) for picture in pictures])
+    found = {}
+    for feature, values in zip(LOOKS, table.T, strict=True):
+        known = np.flatnonzero(np.isfinite(values))
+        found[feature.name] = (values[known], known)
+    return found
+
+
+def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> float:
+    """The distance that 95 % of random halves of the photographs keep to; boxes of a photograph stay together."""
+    pictures = np.unique(image)
+    if len(pictures) < 4:
+        return float("nan")
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(SPLITS):
+        first = np.isin(image, rng.permutation(pictures)[: len(pictures) // 2])
+        found.append(distance(values[first], values[~first]))
+    return float(np.quantile(found, 0.95))
+
+
+def _largest_run(values: Float[np.ndarray, " b"]) -> tuple[int, int]:
+    """Where the contiguous bins with the largest sum begin and end (Kadane)."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    gain = sums - np.minimum.accumulate(sums)
+    stop = int(gain.argmax())
+    return int(sums[: stop + 1].argmin()), stop
+
+
+def _small(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h2 w2 3"]:
+    image = Pictures.fromarray(picture)
+    image.thumbnail((SIDE, SIDE), Pictures.Resampling.LANCZOS)
+    return np.asarray(image)
+
+
+def _inside(folder: Path, name: str) -> Path | None:
+    """A picture of a COCO file; None if it isn't there, or outside of the file's folder."""
+    path = folder / name
+    return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None
+
+
+def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done + 1, total)

@@ -1,0 +1,120 @@
+"""Datasets next to photographs: distances, what chance explains, and sentences about what to change."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from hulldown.assets.photographs import read_photographs
+from hulldown.dataset.reports.comparison import (
+    compare,
+    density_and_coverage,
+    distance,
+    kernel_distance,
+    looks,
+    spectral_slope,
+)
+from hulldown.dataset.reports.report import write_report
+from hulldown.dataset.table import Dataset
+from hulldown.geometry.errors import DatasetError
+
+WIDTH, HEIGHT = 64, 48
+
+
+def coco(folder, count, *, seed, height=0.3, x=0.5, bright=90, pictures=True):
+    """A dataset of one box a picture, whose height and place scatter about what is asked for."""
+    rng = np.random.default_rng(seed)
+    (folder / "images").mkdir(parents=True)
+    images, labels = [], []
+    for i in range(count):
+        name = f"images/{i}.png"
+        images.append({"id": i + 1, "file_name": name, "width": WIDTH, "height": HEIGHT})
+        h = HEIGHT * height * np.exp(0.1 * rng.standard_normal())
+        left = np.clip(WIDTH * (x + 0.05 * rng.standard_normal()) - h / 2, 1, WIDTH - h - 1)
+        box = [float(left), float(rng.uniform(5, HEIGHT - 5 - h)), float(h), float(h)]
+        labels.append({"id": i + 1, "image_id": i + 1, "category_id": 1, "bbox": box})
+        if pictures:
+            noise = rng.normal(bright, 20, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8)
+            Image.fromarray(noise).save(folder / name)
+    content = {"images": images, "annotations": labels, "categories": [{"id": 1, "name": "tank"}]}
+    (folder / "annotations.json").write_text(json.dumps(content))
+    return folder
+
+
+def compared(folder, photographs):
+    return compare(Dataset.read(folder), read_photographs(photographs), pixels=True)
+
+
+def test_the_same_distribution_is_within_chance(tmp_path):
+    one, other = coco(tmp_path / "a", 80, seed=1), coco(tmp_path / "b", 80, seed=2)
+    found = compared(one, other)
+    assert {each.feature.name for each in found.features} >= {"height", "x", "y", "aspect", "count", "brightness"}
+    assert sum(each.differs for each in found.features) <= 1  # in 5 of 100 cases chance does it
+    assert all(each.distance < 0.3 for each in found.features)
+
+
+def test_what_differs_is_named_with_its_keys(tmp_path):
+    own = coco(tmp_path / "a", 60, seed=1, height=0.6, x=0.5, bright=150)
+    photographs = coco(tmp_path / "b", 60, seed=2, height=0.2, x=0.7, bright=90)
+    found = compared(own, photographs)
+    text = "\n".join(found.sentences)
+    for key in ("camera.target_fraction", "camera.framing", "light.exposure"):
+        assert key in text
+    assert "camera.truncated_fraction" not in text
+    height = next(line for line in found.sentences if "target_fraction" in line)
+    assert "too much above" in height
+    assert "too little below" in height
+    written = found.to_json()
+    json.dumps(written, allow_nan=False)
+    own_shares = written["features"]["height"]["own"]
+    assert sum(own_shares) == pytest.approx(1.0, abs=1e-4)  # rounded to 1e-6 each
+    write_report(Dataset.read(own), tmp_path / "page.html", comparison=found)
+    assert "Next to the photographs" in (tmp_path / "page.html").read_text()
+
+
+def test_few_photographs_and_photographs_without_pictures(tmp_path):
+    own = coco(tmp_path / "a", 20, seed=1)
+    one = compared(own, coco(tmp_path / "one", 1, seed=2, height=0.1))
+    assert one.sentences == []
+    assert any("four photographs" in note for note in one.notes)
+    json.dumps(one.to_json(), allow_nan=False)
+    assert one.section().blocks
+    boxes = compared(own, coco(tmp_path / "b", 6, seed=2, pictures=False))
+    assert "brightness" not in {each.feature.name for each in boxes.features}
+    assert any("pictures" in note for note in boxes.notes)
+
+
+def test_photographs_without_boxes_are_refused(tmp_path):
+    with pytest.raises(DatasetError, match="no boxes"):
+        compared(coco(tmp_path / "a", 4, seed=1), coco(tmp_path / "none", 0, seed=1))
+
+
+def test_distances_have_their_closed_forms():
+    assert distance(np.arange(4.0), np.arange(4.0) + 2) == pytest.approx(0.5)
+    rng = np.random.default_rng(0)
+    one, other = rng.standard_normal((2, 400, 8))
+    assert abs(kernel_distance(one, other)) < 0.05
+    assert kernel_distance(one, other + 1.0) > 1.0
+    density, coverage = density_and_coverage(one, other)
+    assert density == pytest.approx(1.0, abs=0.2)
+    assert coverage > 0.9  # 1 - 2**-5 of one distribution, by the paper's lemma
+    assert density_and_coverage(one + 100.0, other) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("slope", [-1.0, -2.0, -3.0])
+def test_the_slope_of_a_spectrum_is_that_of_its_noise(slope):
+    side = 256
+    frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side))
+    frequency[0, 0] = 1.0
+    white = np.fft.rfft2(np.random.default_rng(0).standard_normal((side, side)))
+    noise = np.fft.irfft2(white * frequency ** (slope / 2), s=(side, side))
+    assert spectral_slope(noise) == pytest.approx(slope, abs=0.15)  # the window mixes neighbors
+
+
+def test_looks_of_a_plain_color():
+    red = np.zeros((40, 40, 3), dtype=np.uint8)
+    red[..., 0] = 255
+    found = looks(red)
+    np.testing.assert_allclose(found[:4], [0.2126, 0.0, 1.0, 1.0], atol=1e-12)
+    assert np.isnan(found[4])
