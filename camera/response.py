@@ -79,13 +79,15 @@ def _daylight(kelvin: float) -> Float[np.ndarray, "3"]:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def off_daylight(light: Float[np.ndarray, "3"]) -> float:
+def off_daylight(light: Float[np.ndarray, "3"], *, warmest: float = 2000.0) -> float:
     """Return how far a light's color is from sunsets and daylight: CIE 1976 u'v', 0 for one of 2000 to 25000 K.
 
     Parameters
     ----------
     light
         Linear Rec. 709; not black.
+    warmest
+        Kelvin of the warmest light that counts: 2000, or 4000 to 8000 for daylight without sunsets.
 
     Examples
     --------
@@ -93,8 +95,9 @@ def off_daylight(light: Float[np.ndarray, "3"]) -> float:
     >>> off_daylight(np.ones(3)) < 0.01 < off_daylight(np.array([0.1, 0.1, 1.0]))
     True
     """
-    daylight = [_daylight(kelvin) for kelvin in (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)]
-    sunsets = [np.array([x / y, 1.0, (1.0 - x - y) / y]) for x, y in _BLACK_BODY]
+    kelvins = (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)
+    daylight = [_daylight(kelvin) for kelvin in kelvins if kelvin >= warmest]
+    sunsets = [np.array([x / y, 1.0, (1.0 - x - y) / y]) for x, y in _BLACK_BODY if warmest < 4000.0]
     places = np.stack([_uv(color) for color in (*sunsets, *daylight)])
     place, start, along = _uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
     share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)

@@ -16,7 +16,11 @@ import numpy as np
 
 from hulldown.camera.fog import DUST_ALBEDO, DUST_LAYERS, FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, AirLayer, extinction
 from hulldown.camera.precipitation import Sizes, rain_sizes, snow_sizes
+from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
+
+DAYLIGHT_K = 5000.0  # kelvin of the warmest light in which fog is gray
+FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some of the light's color, and all
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +83,8 @@ class WeatherKind:
     layers
         Layers of air, of equal extinction; more than one thin out with height.
     tint
-        Color of endless air under a gray sky; None: the air has the color of the sky.
+        Color of endless air under a gray sky; None: gray too, but for the color of light that isn't
+        daylight's.
     sizes
         Drops or flakes that fall in a weather; None: nothing falls.
     share_of_sky
@@ -166,5 +171,12 @@ def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
     O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
     locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.
     """
-    tint = KINDS[kind].tint
-    return sky if tint is None else np.dot(sky, LUMINANCE) * np.array(tint)
+    tint, luminance = KINDS[kind].tint, np.dot(sky, LUMINANCE)
+    if tint is not None:
+        return luminance * np.array(tint)
+    if luminance <= 0.0:
+        return sky
+    # Fog is white under a blue sky, since many scatterings mix all light, and orange in an evening's.
+    low, high = FOG_KEEPS
+    kept = np.clip((off_daylight(sky, warmest=DAYLIGHT_K) - low) / (high - low), 0.0, 1.0)
+    return np.asarray(luminance + kept * (sky - luminance))

@@ -6,6 +6,8 @@ import trimesh
 from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
+from hulldown.camera.weather_kinds import airlight
+from hulldown.geometry.color import LUMINANCE
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.wording import warnings_of
@@ -135,3 +137,14 @@ def test_serious_doubts_come_first_in_one_warning_for_each_file(read):
     assert [line.partition("\n")[0] for line in lines] == ["moved", "clear", "sheet", "max", "pit"]
     assert all(line.count("\n") <= 4 for line in lines)
     assert "missing: " in lines[0].splitlines()[1]
+
+
+@pytest.mark.parametrize(
+    ("light", "kept"),
+    [((0.54, 0.8, 1.08), 0.0), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.45, 0.12), 1.0), ((0.1, 0.1, 1.0), 1.0)],
+)
+def test_fog_is_gray_unless_the_light_is_colored(light, kept):
+    light = np.array(light)
+    gray = light @ LUMINANCE * np.ones(3)
+    np.testing.assert_allclose(airlight("fog", light), gray + kept * (light - gray))
+    assert not airlight("fog", np.zeros(3)).any()
