@@ -21,11 +21,14 @@ class SkyLight:
         Elevation up to which something other than sky is seen.
     misfits
         What tells that it does not show open land, a sentence each.
+    shows_land
+        Whether grass, trees, or streets are seen below its horizon, and not one plain color.
     """
 
     irradiance: tuple[float, float, float] = (math.pi, math.pi, math.pi)
     horizon_deg: float = 0.0
     misfits: tuple[str, ...] = ()
+    shows_land: bool = False
 
 
 EVEN = SkyLight()  # of radiance 1 everywhere

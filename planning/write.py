@@ -76,6 +76,7 @@ def plan(
     # Not at the top: the processes that plan import this module.
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.geometry.terminal import reading_status, shown
+    from hulldown.planning.appearance.land import land_above_horizon
     from hulldown.planning.loading import load_assets
 
     path = Path(path)
@@ -87,6 +88,12 @@ def plan(
         assets = load_assets(config, strict=strict, cache=cache, progress=reading, warn=warnings.warn, limits=limits)
     with shown("planning", progress) as advance:
         made = write_plan(config, assets, path, workers=workers or os.cpu_count() or 1, strict=strict, progress=advance)
+    if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
+        warnings.warn(
+            f"in {seen[0]} of the {seen[1]} images looked at, the terrain ends before the horizon and the HDRI's land "
+            'is seen behind it; set light.backdrop = "sky"',
+            stacklevel=2,
+        )
     made.summary.draw(picture_of(path, "summary"))
     return made
 

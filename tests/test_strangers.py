@@ -1,16 +1,23 @@
 """Files as other programs write them, read in one process: what's made of them, and what a person is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
+from hulldown.assets.skylight import SkyLight
 from hulldown.camera.weather_kinds import airlight
 from hulldown.geometry.color import LUMINANCE
+from hulldown.planning.appearance.land import land_above_horizon
+from hulldown.planning.write import write_plan
 from hulldown.reading.export import ask_reader, exported_by, job_for
+from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.wording import warnings_of
+from hulldown.tests.planning_assets import small_assets, small_config
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
 GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
@@ -137,6 +144,22 @@ def test_serious_doubts_come_first_in_one_warning_for_each_file(read):
     assert [line.partition("\n")[0] for line in lines] == ["moved", "clear", "sheet", "max", "pit"]
     assert all(line.count("\n") <= 4 for line in lines)
     assert "missing: " in lines[0].splitlines()[1]
+
+
+def test_land_on_an_hdri_is_hidden_or_counted_where_the_terrain_ends(tmp_path):
+    plain = np.full((64, 128, 3), 0.3)
+    grass = plain * np.where(np.arange(128) % 2, 1.0, 0.4)[:, None]
+    assert shows_land(grass)
+    assert not shows_land(plain)
+    assets = replace(small_assets(), skies={"noon": SkyLight(shows_land=True)})
+    seen = {}
+    for backdrop in ("hdri", "auto"):
+        config = small_config(light={"backdrop": backdrop, "hdris": ["noon"]}, camera={"elevation_deg": [20.0, 40.0]})
+        plan = write_plan(config, assets, tmp_path / f"{backdrop}.jsonl")
+        seen[backdrop] = land_above_horizon(plan, assets)
+    images = len(plan)
+    assert images > seen["hdri"][0] > 0, "hills end and the bare plane doesn't"
+    assert seen == {"hdri": (seen["hdri"][0], images), "auto": (0, images)}
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,11 @@ def exposures(
         ev = np.full(len(image), light.exposure)
     ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
     white_balance = rounded("white_balance_k", between(*light.white_balance_error_k, u[:, 1]))
-    horizon = [float(skies[name].horizon_deg) if light.backdrop == "sky" else None for name in hdris]
+    cut = {
+        name: light.backdrop == "sky" or (light.backdrop == "auto" and (sky.shows_land or bool(sky.misfits)))
+        for name, sky in skies.items()
+    }
+    horizon = [float(skies[name].horizon_deg) if cut[name] else None for name in hdris]
     return rounded("exposure_ev", ev), white_balance, horizon
 
 

@@ -312,9 +312,12 @@ class LightSection(Section):
     strength: Strengths = Field(
         default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
     )
-    backdrop: Literal["hdri", "sky"] = Field(
-        default="hdri",
-        description=('what the camera sees of the HDRI: "hdri", all of it; "sky", only what is above its horizon'),
+    backdrop: Literal["auto", "hdri", "sky"] = Field(
+        default="auto",
+        description=(
+            'what the camera sees of the HDRI: "hdri", all of it; "sky", only what is above its horizon; "auto", "sky" '
+            "for HDRIs that show land"
+        ),
     )
     exposure: Exposure = Field(
         default="auto",

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from hulldown.assets.skylight import level_irradiance
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.export import Job
-from hulldown.reading.skies.backdrop import backdrop, small_map
+from hulldown.reading.skies.backdrop import backdrop, shows_land, small_map
 from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, mend
 
 
@@ -33,8 +33,15 @@ def read_picture(job: Job) -> dict[str, Any]:
     if notes:
         _write(pixels, str(job.file(MENDED_NAME)))
     irradiance = level_irradiance(pixels).tolist()
-    horizon_deg, misfits = backdrop(small_map(pixels))
-    return {"notes": list(notes), "irradiance": irradiance, "horizon_deg": horizon_deg, "misfits": list(misfits)}
+    small = small_map(pixels)
+    horizon_deg, misfits = backdrop(small)
+    return {
+        "notes": list(notes),
+        "irradiance": irradiance,
+        "horizon_deg": horizon_deg,
+        "misfits": list(misfits),
+        "shows_land": shows_land(small),
+    }
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:

@@ -21,6 +21,15 @@ NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, a
 WARMEST = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
 BUSY, STEP = 0.3, 0.25  # share of neighbours overhead whose logarithms differ by that much; broken cloud had 0.23
 
+PLAIN = 0.2  # standard deviation over mean of what is below the horizon: 0 in painted skies, from 0.7 in photographs
+
+
+def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
+    """Whether an HDRI shows more than one plain color below its horizon; parameters as of `backdrop`."""
+    elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
+    below = (sky @ LUMINANCE)[(elevation < -3.0) & (elevation > -30.0)]
+    return bool(below.size and below.std() > PLAIN * below.mean())
+
 
 def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[np.ndarray, "m n 3"]:
     """Means over squares of an equirectangular picture, about `rows` high; the zenith is in the first row.

@@ -15,7 +15,7 @@ from hulldown.camera.response import ALBEDO, metered
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.skies.hdri import Hdri, read_hdris
 
-REMEDY = '`light.backdrop = "sky"` hides it and keeps its light'
+REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
 
 
 @dataclass(frozen=True, slots=True)
