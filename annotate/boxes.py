@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.clipping import extremes_of_mesh
+from hulldown.annotate.clipping import EMPTY, extremes_of_mesh
 from hulldown.annotate.clusters import ClusteredSurface
+from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.frustum import Frustum
@@ -83,7 +84,10 @@ def surface_box(
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
-    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(lenses(camera.intrinsics), frame=frame)))
+    lens = lenses(camera.intrinsics)
+    if lens.distorted:
+        return _xywh(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY))
+    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(lens, frame=frame)))
 
 
 class VehicleBoxes:
@@ -147,10 +151,13 @@ class VehicleBoxes:
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
         angles = self.shape.angles([articulation or {}])
         camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
-        hull = self._hull(camera_from_parts, lenses([camera.intrinsics]))
+        lens = lenses(camera.intrinsics)
+        if lens.distorted:
+            return self._curved(camera_from_parts[0], lens, frame=frame)
+        hull = self._hull(camera_from_parts, lens.spread(1))
         if hull.framed[0]:
             return _xywh(hull.extremes[0])
-        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(lenses(camera.intrinsics), frame=frame)))
+        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(lens, frame=frame)))
 
     def boxes(
         self,
@@ -184,6 +191,10 @@ class VehicleBoxes:
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
+            if lens.distorted:
+                for i, pose in enumerate(camera_from_parts, start=start):
+                    xywh[i], amodal[i] = self._curved_boxes(pose, each.rows(np.array(i)))
+                continue
             hull = self._hull(camera_from_parts, each.rows(np.arange(n)[rows]))
             boxes = np.concatenate([hull.extremes[:, :2], hull.extremes[:, 2:] - hull.extremes[:, :2]], axis=1)
             xywh[rows][hull.framed], amodal[rows][hull.in_front] = boxes[hull.framed], boxes[hull.in_front]
@@ -193,6 +204,27 @@ class VehicleBoxes:
                     found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if found is None else found
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
+
+    def _curved_boxes(
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses
+    ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
+        """The boxes in the image and out of it that a distorting lens gives; nan where there is none."""
+        nothing = np.full(4, np.nan)
+        amodal = self._curved(camera_from_parts, lens, frame=False)
+        if amodal is None:
+            return nothing, nothing
+        low, high = amodal[:2], amodal[:2] + amodal[2:]
+        if (low >= 0.0).all() and (high <= lens.size).all():
+            return amodal, amodal
+        box = (
+            None if (high < 0.0).any() or (low > lens.size).any() else self._curved(camera_from_parts, lens, frame=True)
+        )
+        return nothing if box is None else box, amodal
+
+    def _curved(
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses, *, frame: bool
+    ) -> Float[np.ndarray, "4"] | None:
+        return _xywh(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)))
 
     def _hull(self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses) -> _Hull:
         width, height = lens.size.T

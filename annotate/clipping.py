@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.camera.frustum import BOTTOM_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, Frustum
+
+EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
 
 def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "4"]:
     """Lowest u, lowest v, highest u, highest v; an empty box (inf, inf, -inf, -inf) of no points."""
     u, v = pixels
     if not u.size:
-        return np.array([np.inf, np.inf, -np.inf, -np.inf])
+        return EMPTY
     return np.array([u.min(), v.min(), u.max(), v.max()])
 
 
@@ -42,7 +44,22 @@ def extremes_of_triangles(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustu
 
 
 def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-    """Extremes of triangles, every one of them clipped against every plane.
+    """Extremes of triangles, every one of them clipped against every plane."""
+    points, _, on = clipped(triangles, frustum)
+    pixels = frustum.project(points)
+    u, v = pixels
+    # A corner cut by an edge of the image lies on it, whatever rounding says.
+    u[on & LEFT_BIT != 0] = 0.0
+    u[on & RIGHT_BIT != 0] = frustum.size[0]
+    v[on & TOP_BIT != 0] = 0.0
+    v[on & BOTTOM_BIT != 0] = frustum.size[1]
+    return extremes_of_points(pixels)
+
+
+def clipped(
+    triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum
+) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
+    """Corners of clipped triangles, which polygon each is of, and as bits the planes that it was cut by.
 
     References
     ----------
@@ -60,29 +77,22 @@ def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum)
         inside = distance >= 0.0
         if inside.all():
             continue
-        following = _next_corner(polygon)
+        following = next_corner(polygon)
         crossing = inside != inside[following]
         share = distance[crossing] / (distance[crossing] - distance[following[crossing]])
         start, end = points[:, crossing], points[:, following[crossing]]
         # Each corner may be kept, and be followed by the point where its edge crosses the plane.
         kept = np.zeros((len(polygon), 2), dtype=bool)
         kept[:, 0], kept[:, 1] = inside, crossing
-        clipped = np.empty((3, len(polygon), 2))
-        clipped[:, :, 0] = points
-        clipped[:, crossing, 1] = start + share * (end - start)
+        kept_points = np.empty((3, len(polygon), 2))
+        kept_points[:, :, 0] = points
+        kept_points[:, crossing, 1] = start + share * (end - start)
         flags = np.empty((len(polygon), 2), dtype=np.uint8)
         flags[:, 0] = on
         flags[:, 1] = (on & on[following]) | np.uint8(bit)
-        points, on = clipped[:, kept], flags[kept]
+        points, on = kept_points[:, kept], flags[kept]
         polygon = np.repeat(polygon, kept.sum(axis=1))
-    pixels = frustum.project(points)
-    u, v = pixels
-    # A corner cut by an edge of the image lies on it, whatever rounding says.
-    u[on & LEFT_BIT != 0] = 0.0
-    u[on & RIGHT_BIT != 0] = frustum.size[0]
-    v[on & TOP_BIT != 0] = 0.0
-    v[on & BOTTOM_BIT != 0] = frustum.size[1]
-    return extremes_of_points(pixels)
+    return points, polygon, on
 
 
 def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
@@ -90,7 +100,7 @@ def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndar
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
-def _next_corner(polygon: np.ndarray) -> np.ndarray:
+def next_corner(polygon: np.ndarray) -> np.ndarray:
     """For each corner in a flat list of polygons the index of the next corner of the same polygon."""
     following = np.arange(1, len(polygon) + 1)
     last: Bool[np.ndarray, " n"] = np.append(polygon[1:] != polygon[:-1], True)

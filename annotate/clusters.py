@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from hulldown.annotate.clipping import extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
+from hulldown.annotate.clipping import EMPTY, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
+from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
@@ -17,6 +18,7 @@ SMALL = 30_000  # triangles: clipping up to so many takes less time than choosin
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
 GROUP = 32  # clusters in a group, whose bounds are compared first
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64).T
 SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by their rounding
 
 
@@ -31,8 +33,13 @@ class ClusteredSurface:
 
     def __init__(self, parts: PosedParts) -> None:
         self._parts = parts
-        if len(parts.faces) <= SMALL:
-            return  # all triangles are clipped
+        self._made = False
+
+    def _make(self) -> None:
+        """Cut the triangles into clusters, the first time that these are asked for."""
+        if self._made:
+            return
+        self._made, parts = True, self._parts
         clusters = [_clusters(parts.vertices, parts.faces[place]) for place in parts.face_slices]
         self._faces: Int[np.ndarray, "k leaf 3"] = np.concatenate(clusters)
         counts = [len(c) for c in clusters]
@@ -62,6 +69,7 @@ class ClusteredSurface:
         if len(parts.faces) <= SMALL:
             points = move(parts.vertices, parts.vertex_slices, camera_from_parts[None])[:, 0]
             return extremes_of_mesh(points, parts.faces, frustum)
+        self._make()
         groups = self._groups.within(frustum, best, camera_from_parts, np.arange(len(self._groups)))
         left = _ranges(self._members[groups], self._members[groups + 1])
         left = self._leaves.within(frustum, best, camera_from_parts, left)
@@ -78,13 +86,31 @@ class ClusteredSurface:
             left, count = self._leaves.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
         return best
 
+    def curved_extremes(
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], view: CurvedView
+    ) -> Float[np.ndarray, "4"]:
+        """The same as a distorting lens shows it: by clusters that may reach beyond the hull's vertices."""
+        self._make()
+        first = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[None])[:, 0]
+        if (first[2] < NEAR).all():
+            return EMPTY
+        best = view.seen(first)
+        left = np.flatnonzero(view.may_widen(best, *self._leaves.rectangles(camera_from_parts)))
+        triangles = self._corners(left, camera_from_parts)
+        return extremes_of_curved(triangles, np.arange(triangles.shape[1]).reshape(-1, 3), view, best)
+
     def _look(
         self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum
     ) -> Float[np.ndarray, "4"]:
+        return extremes_of_triangles(self._corners(clusters, camera_from_parts).reshape(3, -1, 3), frustum)
+
+    def _corners(
+        self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"]
+    ) -> Float[np.ndarray, "3 n"]:
+        """The corners of the triangles of some clusters, in the camera's frame."""
         corners = self._parts.vertices[:, self._faces[clusters].reshape(-1)]
         ends = np.searchsorted(clusters, self._leaves.ends) * self._faces[0].size
-        moved = move(corners, _slices(ends), camera_from_parts[None])
-        return extremes_of_triangles(moved.reshape(3, -1, 3), frustum)
+        return move(corners, _slices(ends), camera_from_parts[None])[:, 0]
 
 
 class _Bounds:
@@ -125,6 +151,18 @@ class _Bounds:
         falling = sides[:, 2] < 0.0
         sides[falling, 3], sides[falling, 2] = sides[falling, 2] * NEAR, 0.0
         return np.minimum(reach, self.reach(sides, camera_from_parts, which))
+
+    def rectangles(
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"]
+    ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
+        """Lowest and highest corner at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
+        boxes = self._centre[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
+        places = [slice(8 * int(a), 8 * int(b)) for a, b in pairwise(self.ends)]
+        x, y, z = move(boxes.reshape(3, -1), places, camera_from_parts[None]).reshape(3, -1, 8)
+        z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
+        at = np.stack([x / z, y / z], 2)
+        room = SLACK * (1.0 + np.abs(at))  # for the rounding of both
+        return (at - room).min(axis=1), (at + room).max(axis=1)
 
     def reach(
         self,

@@ -40,7 +40,7 @@ def passed_in_beams(
     reach
         (k,) how far each looks, in metres from the near plane.
     """
-    n, r = len(world_from_camera), len(camera_rays.pattern)
+    n, r = len(world_from_camera), camera_rays.count
     passed = np.ones(len(which))
     if not len(which) or not len(scene.bounds):
         return passed

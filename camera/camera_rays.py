@@ -19,13 +19,15 @@ class CameraRays:
     low, extent
         (n, 2) lowest corner and size of each window.
     pattern
-        (r, 2) where in the window the rays go, from 0 to 1.
+        (r, 2) where in the window the rays go, from 0 to 1; (n, r, 2) of each camera.
     """
 
     def __init__(
-        self, low: Float[np.ndarray, "n 2"], extent: Float[np.ndarray, "n 2"], pattern: Float[np.ndarray, "r 2"]
+        self, low: Float[np.ndarray, "n 2"], extent: Float[np.ndarray, "n 2"], pattern: Float[np.ndarray, "*n r 2"]
     ) -> None:
-        self.low, self.extent, self.pattern = low, extent, pattern
+        self.low, self.extent = low, extent
+        self.count = pattern.shape[-2]
+        self._u, self._v = np.ascontiguousarray(np.moveaxis(pattern, -1, 0))
         # A direction with z = 1 is (1, u, v) of the pattern times these rows.
         self._rows = np.zeros((len(low), 3, 3))
         self._rows[:, 0, :2] = low
@@ -49,12 +51,13 @@ class CameraRays:
         camera
             (m,) whose rays are wanted in each frame; None: frame i is camera i's.
         """
-        r = len(self.pattern)
+        r = self.count
         view = which // r
         begin, end = (int(view[0]), int(view[-1]) + 1) if len(which) else (0, 0)
         frames = frame_from_camera[begin:end]
-        turned = rotate(frames[:, :3, :3], self._rows[begin:end] if camera is None else self._rows[camera[begin:end]])
-        u, v = np.ascontiguousarray(self.pattern.T)
+        of = slice(begin, end) if camera is None else camera[begin:end]
+        turned = rotate(frames[:, :3, :3], self._rows[of])
+        u, v = self._of(of)
         every = np.empty((3, end - begin, r))
         for axis, out in enumerate(every):
             np.multiply(turned[:, 1, axis, None], u, out=out)
@@ -72,12 +75,16 @@ class CameraRays:
         """Which rays of a box's camera go through it; low and high corners, at unit depth."""
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (box - self.low[view, None]) / self.extent[view, None]
-        u, v = np.ascontiguousarray(self.pattern.T)
+        u, v = self._of(view)
         inside = u >= at[:, 0, :1]
         inside &= u <= at[:, 1, :1]
         inside &= v >= at[:, 0, 1:]
         inside &= v <= at[:, 1, 1:]
         return inside
+
+    def _of(self, cameras: slice | Int[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
+        """The pattern of some cameras."""
+        return (self._u, self._v) if self._u.ndim == 1 else (self._u[cameras], self._v[cameras])
 
 
 def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:

@@ -69,6 +69,15 @@ def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np
     )
 
 
+def bend(length: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """The greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
+    k1, k2, p1, p2, k3 = np.abs(distortion).tolist()
+    square = length * length
+    first = k1 + square * (2.0 * k2 + square * 3.0 * k3)
+    second = 2.0 * k2 + square * 6.0 * k3
+    return length * (6.0 * first + 4.0 * square * second) + 6.0 * math.sqrt(p1 * p1 + p2 * p2)
+
+
 def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """The points within the radius that `distorted` takes to these, by Newton's method; nan where there are none.
 

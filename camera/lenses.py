@@ -14,6 +14,8 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 
+ALONG = 8  # parts of a window's side at whose ends its image is measured
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Lenses:
@@ -123,6 +125,25 @@ class Lenses:
         if self.distorted:
             unit = undistorted(unit, self.distortion[..., None, :], self.radius[..., None])
         return unit
+
+    def image_of(
+        self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
+    ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
+        """Lowest and highest corner, in pixels, of a box in the image of each camera that holds a window at unit depth.
+
+        Where the lens doesn't see the whole window, that is the whole image.
+        """
+        t = np.linspace(0.0, 1.0, ALONG + 1)
+        zero, one = np.zeros_like(t), np.ones_like(t)
+        sides = np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
+        pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
+        # Between two places a side bulges by about an eighth of the second difference.
+        bulge = np.abs(np.diff(pixels, n=2, axis=2)).max(axis=(1, 2))
+        first = np.maximum(pixels.min(axis=(1, 2)) - bulge, 0.0)
+        last = np.minimum(pixels.max(axis=(1, 2)) + bulge, self.size)
+        unseen = np.isnan(first).any(axis=1)
+        first[unseen], last[unseen] = 0.0, self.size[unseen]
+        return first, last
 
     @property
     def sin_half_fov_x(self) -> Float[np.ndarray, "..."]:

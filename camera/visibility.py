@@ -228,9 +228,8 @@ class _Views:
                 parts.append((part, pose, box, camera))
         first, last = self.lens.window
         low, high = np.maximum(low, first), np.minimum(high, last)
-        extent = np.clip(high - low, 0.0, None)
-        in_frame = (extent > 0.0).all(axis=1)
-        camera_rays = CameraRays(low, extent, self.pattern)
+        camera_rays, area = self._rays(low, high)
+        in_frame = area > 0.0
 
         distance = np.full(n * r, np.inf)
         for part, pose, box, camera in parts:
@@ -245,4 +244,23 @@ class _Views:
         passed = world.passed(camera_rays, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
         shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
         counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
-        return np.stack(counts, axis=1, dtype=np.float64), extent.prod(axis=1) * self.lens.focal.prod(axis=1)
+        return np.stack(counts, axis=1, dtype=np.float64), area
+
+    def _rays(
+        self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]
+    ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
+        """Rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
+        extent = np.clip(high - low, 0.0, None)
+        if not self.lens.distorted:
+            return CameraRays(low, extent, self.pattern), extent.prod(axis=1) * self.lens.focal.prod(axis=1)
+        seen = (extent > 0.0).all(axis=1)
+        rows, pattern = np.flatnonzero(seen), np.zeros((len(low), *self.pattern.shape))
+        lens, area = self.lens.rows(rows), np.zeros(len(low))
+        first, last = lens.image_of(low[rows], high[rows])
+        size = np.clip(last - first, 0.0, None)
+        area[rows] = size.prod(axis=1)
+        at = lens.at_unit_depth(first[:, None] + size[:, None] * self.pattern)
+        low[rows] = at.min(axis=1)
+        extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
+        pattern[rows] = (at - low[rows, None]) / extent[rows, None]
+        return CameraRays(low, extent, pattern), area

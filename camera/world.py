@@ -269,7 +269,7 @@ def _passed_by(
     which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    n, r = len(world_from_camera), len(camera_rays.pattern)
+    n, r = len(world_from_camera), camera_rays.count
     place = np.full(n * r, -1)
     place[which] = np.arange(len(which))
     passed = np.ones(len(which))

@@ -293,15 +293,23 @@ OFF_MIDDLE = ((128.0, 0.0, 40.0), (0.0, 96.0, 60.0), (0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize(
-    ("fov_x_deg", "matrix"), [(0.1, None), (5.0, None), (100.0, None), (179.0, None), (53.1, OFF_MIDDLE)]
+    ("fov_x_deg", "matrix", "lens"),
+    [
+        (0.1, None, None),
+        (5.0, None, None),
+        (100.0, None, None),
+        (179.0, None, None),
+        (53.1, OFF_MIDDLE, None),
+        (53.1, OFF_MIDDLE, (-0.3, 0.1, 0.01, -0.02, 0.0)),
+    ],
 )
-def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg, matrix):
+def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg, matrix, lens):
     """Blender clamps focal lengths; a wall at the edge of the frame shows whether the angle is right."""
     target = VehicleTarget(assets.vehicles["tank"].shape)
     width = float(assets.vehicles["tank"].shape.size_xyz[1])
     # From behind, so far away that the tank fills half of the frame.
     distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0
-    row = altered(plan[0], K=matrix, **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
+    row = altered(plan[0], K=matrix, dist=lens, **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
     up = np.eye(4)
     up[2, 3] = 500.0
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])

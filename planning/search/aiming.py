@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.framing import frame_target
 from hulldown.camera.lenses import Lenses, lenses
@@ -23,7 +22,7 @@ from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
 from hulldown.planning.search.instances import Instances, hull_of
-from hulldown.planning.search.sizing import fraction_of, sized_cameras
+from hulldown.planning.search.sizing import boxes_of, fraction_of, sized_cameras
 from hulldown.planning.search.stage import Site
 
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
@@ -235,16 +234,6 @@ def views_of_others(
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
     return seen, pixels
-
-
-def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
-    """The boxes of n vehicles, each as its own camera sees it."""
-    n = len(instances)
-    boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
-    for model, i in instances.by_model():
-        angles = instances.model_angles(model, i)
-        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))
-    return boxes
 
 
 def air_contrasts(

@@ -6,14 +6,16 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from hulldown.annotate.boxes import Boxes
 from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.size import Measure, ProjectedSize, solve_distance
+from hulldown.camera.size import Measure, ProjectedSize, refine_distance, solve_distance
 from hulldown.geometry.uniform import UniformNumbers
 from hulldown.planning.config.schema import CameraSection, RenderSection
+from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 
 # Framing turns the camera, which changes the size a little; the distance that restores it changes the framing less.
@@ -35,6 +37,16 @@ def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: Rend
     """What share of the image's height, width, diagonal or area these boxes fill; nan without a box."""
     size = ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
+
+
+def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
+    """The boxes of n vehicles, each as its own camera sees it."""
+    n = len(instances)
+    boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
+    for model, i in instances.by_model():
+        angles = instances.model_angles(model, i)
+        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))
+    return boxes
 
 
 def sized_cameras(
@@ -100,5 +112,14 @@ def sized_cameras(
         )
         poses = framed.world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
+    if lens.distorted:
+        # The vehicle's edges are curves, which may reach beyond its vertices.
+        def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+            there = poses[rows]
+            there[:, :3, 3] = centres[rows] + at[:, None] * outward[rows]
+            amodal = boxes_of(targets.take(rows), there, lens.rows(rows)).amodal
+            return ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
+
+        distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)
     poses[:, :3, 3] = centres + distance[:, None] * outward
     return poses, distance

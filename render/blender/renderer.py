@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from hulldown.render.blender import cycles, film
+from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import MaskJob, RenderJob, StartJob, from_json
@@ -50,6 +51,9 @@ class Renderer:
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
         """The stage that a job is for, loaded again if it is another than the last one's."""
         scenery, wanted = job.scenery, (type(job), job.scenery)
+        if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
+            problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
+            raise cycles.Unusable(problem, "use --device cpu or optix")
         if self._stage is None or self._loaded != wanted:
             self.reset()
             self._stage = Stage(scenery.path, np.array(scenery.scenery_from_file), scenery.standing, scenery.removed)

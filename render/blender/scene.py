@@ -24,6 +24,7 @@ from hulldown.reading.blender.opening import disarm, open_blend
 from hulldown.reading.blender.tidy_properties import PART, REST, TIDY
 from hulldown.render.blender.air import Fog
 from hulldown.render.blender.covers import PLANE
+from hulldown.render.blender.lens import set_lens
 from hulldown.render.blender.light import HdriWorld
 from hulldown.render.blender.paint import Paintable
 from hulldown.render.blender.precipitation import Precipitation, falling
@@ -149,7 +150,8 @@ class Stage:
         intrinsics, render = camera.intrinsics, self.scene.render
         width, height = intrinsics.width, intrinsics.height
         render.resolution_x, render.resolution_y = width, height
-        if intrinsics.pinhole is None:
+        distorting = any(intrinsics.distortion)
+        if intrinsics.pinhole is None or distorting:  # whose shader shifts and stretches
             across, stretch, (cx, cy) = 2 * intrinsics.half_tangents[0], 1.0, (width / 2, height / 2)
         else:
             fx, fy, cx, cy = intrinsics.pinhole
@@ -158,6 +160,10 @@ class Stage:
         data.sensor_width = across * data.lens
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
+        if distorting:
+            set_lens(data, intrinsics, camera.near * self.units_per_metre)
+        elif data.type != "PERSP":
+            data.type = "PERSP"
         data.clip_start = camera.near * self.units_per_metre
         data.clip_end = FAR * self.units_per_metre
 

@@ -1,0 +1,150 @@
+"""A distorting lens: OpenCV's formula, its inverse, where it folds, and what cameras and boxes make of it."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.masks import vehicle_mask
+from hulldown.camera.distortion import distorted, seen_radius, undistorted
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.lenses import lenses
+from hulldown.camera.projection import Camera
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.visibility import visible_fraction
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.planning.planner import plan
+from hulldown.tests.planning_assets import small_assets, small_config, vehicle
+
+LENSES = {
+    "barrel": (-0.3, 0.1, 0.0, 0.0, 0.0),
+    "folding": (-0.2, 0.0, 0.0, 0.0, 0.0),
+    "pincushion": (0.3, 0.2, 0.0, 0.0, 0.05),
+    "tangential": (-0.1, 0.02, 0.02, -0.015, 0.0),
+    "mustache": (-0.3, 0.25, 0.0, 0.0, -0.02),
+    "calibrated": (-0.21, 0.07, 3e-4, -1e-4, 0.0),
+}
+PINHOLE = (1420.0, 1418.5, 964.2, 545.7)
+every_lens = pytest.mark.parametrize("name", LENSES)
+
+
+def points_within(radius, n=5000):
+    rng = np.random.default_rng(0)
+    r, angle = min(radius, 3.0) * np.sqrt(rng.random(n)), rng.uniform(0, 2 * math.pi, n)
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], 1)
+
+
+@every_lens
+def test_points_go_where_opencv_puts_them_and_come_back(name):
+    lens = np.array(LENSES[name])
+    points = points_within(seen_radius(LENSES[name]))
+    image = distorted(points, lens)
+    placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), lens)
+    np.testing.assert_allclose(image, placed[:, 0], atol=1e-12)
+    np.testing.assert_allclose(undistorted(image, lens, seen_radius(LENSES[name])), points, atol=1e-12)
+
+
+@every_lens
+def test_a_camera_projects_and_casts_rays_as_opencv(name):
+    intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES[name])
+    pose = rigid(rotation_about([0.6, 0.0, 0.8], 0.7), [1.0, 2.0, 3.0])
+    camera = Camera(intrinsics, pose)
+    pixels = np.random.default_rng(1).uniform(0, [1920, 1080], (2000, 2))
+    depth = np.random.default_rng(2).uniform(0.2, 100, 2000)
+    points = camera.unproject(pixels, depth)
+    lens, world = np.array(LENSES[name]), np.linalg.inv(pose)
+    seen, _ = cv2.projectPoints(points, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], intrinsics.matrix, lens)
+    np.testing.assert_allclose(seen[:, 0], pixels, atol=1e-7)
+    np.testing.assert_allclose(camera.project(points).pixels, pixels, atol=1e-8)
+    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 500, 1e-13)
+    ideal = cv2.undistortPointsIter(pixels, intrinsics.matrix, lens, np.eye(3), np.eye(3), until)
+    ahead = camera.ray_directions(pixels) @ pose[:3, :3]
+    np.testing.assert_allclose(ahead[:, :2] / ahead[:, 2:], ideal[:, 0], atol=1e-6)
+
+
+def test_nothing_is_seen_beyond_the_fold():
+    # 1 - 3 * 0.2 r^2 = 0.
+    fold = 1 / math.sqrt(3 * 0.2)
+    assert seen_radius(LENSES["folding"]) == pytest.approx(0.999 * fold, rel=1e-12)
+    camera = Camera(Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES["folding"]), np.eye(4))
+    pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
+    assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
+    assert depth.tolist() == [1.0] * 3
+    # A wall that fills all there is to see ends at the circle of the fold.
+    wall = 50.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 2.0]
+    box = surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
+    radius = 0.999 * fold * (1 - 0.2 * (0.999 * fold) ** 2)
+    np.testing.assert_allclose(box[2:], 2 * radius * np.array(PINHOLE[:2]), rtol=1e-9)
+    assert surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera).tolist() == [0.0, 0.0, 1920.0, 1080.0]
+
+
+def test_a_lens_that_folds_inside_the_image_is_refused():
+    with pytest.raises(ValueError, match=r"distortion: .*folds at 1.29"):
+        Intrinsics.calibrated(1920, 1080, (800.0, 800.0, 960.0, 540.0), LENSES["folding"])
+    matrix = {"fx": 800.0, "fy": 800.0, "cx": 960.0, "cy": 540.0}
+    with pytest.raises(ConfigError, match=r"camera.distortion: .*folds at 1.29"):
+        small_config(camera={"intrinsics": matrix, "distortion": {"k1": -0.2}})
+    with pytest.raises(ConfigError, match=r"camera\.intrinsics"):
+        small_config(camera={"distortion": {"k1": -0.2}})
+
+
+def test_an_answer_does_not_depend_on_company():
+    lens, radius = np.array(LENSES["tangential"]), seen_radius(LENSES["tangential"])
+    image = distorted(points_within(radius, 300), lens)
+    together = undistorted(image, lens, radius)
+    assert np.array_equal(together, np.concatenate([undistorted(each[None], lens, radius) for each in image]))
+    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
+
+
+@every_lens
+def test_a_vehicles_boxes_are_those_of_its_surface(name):
+    lens, shape = Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES[name]), vehicle("t72")
+    boxes, rng = VehicleBoxes(shape), np.random.default_rng(3)
+    for _ in range(20):
+        pose = camera_pose(rng.normal(size=3) * 3, 10 ** rng.uniform(0, 1.8), rng.uniform(0, 6), rng.uniform(-0.5, 1.2))
+        found = boxes.boxes(np.eye(4)[None], pose[None], lens)
+        for frame, box in ((True, found.xywh[0]), (False, found.amodal[0])):
+            wanted = surface_box(shape.mesh.vertices, shape.mesh.faces, Camera(lens, pose), frame=frame)
+            np.testing.assert_allclose(box, np.full(4, np.nan) if wanted is None else wanted, atol=1e-6, rtol=1e-9)
+
+
+def test_the_visible_share_is_of_pixels():
+    intrinsics = Intrinsics.calibrated(1920, 1080, (1000.0, 1000.0, 960.0, 540.0), LENSES["barrel"])
+    target = VehicleTarget(vehicle("t72"))
+    pose = camera_pose([0, 0, 1.0], 9.0, 0.4, 0.3)[None]
+    seen = visible_fraction(target, np.eye(4)[None], pose, intrinsics=intrinsics, rays=40_000)
+    mask = vehicle_mask(PosedVehicle(target, np.eye(4)[None], {}), Camera(intrinsics, pose[0]))
+    assert seen.fraction[0] == 1.0
+    assert seen.area[0] == pytest.approx(mask.sum(), rel=0.01)
+
+
+@pytest.mark.parametrize("measure", ["height", "area"])
+def test_a_plan_solves_sizes_and_cuts_in_the_distorted_image(measure):
+    matrix, lens = dict(zip(("fx", "fy", "cx", "cy"), PINHOLE, strict=True)), LENSES["calibrated"]
+    camera = {
+        "intrinsics": matrix, "distortion": dict(zip(("k1", "k2", "p1", "p2", "k3"), lens, strict=True)),
+        "size_measure": measure, "target_fraction": 0.2, "truncated_fraction": [0.0, 0.3], "framing": 1.0,
+    }  # fmt: skip
+    rows = list(plan(small_config(camera=camera, budget={"images_per_class": 4}), small_assets()))
+    for row in rows:
+        assert row.dist == lens
+        assert row.intrinsics == Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
+        box = row.target.bbox_amodal
+        share = box.height / 1080 if measure == "height" else box.width * box.height / (1920 * 1080)
+        assert share == pytest.approx(0.2, abs=1e-8)
+        assert 0.0 <= row.target.truncated_fraction <= 0.3
+
+
+def test_the_bounds_of_an_image_hold_all_its_rays():
+    for lens in LENSES.values():
+        intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
+        (low, high), each = intrinsics.bounds, lenses(intrinsics)
+        pixels = np.stack(np.meshgrid(np.linspace(0, 1920, 200), np.linspace(0, 1080, 113)), -1).reshape(-1, 2)
+        unit = each.at_unit_depth(pixels)
+        assert (unit >= low).all()
+        assert (unit <= high).all()
+        np.testing.assert_allclose([unit.min(axis=0), unit.max(axis=0)], [low, high], atol=0.01)
