@@ -34,7 +34,7 @@ def nano_weights(folder):
     settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
     with quiet():
         configs = detr.detr_configs(settings, CLASSES, 1, weights=None, device=torch.device("cpu"), folder=folder)
-        return detr.save_detr(detr.RFDETRModelModule(*configs), CLASSES)
+        return detr.save_detr(module := detr.RFDETRModelModule(*configs), CLASSES, module.model)
 
 
 def of_small(found, width, height):

@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.predict import load_detector
+from hulldown.training.detectors.small import starting_network
+from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.predict import load_detector, validation_figures
 from hulldown.training.settings import load_settings
 from hulldown.training.train import train
 
@@ -102,3 +105,91 @@ def test_a_run_that_is_killed_ends_as_one_left_alone(pictures, tmp_path, setting
         assert (corner <= np.array(image.shape[1::-1]) + 1e-3).all()
     with pytest.raises(HulldownError, match=r"the run in this folder has settings.seed = 0, not 1"):
         train(data, tmp_path / "killed", settings=settings.model_copy(update={"seed": 1}), **measured)
+
+
+def test_small_starts_from_weights_and_their_classes(pictures, tmp_path):
+    first = train({"demo": pictures}, tmp_path / "first", settings=small(), workers=0, device="cpu")
+    assert first["status"] == "finished"
+    start = str(tmp_path / "first" / "weights.pt")
+    for name, classes in (("same", ("square", "disc")), ("more", ("disc", "cube", "square"))):
+        network = starting_network(classes, Path(start))
+        given, made = weights(tmp_path / "first")["model"], network.state_dict()
+        same = [key for key in given if not key.startswith("heat.")]
+        assert all(torch.equal(given[key], made[key]) for key in same)
+        for label in ("square", "disc"):
+            old, new = ("square", "disc").index(label), classes.index(label)
+            assert torch.equal(given["heat.weight"][old], made["heat.weight"][new]), name
+    second = train(
+        {"demo": pictures}, tmp_path / "second", settings=small(weights=start, budget=8), workers=0, device="cpu"
+    )
+    assert second["figures"]["final_loss"] < 2 * first["figures"]["final_loss"]
+
+
+def test_a_finished_run_is_extended(pictures, tmp_path):
+    data, run = {"demo": pictures}, tmp_path / "run"
+    with pytest.raises(HulldownError, match="no run to extend"):
+        train(data, run, settings=small(), more_budget=16, workers=0)
+    whole = train(data, tmp_path / "whole", settings=small(budget=47 + 16 + 8), workers=0, device="cpu")
+    train(data, run, settings=small(), workers=0, device="cpu")
+    before = (run / "weights.pt").read_bytes()
+    assert train_and_die(data, run, small(), at=1, more_budget=16, workers=0) == -signal.SIGKILL
+    assert train_and_die(data, run, small(), more_budget=16, workers=0) == 0
+    assert (run / "before-47" / "weights.pt").read_bytes() == before
+    extended = train(data, run, settings=small(), more_budget=8, workers=0, device="cpu")
+    assert extended["status"] == "finished"
+    assert (run / "before-63" / "run.json").exists()
+    assert whole["budget"] == 71
+    parts = [(run / name / "draws.csv").read_text().splitlines() for name in ("before-47", "before-63", ".")]
+    drawn = [line.split(",")[1:] for part in parts for line in part[1:]]
+    assert drawn == [line.split(",")[1:] for line in (tmp_path / "whole" / "draws.csv").read_text().splitlines()[1:]]
+
+
+def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
+    data, valid = {"demo": pictures}, make_dataset(tmp_path / "valid", 6)
+    good = small(budget=240, batch=6, accumulate=1, learning_rate=8e-3)
+    assert train_and_die(data, tmp_path / "good", good, workers=0) == 0
+    worse = {"budget": 60, "weights": str(tmp_path / "good" / "weights.pt"), "learning_rate": 0.03, "warmup": 0.5}
+    settings = good.model_copy(update={**worse, "keep": "best", "logger": "tensorboard"})
+    run = train(data, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
+    rows = [
+        list(map(float, line.split(","))) for line in (tmp_path / "run" / "validation.csv").read_text().splitlines()[1:]
+    ]
+    assert run["figures"]["valid"]["ap50"] == pytest.approx(max(row[2] for row in rows), abs=1e-5)
+    assert run["figures"]["valid"]["step"] < run["steps"]
+    again = validation_figures(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
+    assert again["ap50"] == pytest.approx(run["figures"]["valid"]["ap50"], abs=1e-9)
+    logged = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
+    assert len(logged.Scalars("train/loss")) == run["steps"]
+    assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row[0]) for row in rows]
+    with pytest.raises(HulldownError, match="--valid"):
+        train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
+
+
+def test_a_frozen_encoder_does_not_move(pictures, tmp_path):
+    start = {}
+    for freeze in ("none", "encoder"):
+        run = tmp_path / freeze
+        train({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
+        start[freeze] = {key: value for key, value in weights(run)["model"].items() if ".encoder." in key}
+    torch.manual_seed(0)
+    fresh = fresh_nano()
+    moved = {name: sum(not torch.equal(state[key], fresh[key]) for key in state) for name, state in start.items()}
+    assert len(start["encoder"]) > 50
+    assert moved["encoder"] == 0
+    assert moved["none"] > 50
+    with pytest.raises(HulldownError, match="small has no encoder"):
+        train({"demo": pictures}, tmp_path / "small", settings=small(freeze="encoder"), workers=0)
+
+
+def fresh_nano():
+    """The weights that such a run begins with."""
+    from hulldown.training.detectors import detr
+    from hulldown.training.extra import quiet
+    from hulldown.training.fitting import seed_weights
+
+    settings = nano(budget=4)
+    cpu = torch.device("cpu")
+    with quiet():
+        seed_weights(settings)
+        configs = detr.detr_configs(settings, ("square", "disc"), 2, weights=None, device=cpu, folder=Path())
+        return detr.RFDETRModelModule(*configs).model.state_dict()

@@ -45,6 +45,10 @@ class Draws:
         """How often each picture of each source is drawn."""
         return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
 
+    def after(self, first: int) -> Draws:
+        """All but the first draws."""
+        return Draws(self.source[first:], self.image[first:], self.seed[first:])
+
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float | None] = ()) -> Draws:
     """Draw pictures with replacement.

@@ -7,22 +7,23 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytorch_lightning as pl
 import torch
+from pytorch_lightning.loggers import Logger
 from torch.utils.data import DataLoader
 
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.files import replace_file
 from hulldown.training.data import Batches, DrawnExamples, Example
 from hulldown.training.detectors.callbacks import Recorder, StepSeeds, Validator
 from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorError, first_line
-from hulldown.training.run_folder import RunFolder
+from hulldown.training.run_folder import RunFolder, content_of
 from hulldown.training.settings import Settings
 
 # What Lightning would do beside the steps is done here, or must not be: nothing but the budget ends a run.
 _OURS: Mapping[str, Any] = {
-    "logger": False,
     "enable_checkpointing": False,
     "enable_progress_bar": False,
     "enable_model_summary": False,
@@ -81,6 +82,8 @@ class Training:
         Told (steps done, all).
     say
         Told a line now and then.
+    logger
+        Lightning's, that figures go to as well; False: none.
     """
 
     settings: Settings
@@ -94,6 +97,7 @@ class Training:
     judge: Callable[[Detector], Mapping[str, float]] | None
     progress: Callable[[int, int], None]
     say: Callable[[str], None]
+    logger: Logger | Literal[False] = False
 
     @property
     def processes(self) -> int:
@@ -127,7 +131,7 @@ class Training:
         trainer: Callable[..., pl.Trainer],
         *,
         detector: Callable[[Any], Detector],
-        saved: Callable[[], dict[str, Any]],
+        saved: Callable[[Any], dict[str, Any]],
         **data: Any,
     ) -> Fitted:
         """Train a module, or go on from the checkpoint.
@@ -143,7 +147,7 @@ class Training:
         detector
             Makes the detector of a network.
         saved
-            What the weights file holds, at the end.
+            What the weights file of a network holds.
         data
             The data, as `pl.Trainer.fit` takes it.
         """
@@ -152,7 +156,10 @@ class Training:
             network = deepcopy(module.model)
             network.load_state_dict(average.get_ema_model_state_dict())
             assert self.judge is not None
-            return self.judge(detector(network))
+            figures = self.judge(detector(network))
+            if self.settings.keep == "best" and figures["ap50"] > max((row[2] for row in validator.rows), default=-1.0):
+                replace_file(self.folder.best, content_of(saved(network)))
+            return figures
 
         steps = self.batches.steps
         validator = Validator(steps, judged if self.judge else None)
@@ -164,11 +171,11 @@ class Training:
         self._run(
             trainer(
                 devices=self.processes, accumulate_grad_batches=(self.settings.accumulate or 1) // self.processes,
-                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], **_OURS,
+                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=self.logger, **_OURS,
             ),
             module, **data,
         )  # fmt: skip
-        return Fitted(detector(module.model), saved(), recorder.rows, validator.rows)
+        return Fitted(detector(module.model), saved(module.model), recorder.rows, validator.rows)
 
     def _run(self, trainer: pl.Trainer, module: pl.LightningModule, **data: Any) -> None:
         before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, read_ru
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
 VALIDATION_NAME = "validation.csv"
-CHECKPOINT_NAME = "checkpoint.ckpt"
+CHECKPOINT_NAME, BEST_NAME = "checkpoint.ckpt", "best.pt"
 LOCK_NAME = ".hulldown.lock"
 METRICS = ("step", "loss", "learning_rate", "seconds", "waited_for_data_s")
 VALIDATION = ("step", "ap", "ap50", "ap75")
@@ -51,6 +52,15 @@ class RunFolder:
         """The result."""
         return self.path / WEIGHTS_NAME
 
+    @property
+    def best(self) -> Path:
+        """The weights of the best validation so far, where the best are to be kept."""
+        return self.path / BEST_NAME
+
+    def before(self, draws: int) -> Path:
+        """What the run was after so many draws, before it was extended: the folder of a finished run."""
+        return self.path / f"before-{draws}"
+
     def finished(self) -> dict[str, Any] | None:
         """What run.json says, if the run is finished."""
         if not (self.path / RUN_NAME).exists() or not self.weights.exists():
@@ -68,6 +78,62 @@ class RunFolder:
         if validated:
             _write_table(self.path / VALIDATION_NAME, VALIDATION, validated)
         _draw_curves(rows, validated, self.path / CURVE_NAME)
+
+
+def content_of(weights: Mapping[str, Any]) -> memoryview:
+    """Return the bytes of a weights file."""
+    import torch
+
+    content = io.BytesIO()  # PyTorch hides the reason where a disk is full
+    torch.save(dict(weights), content)
+    return content.getbuffer()
+
+
+def extension(path: Path, draws: int) -> int:
+    """Prepare a finished run for more draws, and return how many it had: its files move to `RunFolder.before`.
+
+    An extension that was stopped goes on.
+
+    Parameters
+    ----------
+    path
+        The run's folder.
+    draws
+        To be added.
+
+    Raises
+    ------
+    ConfigError
+        If there is no finished run.
+    """
+    folder = RunFolder(path)
+    try:
+        config = json.loads(folder.config.read_text(encoding="utf-8"))
+        after, budget = int(config.get("after", 0)), int(config["settings"]["budget"])
+    except (OSError, ValueError, LookupError, TypeError):
+        raise ConfigError("holds no run to extend", path=path, remedy="name the folder of a finished run") from None
+    with alone_in(path, marker=CONFIG_NAME, what="run"):
+        if not folder.finished() and not folder.before(after + budget).exists():
+            if after and budget == draws:
+                return after
+            remedy = "finish it first, by the command that began it"
+            raise ConfigError("the run isn't finished", path=path, remedy=remedy)
+        kept = folder.before(after + budget)
+        files = [file for file in path.iterdir() if file.is_file() and file.name != LOCK_NAME]
+        if not kept.exists():
+            moving = kept.with_name(f"{kept.name}.unfinished")
+            shutil.rmtree(moving, ignore_errors=True)
+            moving.mkdir()
+            for file in files:
+                shutil.copy2(file, moving / file.name)
+            moving.rename(kept)
+        for file in files:
+            if file != folder.config:  # which says that this is a run, until the extension's takes its place
+                file.unlink()
+        folder.write_json(
+            CONFIG_NAME, {**config, "after": after + budget, "settings": {"budget": draws}, "prepared": True}
+        )
+    return after + budget
 
 
 @contextmanager
@@ -123,6 +189,8 @@ def _check_same(path: Path, config: Mapping[str, Any]) -> None:
         before = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot be read ({error})", path=path, remedy="name a new folder") from None
+    if before.get("prepared") is True:
+        return  # by `extension`
     was, now = (dict(_flat(value)) for value in (before, json.loads(json.dumps(config))))
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):

@@ -12,7 +12,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from hulldown.geometry.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
-FLAGS = ("model", "budget", "seed", "resolution", "weights")  # what the command line may say itself
+FLAGS = (
+    "model",
+    "budget",
+    "seed",
+    "resolution",
+    "weights",
+    "freeze",
+    "keep",
+    "logger",
+)  # what the command line may say itself
 
 
 class Settings(BaseModel):
@@ -38,6 +47,9 @@ class Settings(BaseModel):
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
+    freeze: Literal["none", "encoder"] = Field("none", description="part of RF-DETR whose weights don't change")
+    keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
+    logger: Literal["tensorboard", "wandb", "mlflow", "csv"] | None = Field(None, description="also log there")
 
     @property
     def effective_batch(self) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import io
 import math
 import os
 import platform
@@ -23,14 +22,17 @@ from hulldown.geometry.terminal import progress_bars, watched
 from hulldown.geometry.terminal import say as show_line
 from hulldown.training.augment import changed_table
 from hulldown.training.data import Batches, DrawnExamples
+from hulldown.training.detectors.callbacks import log
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device
-from hulldown.training.detectors.small import fit_small, small_size
+from hulldown.training.detectors.small import fit_small, load_small, small_size
 from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
+from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.extra import quiet
 from hulldown.training.fitting import Training
+from hulldown.training.loggers import logger_of
 from hulldown.training.predict import validation_figures
-from hulldown.training.run_folder import opened
+from hulldown.training.run_folder import RunFolder, content_of, extension, opened
 from hulldown.training.settings import Settings, load_settings
 from hulldown.training.sources import Source, check_pictures, follow_masks, read_sources, shared_pictures
 
@@ -44,6 +46,7 @@ def train(
     settings: Settings | Mapping[str, Any] | None = None,
     valid: str | os.PathLike[str] | None = None,
     draws_file: Path | None = None,
+    more_budget: int | None = None,
     workers: int | None = None,
     device: str = "auto",
     checkpoint_every: int | None = None,
@@ -65,6 +68,9 @@ def train(
         A dataset that the result is measured on. It decides nothing.
     draws_file
         A file of draws, as `training.draws.draws_text` has it, as many as the budget; None: they are made.
+    more_budget
+        Extend the finished run in `out` by so many draws, with a schedule of their own; `settings.budget` and
+        `settings.weights` don't count then. What the run was moves to a folder ``before-N`` in it.
     workers
         Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
     device
@@ -97,11 +103,17 @@ def train(
     if progress is None and watched():
         with progress_bars() as bars:
             return train(
-                data, out, settings=settings, valid=valid, draws_file=draws_file, workers=workers, device=device,
-                checkpoint_every=checkpoint_every, progress=bars, say=say or show_line,
+                data, out, settings=settings, valid=valid, draws_file=draws_file, more_budget=more_budget,
+                workers=workers, device=device, checkpoint_every=checkpoint_every, progress=bars, say=say or show_line,
             )  # fmt: skip
     progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
-    out = Path(out)
+    out, after = Path(out), 0
+    if settings.keep == "best" and valid is None:
+        raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
+    if more_budget is not None:
+        after = extension(out, more_budget)
+        weights_before = str(RunFolder(RunFolder(out).before(after)).weights.resolve())
+        settings = settings.model_copy(update={"budget": more_budget, "weights": weights_before})
     table = changed_table(settings.augmentation)
     chosen = chosen_device({"gpu": "cuda"}.get(device, device))
     small = settings.model == "small"
@@ -111,7 +123,7 @@ def train(
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     labels = read_labels(Path(valid)) if valid is not None else None
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
-    if weights is not None and settings.weights is not None:
+    if weights is not None and not small and settings.weights is not None:
         from hulldown.training.detectors.detr import check_weights
 
         check_weights(weights, settings, classes)
@@ -121,11 +133,12 @@ def train(
     resolution = settings.resolution or 0
     size = small_size(resolution) if small else (resolution, resolution)
     config = {
-        "settings": settings.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json", exclude={"logger"}),
         "classes": list(classes),
         "data": {source.name: {"images": len(source), "sha256": checked[source.name].sha256} for source in sources},
         "valid": {"images": len(held_back[0]), "sha256": checked["valid"].sha256} if held_back else None,
         "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
+        **({"after": after} if after else {}),
         **({"draws_sha256": hashlib.sha256(draws_file.read_bytes()).hexdigest()} if draws_file is not None else {}),
     }
     with opened(out, config) as folder:
@@ -136,8 +149,8 @@ def train(
         if draws_file is not None and not folder.draws.exists():
             replace_file(folder.draws, draws_file.read_bytes())
         if not folder.draws.exists():
-            draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
-            replace_file(folder.draws, draws_text(draws, names, files))
+            draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
+            replace_file(folder.draws, draws_text(draws.after(after), names, files))
         draws = read_draws(folder.draws, names, files)
         if len(draws) != settings.budget:
             raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
@@ -145,6 +158,7 @@ def train(
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
         started = time.monotonic()
+        logger = logger_of(settings.logger, out) if settings.logger else False
         with quiet():
             if not small:
                 from hulldown.training.detectors.detr import fit_detr
@@ -154,21 +168,27 @@ def train(
                     workers=_workers() if workers is None else workers, checkpoint_every=checkpoint_every,
                     judge=partial(validation_figures, labels=labels) if labels else None,
                     progress=partial(progress, "training"), say=say,
+                    logger=logger,
                 )
             )  # fmt: skip
         rows, validated = fitted.rows, fitted.validated
-        content = io.BytesIO()  # PyTorch hides the reason where a disk is full
-        torch.save(fitted.weights, content)
-        replace_file(folder.weights, content.getbuffer())
+        content: Any = content_of(fitted.weights)
         run["figures"] = _figures(rows, settings, time.monotonic() - started)
         if labels:
             found = validation_figures(fitted.detector, labels, progress=partial(progress, "validating"))
             run["figures"]["valid"] = found
+            best = max(validated, key=lambda row: row[2], default=None)
             validated = [*validated, [rows[-1][0], found["ap"], found["ap50"], found["ap75"]]]
+            if settings.keep == "best" and best is not None and best[2] > found["ap50"]:
+                content = folder.best.read_bytes()
+                run["figures"]["valid"] = dict(zip(("step", "ap", "ap50", "ap75"), best, strict=True))
+            log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(rows[-1][0]))
+        replace_file(folder.weights, content)
         folder.write_metrics(rows, validated)
         run["status"] = "finished"
         folder.write_json(RUN_NAME, run)
         folder.checkpoint.unlink(missing_ok=True)
+        folder.best.unlink(missing_ok=True)
         return run
 
 
@@ -185,9 +205,12 @@ def usable_weights(settings: Settings) -> Path | None:
 
         check_resolution(settings)
         return starting_weights(settings)
-    if settings.weights not in (None, "none"):
-        raise ConfigError("weights: small starts from random ones", remedy="leave --weights out, or name a model")
-    return None
+    if settings.freeze != "none":
+        raise ConfigError("freeze: small has no encoder of its own to freeze", remedy="leave it out, or name a model")
+    if settings.weights in (None, "none"):
+        return None
+    load_small(path := Path(str(settings.weights)), device=torch.device("cpu"))
+    return path
 
 
 def _workers() -> int:

@@ -61,10 +61,13 @@ def _train(arguments: argparse.Namespace) -> int:
     with progress_bars() as advance:
         run = train(
             dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
-            workers=arguments.workers, device=arguments.device, progress=advance, say=say,
+            more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, progress=advance,
+            say=say,
         )  # fmt: skip
     if arguments.json:
         print_json(run)
+    if found := run["figures"].get("valid"):
+        say(f"on {arguments.valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}")
     say(f"wrote {arguments.output}; next: hulldown predict {arguments.output} DATASET -o predictions.json")
     return DONE
 
@@ -173,7 +176,22 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--budget", type=at_least_one, help="pictures drawn, with replacement (default: 25000)")
     sub.add_argument("--seed", type=int, help="of draws, augmentation and weights (default: 0)")
     sub.add_argument("--resolution", type=at_least_one, help="pixels that the model sees (default: the model's)")
-    sub.add_argument("--weights", metavar="FILE", help="to start from, or none (default: RF-DETR's pre-trained ones)")
+    sub.add_argument(
+        "--weights",
+        metavar="FILE",
+        help="to start from, of RF-DETR or small, or none (default: RF-DETR's pretrained ones)",
+    )
+    sub.add_argument(
+        "--more-budget",
+        type=at_least_one,
+        metavar="N",
+        help="extend the finished run RUN by N pictures, from its weights",
+    )
+    sub.add_argument(
+        "--keep", choices=("end", "best"), help="weights of the end (default), or of the best --valid AP50"
+    )
+    sub.add_argument("--freeze", choices=("none", "encoder"), help="part of RF-DETR that isn't trained (default: none)")
+    sub.add_argument("--logger", choices=("tensorboard", "wandb", "mlflow", "csv"), help="also log there")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
 

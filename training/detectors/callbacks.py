@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import WeightAveraging
+from pytorch_lightning.loggers import Logger
 
 from hulldown.geometry.files import replacing
 
@@ -55,6 +56,12 @@ def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.T
     return decay * average + (1.0 - decay) * weights
 
 
+def log(loggers: Sequence[Logger], figures: Mapping[str, float], step: int) -> None:
+    """Tell Lightning's loggers the figures of a step."""
+    for logger in loggers:
+        logger.log_metrics(dict(figures), step)
+
+
 class Rows(pl.Callback):
     """Rows of figures that go into each checkpoint and come back from it."""
 
@@ -96,6 +103,7 @@ class Validator(Rows):
         if trainer.is_global_zero:
             found = self._measure()
             self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
+            log(trainer.loggers, {f"valid/{key}": found[key] for key in ("ap", "ap50", "ap75")}, step)
 
 
 class Recorder(Rows):
@@ -159,6 +167,7 @@ class Recorder(Rows):
         rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
         loss = float(torch.stack(self._losses).mean())
         self.rows.append([float(trainer.global_step), loss, rate, now - self._last, self._waited])
+        log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, trainer.global_step)
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
         self._progress(trainer.global_step, self._steps)
         if self._done == ESTIMATE_AFTER:

@@ -144,6 +144,7 @@ def detr_configs(
         resolution=settings.resolution,
         pretrain_weights=None if weights is None else str(weights),
         device=device.type,
+        freeze_encoder=settings.freeze == "encoder",
         **({"num_queries": settings.queries, "num_select": settings.queries} if settings.queries else {}),
         **({"group_detr": settings.groups} if settings.groups else {}),
     )
@@ -223,9 +224,9 @@ def normalised(pictures: Tensor) -> Tensor:
     return (pictures.float() / 255 - mean) / std
 
 
-def save_detr(module: RFDETRModelModule, classes: Sequence[str]) -> dict[str, Any]:
+def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, Any]:
     """What a weights file holds: a checkpoint that `rfdetr.RFDETR.from_checkpoint` opens too."""
-    state = {key: value.detach().cpu() for key, value in module.model.state_dict().items()}
+    state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)
     name = type(module.model_config).__name__.removesuffix("Config")
     args = {"class_names": list(classes), "num_classes": len(classes), "pretrain_weights": None}
@@ -295,7 +296,7 @@ def fit_detr(training: Training) -> Fitted:
         module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
         partial(build_trainer, train_config, model_config),
         detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
-        saved=lambda: save_detr(module, training.classes),
+        saved=partial(save_detr, module, training.classes),
         datamodule=DrawnData(model_config, train_config, training.loader),
     )  # fmt: skip
 

@@ -72,6 +72,29 @@ class SmallDetector:
         )
 
 
+def starting_network(classes: Sequence[str], weights: Path | None) -> CentreNetwork:
+    """A network with random weights, or with those of a file: the outputs of classes that the file lacks stay random.
+
+    Raises
+    ------
+    DetectorError
+        If the file holds no small model.
+    """
+    network = CentreNetwork(len(classes))
+    if weights is None:
+        return network
+    given = load_small(weights, device=torch.device("cpu"))
+    old, new = given.network.state_dict(), network.state_dict()
+    rows = [(given.classes.index(name), k) for k, name in enumerate(classes) if name in given.classes]
+    for key, value in old.items():
+        if not key.startswith("heat."):
+            new[key] = value
+        for source, target in rows if key.startswith("heat.") else ():
+            new[key][target] = value[source]
+    network.load_state_dict(new)
+    return network
+
+
 def save_small(network: CentreNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
     """What a weights file holds."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
@@ -144,7 +167,7 @@ def fit_small(training: Training) -> Fitted:
     """Train the small network."""
     classes, size, device = training.classes, training.examples.size, training.device
     seed_weights(training.settings)
-    module = SmallModule(CentreNetwork(len(classes)), training.settings, training.batches.steps)
+    module = SmallModule(starting_network(classes, training.weights), training.settings, training.batches.steps)
     cuda = device.type == "cuda"
     return training.fit(
         module, AveragedWeights(),
@@ -153,6 +176,6 @@ def fit_small(training: Training) -> Fitted:
             precision="bf16-mixed" if cuda else "32-true", gradient_clip_val=10.0,
         ),
         detector=lambda network: SmallDetector(network, classes, size, device),
-        saved=lambda: save_small(module.model, classes, size),
+        saved=partial(save_small, classes=classes, size=size),
         train_dataloaders=training.loader(list),
     )  # fmt: skip

@@ -195,7 +195,7 @@ def _planned(
     if settings.weights not in (None, "none"):
         weights = hashlib.sha256(Path(str(settings.weights)).read_bytes()).hexdigest()
     made_of = {
-        "settings": settings.model_dump(mode="json", exclude={"weights"}),
+        "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,
         "data": digests,
         "draws": hashlib.sha256(text).hexdigest(),
