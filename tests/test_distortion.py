@@ -18,16 +18,9 @@ from hulldown.camera.visibility import visible_fraction
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.planning.planner import plan
+from hulldown.tests.oracles.curves import LENSES
 from hulldown.tests.planning_assets import small_assets, small_config, vehicle
 
-LENSES = {
-    "barrel": (-0.3, 0.1, 0.0, 0.0, 0.0),
-    "folding": (-0.2, 0.0, 0.0, 0.0, 0.0),
-    "pincushion": (0.3, 0.2, 0.0, 0.0, 0.05),
-    "tangential": (-0.1, 0.02, 0.02, -0.015, 0.0),
-    "mustache": (-0.3, 0.25, 0.0, 0.0, -0.02),
-    "calibrated": (-0.21, 0.07, 3e-4, -1e-4, 0.0),
-}
 PINHOLE = (1420.0, 1418.5, 964.2, 545.7)
 every_lens = pytest.mark.parametrize("name", LENSES)
 

@@ -59,6 +59,8 @@ def dataset(tmp_path_factory):
         image = {"id": i + 1, "file_name": name, "width": WIDTH, "height": HEIGHT}
         if render:
             image |= {"scenery": "hills", "position": i // 3, "shot": i % 3, "fov_x_deg": 50.0}
+        if i < 3:
+            image |= {"K": [[90.0, 0.0, 20.0], [0.0, 91.0, 15.0], [0.0, 0.0, 1.0]]}
         images.append(image)
         if i % 10 == 4:
             continue
@@ -308,7 +310,7 @@ def test_shards_are_the_same_whenever_they_are_written(dataset, exported, tmp_pa
 
 
 def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, labels):
-    out, found = exported("kitti") / "training", []
+    out, found, matrices = exported("kitti") / "training", [], []
     for picture in sorted((out / "image_2").iterdir()):
         lines = [line.split() for line in (out / "label_2" / f"{picture.stem}.txt").read_text().splitlines()]
         assert all(len(line) == 15 for line in lines)
@@ -323,9 +325,10 @@ def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, label
             assert not (out / "calib" / f"{picture.stem}.txt").exists()
             continue
         camera = dict(line.split(": ") for line in (out / "calib" / f"{picture.stem}.txt").read_text().splitlines())
-        matrix = np.array(camera["P2"].split(), dtype=float).reshape(3, 4)
-        assert matrix[0, 2] == WIDTH / 2
+        matrices.append(np.array(camera["P2"].split(), dtype=float).reshape(3, 4))
     compare(labels, found, atol=1e-4)
+    calibrated = [matrix for matrix in matrices if matrix[0, 2] != WIDTH / 2]
+    np.testing.assert_array_equal(calibrated, [[[90, 0, 20, 0], [0, 91, 15, 0], [0, 0, 1, 0]]] * 3)
     assert [path.stem for path in sorted((out / "image_2").iterdir())] == [f"{i:06d}" for i in range(36)]
 
 

@@ -38,7 +38,7 @@ def write(shares: Shares, out: Path) -> None:
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
         folder.mkdir(parents=True)
-    names, number, without = shares.class_names, 0, 0
+    names, number, without, curved = shares.class_names, 0, 0, 0
     for split, items in shares:
         with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
@@ -51,10 +51,13 @@ def write(shares: Shares, out: Path) -> None:
                     without += 1
                 else:
                     (cameras / f"{stem}.txt").write_text(_calibration(item.image), encoding="utf-8")
+                    curved += any(item.image.get("dist") or ())
                 stems.write(f"{stem}\n")
     if without:
         pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
         warnings.warn(f"{pictures_of} no calib file: their field of view is not known", stacklevel=2)
+    if curved:
+        warnings.warn(f"calib files have no place for the distortion of {curved} pictures: `dist` has it", stacklevel=2)
 
 
 def label_line(label: Mapping[str, Any], name: str) -> str:
