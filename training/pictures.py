@@ -15,14 +15,14 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hulldown.dataset.picture_files import read_picture, read_pixels
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
+from hulldown.dataset.store.foreign import PICTURES, read_foreign
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.labels import read_labels
 
-PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 READERS = 2  # threads
 AHEAD = 16  # pictures that are read before they're needed
-COCO_NAMES = ("annotations.json", "_annotations.coco.json")
 Picture = UInt8[np.ndarray, "h w 3"]
 
 
@@ -95,7 +95,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     '0001.jpg'
     """
     first = Path(paths[0])
-    if len(paths) == 1 and (first.suffix == ".json" or any((first / name).exists() for name in COCO_NAMES)):
+    if len(paths) == 1 and _has_records(first):
         labels = read_labels(first)
         ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
         return Pictures(first, labels.folder, labels.images, ids)
@@ -111,6 +111,11 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
         name = file.relative_to(folder).as_posix()
         records.append({"id": number, "file_name": name, "width": width, "height": height})
     return Pictures(first, folder, records, {})
+
+
+def _has_records(path: Path) -> bool:
+    ours = path.suffix == ".json" or any((path / name).exists() for name in (ANNOTATIONS_NAME, JOURNAL_NAME, COCO_NAME))
+    return ours or (path.is_dir() and read_foreign(path) is not None)
 
 
 def _files_of(path: str) -> list[Path]:

@@ -16,6 +16,7 @@ from typing import Any
 
 import orjson
 
+from hulldown.dataset.store.foreign import read_foreign
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line, write_coco
@@ -242,8 +243,8 @@ def check_is_dataset(folder: Path) -> None:
 def read_coco(folder: Path | str) -> dict[str, Any]:
     """Read the dataset in `folder` as one COCO dictionary, journal included; this changes nothing and needs no lock.
 
-    It may be a split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, or a COCO
-    file itself.
+    It may be a split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, a COCO
+    file itself, or a folder of YOLO or VOC.
 
     Raises
     ------
@@ -256,6 +257,8 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
     ours = (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
     if not ours and (folder / COCO_NAME).exists():
         return _read_annotations(folder / COCO_NAME).to_dict()
+    if not ours and (foreign := read_foreign(folder)) is not None:
+        return foreign
     check_is_dataset(folder)
     return read_document(folder).to_dict()
 

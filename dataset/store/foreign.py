@@ -1,0 +1,144 @@
+"""Folders of YOLO and Pascal VOC, read as COCO dictionaries.
+
+They are read here and not by supervision, which forgets VOC's `difficult` and rounds YOLO's polygons to pixels.
+
+References
+----------
+Ultralytics' and Roboflow's documentation of YOLO folders; Everingham et al., The Pascal visual object classes
+challenge, IJCV 2010, and its development kit: pixels are counted from 1.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import yaml
+
+from hulldown.dataset.picture_files import read_picture
+from hulldown.geometry.errors import DatasetError
+
+PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
+
+
+def read_foreign(folder: Path) -> dict[str, Any] | None:
+    """Return the COCO dictionary of a YOLO or VOC folder; None if it's neither.
+
+    Parameters
+    ----------
+    folder
+        Of YOLO, a split: ``ROOT/images/train`` or ``ROOT/train``, with ``data.yaml`` in ROOT. Of VOC, a folder with
+        ``Annotations`` and ``JPEGImages``, or with an XML file beside each picture.
+
+    Raises
+    ------
+    DatasetError
+        Naming the file and line that can't be read.
+    """
+    if (folder / "Annotations").is_dir():
+        return _voc(folder, folder / "Annotations", folder / "JPEGImages")
+    if any(folder.glob("*.xml")):
+        return _voc(folder, folder, folder)
+    described = [
+        path for parent in (folder, *folder.parents[:2]) for name in YAML_NAMES if (path := parent / name).is_file()
+    ]
+    for pictures, labels in (
+        (folder / "images", folder / "labels"),
+        (folder, Path(*("labels" if part == "images" else part for part in folder.parts))),
+    ):
+        if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _pictures(pictures):
+            return _yolo(folder, pictures, labels, described[0])
+    if described and described[0].parent == folder:
+        remedy = "name one of its splits, such as images/train or train"
+        raise DatasetError("is a YOLO dataset of several splits", path=folder, remedy=remedy)
+    return None
+
+
+def _pictures(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+
+
+def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> dict[str, Any]:
+    try:
+        names = yaml.safe_load(described.read_text(encoding="utf-8"))["names"]
+        names = dict(enumerate(names)) if isinstance(names, list) else {int(key): name for key, name in names.items()}
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
+        problem = f"names no classes ({str(error).splitlines()[0]:.80})"
+        raise DatasetError(problem, path=described, remedy="add a line such as names: [tank, truck]") from None
+    coco = _empty(str(name) for _, name in sorted(names.items()))
+    ids = {key: i for i, key in enumerate(sorted(names), 1)}
+    for picture in _pictures(pictures):
+        image = _image(coco, folder, picture)
+        text = labels / f"{picture.stem}.txt"
+        for number, line in enumerate(text.read_text().splitlines() if text.exists() else (), 1):
+            if line.strip():
+                try:
+                    key, *values = line.split()
+                    _yolo_label(coco, image, ids[int(key)], [float(value) for value in values])
+                except (ValueError, KeyError):
+                    problem = f"line {number}: {line[:60]!r} is no class and box, or class and polygon"
+                    raise DatasetError(
+                        problem, path=text, remedy=f"correct it; {described.name} has the classes"
+                    ) from None
+    return coco
+
+
+def _yolo_label(coco: dict[str, Any], image: dict[str, Any], category: int, values: list[float]) -> None:
+    """Add a label of a line: a box (and a confidence), or a polygon; as shares of the picture."""
+    width, height = image["width"], image["height"]
+    if len(values) in (4, 5):
+        x, y, w, h = values[:4]
+        _add(coco, image, category, [(x - w / 2) * width, (y - h / 2) * height, w * width, h * height])
+        return
+    if len(values) < 6 or len(values) % 2:
+        raise ValueError("no box and no polygon")
+    corners = [value * (width, height)[i % 2] for i, value in enumerate(values)]
+    left, top, right, bottom = min(corners[::2]), min(corners[1::2]), max(corners[::2]), max(corners[1::2])
+    _add(coco, image, category, [left, top, right - left, bottom - top], segmentation=[corners])
+
+
+def _voc(folder: Path, texts: Path, pictures: Path) -> dict[str, Any]:
+    trees = {}
+    for path in sorted(texts.glob("*.xml")):
+        try:
+            trees[path] = ElementTree.parse(path).getroot()
+        except (ElementTree.ParseError, OSError) as error:
+            raise DatasetError(f"cannot be read ({error})", path=path, remedy="correct it or take it out") from None
+    names = sorted({found.findtext("name", "") for tree in trees.values() for found in tree.iter("object")})
+    coco = _empty(names)
+    for path, tree in trees.items():
+        named = pictures / Path(tree.findtext("filename", "")).name
+        beside = [named] if named.is_file() else [p for p in _pictures(pictures) if p.stem == path.stem]
+        if not beside:
+            raise DatasetError(f"its picture {named.name!r} is missing", path=path, remedy=f"put it into {pictures}")
+        image = _image(coco, folder, beside[0])
+        for found in tree.iter("object"):
+            try:
+                left, top, right, bottom = (
+                    float(found.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax")
+                )
+            except ValueError:
+                name = found.findtext("name", "")
+                raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None
+            box = [left - 1, top - 1, right - left + 1, bottom - top + 1]
+            ignored = int(found.findtext("difficult", "0").strip() == "1")
+            _add(coco, image, names.index(found.findtext("name", "")) + 1, box, iscrowd=ignored)
+    return coco
+
+
+def _empty(names: Any) -> dict[str, Any]:
+    return {"images": [], "annotations": [], "categories": [{"id": i, "name": name} for i, name in enumerate(names, 1)]}
+
+
+def _image(coco: dict[str, Any], folder: Path, picture: Path) -> dict[str, Any]:
+    width, height = read_picture(picture, largest=0).size
+    name = picture.relative_to(folder).as_posix()
+    coco["images"].append({"id": len(coco["images"]) + 1, "file_name": name, "width": width, "height": height})
+    return coco["images"][-1]
+
+
+def _add(coco: dict[str, Any], image: dict[str, Any], category: int, box: list[float], **more: Any) -> None:
+    record = {"id": len(coco["annotations"]) + 1, "image_id": image["id"], "category_id": category, "bbox": box}
+    coco["annotations"].append({**record, "area": box[2] * box[3], "iscrowd": 0, **more})
