@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from hulldown.assets.photographs import Photographs
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skylight import EVEN, SkyLight
 from hulldown.assets.vehicle import VehicleShape
@@ -49,6 +50,8 @@ class Assets:
         How HDRIs light open land; those without an entry were made in memory, and are even skies of radiance 1.
     vehicle_files, scenery_files, hdri_files, distractor_files
         The files they came from; assets without an entry were made in memory.
+    photographs
+        What cameras follow; the planner reads them if they aren't here and the config names them.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Assets:
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     distractor_files: Mapping[str, AssetFile] = field(default_factory=dict)
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
+    photographs: Photographs | None = None
 
     def __post_init__(self) -> None:
         for name in ("vehicles", "sceneries", "hdris"):

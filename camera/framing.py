@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.lenses import Lenses, Optics, lenses
@@ -165,6 +166,68 @@ def frame_target(
     inside, cut_high = _draw_cuts(extent, size, share, uniform)
     place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
 
+    def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
+        # `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
+        cut = np.where(cut_high[rows], size[rows] - inside[rows] * extent, (inside[rows] - 1.0) * extent)
+        return np.where(np.isnan(inside[rows]), place[rows] * (size[rows] - extent), cut)
+
+    return _turned_until(poses, points, lens, rolls, start=(first, box), corner=corner)
+
+
+def place_boxes(
+    world_from_camera: ArrayLike,
+    points_world: ArrayLike,
+    intrinsics: Optics,
+    *,
+    corners: Float[np.ndarray, "n 4"],
+    cut: Bool[np.ndarray, "n 4"],
+    roll: ArrayLike = 0.0,
+) -> Framed:
+    """Turn each camera so that the target's box is where another box is, whatever the sizes of both.
+
+    Along an axis on which neither side of the frame cuts the other box off, their centers agree as far as the target
+    fits into the frame. Where one side does, it cuts the target off as well, and their sides within the frame agree.
+
+    Parameters
+    ----------
+    world_from_camera, points_world, intrinsics, roll
+        See `frame_target`; a set of points for each pose.
+    corners
+        (n, 4) left, top, right, and bottom side of the other box in the frame, pixels.
+    cut
+        (n, 4) whether the frame cuts it off there.
+    """
+    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
+    points = checked(points_world, "points_world", ("n", "k", 3))
+    lens = lenses(intrinsics)
+    rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(poses),))
+    first = turned(poses, lens, lens.centre, rolls) if rolls.any() else poses
+    size = np.broadcast_to(lens.size, (len(poses), 2))
+    (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
+
+    def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
+        room = size[rows] - extent
+        middle = (low[rows] + high[rows] - extent) / 2.0
+        places = [middle, np.minimum(high[rows] - extent, 0.0), np.maximum(low[rows], room)]
+        kinds = [cut_low[rows] & cut_high[rows], cut_low[rows], cut_high[rows]]
+        return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
+
+    return _turned_until(poses, points, lens, rolls, start=(first, _box(first, points, lens)), corner=corner)
+
+
+def _turned_until(
+    poses: Float[np.ndarray, "n 4 4"],
+    points: Float[np.ndarray, "m k 3"],
+    lens: Lenses,
+    rolls: Float[np.ndarray, " n"],
+    *,
+    start: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 2 2"]],
+    corner: Callable[[Int[np.ndarray, " r"], Float[np.ndarray, "r 2"]], Float[np.ndarray, "r 2"]],
+) -> Framed:
+    """Cameras turned until the upper left corner of each box is where `corner` wants it for a box of that size."""
+    n, (first, box) = len(poses), start
+    known = np.isfinite(box).all(axis=(1, 2))
+    size = np.broadcast_to(lens.size, (n, 2))
     best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.centre, (n, 2))), box
     best_miss = np.full(n, np.inf)
     # Cameras that have their place are done, whatever the others still need: answers do not depend on company.
@@ -176,9 +239,7 @@ def frame_target(
         pose = turned(poses[todo], lens.rows(todo), pixel, rolls[todo])
         box = _box(pose, points if len(points) == 1 else points[todo], lens.rows(todo))
         low, extent = box[:, 0], box[:, 1] - box[:, 0]
-        # Wanted lower edge: `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
-        cut = np.where(cut_high[todo], size[todo] - inside[todo] * extent, (inside[todo] - 1.0) * extent)
-        step = np.where(np.isnan(inside[todo]), place[todo] * (size[todo] - extent), cut) - low
+        step = corner(todo, extent) - low
         miss = np.abs(step).max(axis=1)
         better = miss < best_miss[todo]
         rows = todo[better]

@@ -11,7 +11,7 @@ import msgspec
 import orjson
 
 from hulldown.assets.library import Assets
-from hulldown.planning.config.config_file import parse_config
+from hulldown.geometry.errors import ConfigError
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.relabel import relabeled
@@ -43,7 +43,15 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
     ConfigError
         If a line of the plan is damaged, or its config can't be met.
     """
-    return check_rows(plan, Planner(parse_config(plan.header.config, path=plan.path), assets), progress=progress)
+    planner = Planner(plan.config, assets)
+    followed, known = plan.header.photographs, planner.assets.photographs
+    if followed is not None and (known is None or known.sha256 != followed.sha256):
+        raise ConfigError(
+            f"the boxes of camera.like ({followed.path}) aren't what they were when this was planned",
+            path=plan.path,
+            remedy="plan again with `hulldown plan`, or bring the old file back",
+        )
+    return check_rows(plan, planner, progress=progress)
 
 
 def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:

@@ -17,7 +17,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config.config_file import Config, hdri_paths, parse_config
+from hulldown.planning.config.config_file import Config, hdri_paths
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
@@ -255,9 +255,7 @@ def load_planned_library(
     AssetError
         If a file cannot be read.
     """
-    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
-    # Only the folder of the config counts: what the file said is in the header.
-    config = parse_config(plan.header.config, path=root / plan.path.name)
+    config = plan.config
     library = load_library(config, cache=cache or planned_cache(plan), progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return config, library

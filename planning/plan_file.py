@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import pandas
     from PIL import Image
 
+    from hulldown.planning.config.schema import Config
     from hulldown.planning.preview import Artist
     from hulldown.planning.summary import Summary
 
@@ -99,14 +100,20 @@ class Plan:
     def __fspath__(self) -> str:
         return str(self.path)
 
+    @property
+    def config(self) -> Config:
+        """The config that it was made from, with the folder that its paths are relative to."""
+        from hulldown.planning.config.config_file import parse_config
+
+        root = Path(os.path.normpath(self.path.absolute().parent / self.header.root))
+        return parse_config(self.header.config, path=root / self.path.name)
+
     @cached_property
     def summary(self) -> Summary:
         """Counts, rejections, and histograms of all rows."""
-        from hulldown.planning.config.config_file import parse_config
         from hulldown.planning.summary import summarise
 
-        overcast = bool(parse_config(self.header.config, path=self.path).light.overcast)
-        return summarise(self, left_out=self.header.left_out, overcast=overcast)
+        return summarise(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
 
     def to_pandas(self) -> pandas.DataFrame:
         """A table with a row an image, whose columns are named by the keys of docs/plan-file.md.

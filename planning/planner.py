@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
+from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.schema import Config
@@ -21,6 +22,7 @@ from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import Extras, extras_at, framed_on
+from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import plan_block
 from hulldown.planning.search.stage import make_stage
@@ -49,11 +51,15 @@ class Planner:
     """
 
     def __init__(self, config: Config, assets: Assets, *, strict: bool = False, pairs: Pairs | None = None) -> None:
+        like = config.camera.like
+        if like is not None and assets.photographs is None:
+            assets = replace(assets, photographs=read_photographs(config.folder / like))
         self.config, self.assets = config, assets
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
         self._draws = RandomStreams(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
         self.stage = make_stage(config, assets)
+        self.likeness = None if assets.photographs is None else Likeness(assets.photographs, config)
         self.strict = strict
         self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
 
@@ -137,6 +143,7 @@ class Planner:
                     position=position[rows],
                     shots=held.shots[rows],
                     first_image=held.first_image[rows],
+                    likeness=self.likeness,
                 ),
                 rows,
             )

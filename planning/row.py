@@ -124,6 +124,19 @@ OnMapOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ..
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
 
+class Followed(Struct, frozen=True):
+    """The photographs of an image, by file name: the sampled one, and the one that the camera follows.
+
+    They differ where the config's limits refuse the sampled one. None: the camera follows the configured ranges.
+    """
+
+    sampled: str
+    photograph: str | None
+
+
+FollowedOrNone = Annotated[Followed | None, _is("two names")]
+
+
 class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
     """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
 
@@ -170,6 +183,14 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     ] = None
     dist: Annotated[
         LensOrNone, _means("distortion of the lens, OpenCV's first five coefficients; not there without `K`")
+    ] = None
+    like: Annotated[
+        FollowedOrNone,
+        _means(
+            "file names of the `sampled` photograph and of the `photograph` that the camera follows: another one, or "
+            "null, where limits refuse it; not there if none was sampled",
+            recorded=False,
+        ),
     ] = None
     width: Annotated[Size, _means("of the picture, in pixels")]
     height: Annotated[Size, _means("of the picture, in pixels")]
@@ -259,6 +280,9 @@ class Source(Struct, frozen=True, kw_only=True):
     sha256: str = ""
 
 
+SourceOrNone = Source | None
+
+
 class HdriSource(Source, frozen=True, kw_only=True):
     """The file of an HDRI, and the SHA-256 of the copy that is rendered if it had to be mended, else empty."""
 
@@ -291,7 +315,7 @@ class LeftOut(Struct, frozen=True, kw_only=True):
     why: str
 
 
-class Header(Struct, frozen=True, kw_only=True):
+class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
     hulldown_plan: Annotated[int, _is("2"), _means("format version, 2")]
@@ -311,6 +335,9 @@ class Header(Struct, frozen=True, kw_only=True):
     ]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
+    photographs: Annotated[
+        SourceOrNone, _is("a file"), _means("`path` and `sha256` of `camera.like`; not there if it isn't given")
+    ] = None
 
     @property
     def categories(self) -> list[str]:

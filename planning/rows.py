@@ -16,7 +16,7 @@ from hulldown.planning.appearance.light import Lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import Bounds, Box, OnMap, PlannedVehicle, Row, picture_name, rounded
+from hulldown.planning.row import Bounds, Box, Followed, OnMap, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.block import Block, InstanceTable, Planned
 from hulldown.planning.search.draws import RandomStreams
@@ -61,6 +61,7 @@ def rows_of(
         "exposure_ev": ev.tolist(),
         "white_balance_k": white_balance.tolist(),
         "weather": lights.air.weathers(),
+        "like": _followed(block, views),
         "sample_seed": lights.sample_seed.tolist(),
         "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
@@ -93,6 +94,22 @@ def _calibration(config: Config) -> dict[str, Any]:
         return {}
     matrix = tuple(map(tuple, camera.matrix.tolist()))
     return {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
+
+
+def _followed(block: Block, views: Views) -> list[Followed | None]:
+    """The photographs of each image."""
+    if block.likeness is None:
+        return [None] * len(views.asked)
+    known = block.likeness.photographs
+    asked, followed = (
+        [known.file_names[i] for i in known.image[box].tolist()] for box in (views.asked, views.followed)
+    )
+    return [
+        Followed(name, other if box >= 0 else None) if sampled >= 0 else None
+        for name, other, sampled, box in zip(
+            asked, followed, views.asked.tolist(), views.followed.tolist(), strict=True
+        )
+    ]
 
 
 def _extras(

@@ -25,7 +25,10 @@ from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
-COUNTED = ("backgrounds", "companions", "distractors", "paints", "labels", "sceneries", "hdris", "weather", "rejected")
+COUNTED = (
+    *("backgrounds", "companions", "distractors", "paints", "labels", "sceneries", "hdris", "weather", "rejected"),
+    "like",
+)
 # Title and edges of the bins of each quantity of targets.
 QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "slope_deg": ("slope of the vehicle (degrees)", np.linspace(0.0, 90.0, 91)),
@@ -143,6 +146,12 @@ class Summary:
         notes = [f"left out: {pair.why}" for pair in self.left_out]
         if self.no_room:
             notes.append(f"left out: {self.no_room:,} companions that found no room at their position")
+        like = self.counts["like"]
+        if like["another"] or like["none"]:
+            notes.append(
+                f"limits won over {like['another'] + like['none']:,} of {like.total():,} sampled photographs: "
+                f"{like['another']:,} images follow another one, {like['none']:,} the configured ranges"
+            )
         if self.open_sky:
             notes.append(
                 f"rain or snow fall in {self.open_sky:,} images from any sky: name the overcast HDRIs in light.overcast"
@@ -165,6 +174,8 @@ class Summary:
         labels, weather = self.counts["labels"], self.counts["weather"]
         if ignored := labels["ignored"]:
             table.add_row("labels", f"{labels['full']:,} full, {ignored:,} to be ignored: they show too little")
+        if like := self.counts["like"]["followed"] + self.counts["like"]["another"]:
+            table.add_row("like photographs", "", f"{like:,}")
         if weather.keys() - {"clear"}:
             table.add_row("weather", _listed(sorted(weather.items())))
         return table
@@ -263,6 +274,9 @@ def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
         counts["labels"].update(vehicle.label for vehicle in row.labelled)
         counts["rejected"].update(row.rejected)
         target = row.target
+        if row.like is not None:
+            same = row.like.photograph == row.like.sampled
+            counts["like"]["followed" if same else "none" if row.like.photograph is None else "another"] += 1
         if row.background:
             counts["backgrounds"]["" if row.empty else target.vehicle] += 1
             continue

@@ -12,18 +12,29 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
 
 from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.row import FORMAT, DistractorSource, HdriSource, Header, LeftOut, ScenerySource, VehicleSource
+from hulldown.planning.row import (
+    FORMAT,
+    DistractorSource,
+    HdriSource,
+    Header,
+    LeftOut,
+    ScenerySource,
+    Source,
+    VehicleSource,
+)
+from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
@@ -84,8 +95,14 @@ def plan(
         raise ConfigError("a plan is text, and its picture gets this name", path=path, remedy="name it .jsonl")
     make_room(path)
     make_room_for_picture(picture_of(path, "summary"))
+    photographs = None
+    if config.camera.like is not None:
+        photographs = read_photographs(config.folder / config.camera.like)  # before the long work
+        for note in Likeness(photographs, config).notes({entry.category for entry in config.assets.vehicles}):
+            warnings.warn(note, stacklevel=2)
     with reading_status() as reading:
         assets = load_assets(config, strict=strict, cache=cache, progress=reading, warn=warnings.warn, limits=limits)
+    assets = replace(assets, photographs=photographs)
     with shown("planning", progress) as advance:
         made = write_plan(config, assets, path, workers=workers or os.cpu_count() or 1, strict=strict, progress=advance)
     if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
@@ -137,7 +154,7 @@ def write_plan(
         # What looks at a section does not know its file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
-    header = make_header(config, assets, path, images=budget.n_images, left_out=planner.pairs.left_out)
+    header = make_header(config, planner.assets, path, images=budget.n_images, left_out=planner.pairs.left_out)
     with PlanWriter(path, header) as writer:
         start = _resume(writer, planner)
         if progress:
@@ -163,6 +180,7 @@ def make_header(
         file = files.get(name, none)
         return {"path": file.path, "sha256": file.sha256}
 
+    known = assets.photographs
     return Header(
         hulldown_plan=FORMAT,
         images=images,
@@ -187,6 +205,7 @@ def make_header(
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
         left_out=list(left_out),
+        photographs=None if known is None else Source(path=str(config.camera.like), sha256=known.sha256),
     )
 
 

@@ -37,6 +37,7 @@ OTHERS = {
     "bbox_amodal": [1.0, 2.0, 3.0, 4.0], "label": "ignored", "bounds": [[-1.0] * 3, [1.0] * 3], "paint": [],
     "file_name": "images/other.png", "scenery": "moon", "hdri": "moon", "horizon_deg": 3.0, "background": None,
     "K": [[1e3, 0.0, 960.0], [0.0, 1e3, 540.0], [0.0, 0.0, 1.0]], "dist": [-0.1, 0.0, 0.0, 0.0, 0.0],
+    "like": {"sampled": "a.jpg", "photograph": None},
     "companions": [], "distractors": [], "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
     "geo": {"crs": "EPSG:32632", "easting": 1.0, "northing": 2.0, "longitude": 3.0, "latitude": 4.0},
 }  # fmt: skip

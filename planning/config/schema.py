@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from functools import partial
+from operator import eq
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +26,7 @@ from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
+LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 
 
 def _exposure(value: Any) -> str | float:
@@ -210,6 +213,29 @@ class CameraSection(Section):
     )
     max_tries: int = Field(
         default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved elsewhere"
+    )
+    like: str | None = Field(
+        default=None,
+        min_length=1,
+        description=(
+            "a COCO file, or a folder with one, of photographs: cameras show targets as large and where their boxes are"
+        ),
+        examples=["photographs/train"],
+        exclude_if=is_absent,
+    )
+    like_share: float = Field(
+        default=LIKE_SHARE,
+        ge=0,
+        le=1,
+        description="share of the images that follow photographs; the others follow the ranges above",
+        exclude_if=partial(eq, LIKE_SHARE),
+    )
+    like_spread: float = Field(
+        default=LIKE_SPREAD,
+        ge=0,
+        le=0.9,
+        description="largest deviation from the photograph's box in size and place, relative to its size",
+        exclude_if=partial(eq, LIKE_SPREAD),
     )
 
 

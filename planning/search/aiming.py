@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.masks import show_pixels
-from hulldown.camera.framing import frame_target
+from hulldown.camera.framing import Framed, frame_target
 from hulldown.camera.lenses import Lenses, lenses
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 from hulldown.camera.visibility import visibility_of
@@ -19,10 +19,11 @@ from hulldown.camera.weather import air_contrast
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import CameraSection, Config
 from hulldown.planning.row import rounded
-from hulldown.planning.search.columns import put
+from hulldown.planning.search.columns import put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
 from hulldown.planning.search.instances import Instances, hull_of
-from hulldown.planning.search.sizing import boxes_of, fraction_of, sized_cameras
+from hulldown.planning.search.likeness import Likeness, directions_of, matching_cameras
+from hulldown.planning.search.sizing import boxes_of, fraction_of, image_size, sized_cameras
 from hulldown.planning.search.stage import Site
 
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
@@ -47,6 +48,8 @@ class Views:
         (n,) what the air leaves of the vehicle's contrast; see `camera.weather`.
     rejection
         (n,) codes of `Rejection`.
+    asked, followed
+        (n,) boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
     """
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
@@ -57,6 +60,8 @@ class Views:
     visible_fraction: Float[np.ndarray, " n"]
     air_contrast: Float[np.ndarray, " n"]
     rejection: UInt8[np.ndarray, " n"]
+    asked: Int[np.ndarray, " n"]
+    followed: Int[np.ndarray, " n"]
 
 
 def no_views(n: int) -> Views:
@@ -71,6 +76,8 @@ def no_views(n: int) -> Views:
         np.full(n, nan),
         np.full(n, nan),
         np.zeros(n, dtype=np.uint8),
+        np.full(n, -1),
+        np.full(n, -1),
     )
 
 
@@ -84,8 +91,12 @@ def try_cameras(
     attempt: Int[np.ndarray, " n"],
     others: Instances,
     visibility_m: Float[np.ndarray, " n"],
+    likeness: Likeness | None,
+    quarter: Int[np.ndarray, " n"],
 ) -> Views:
     """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
+
+    `quarter` tells how much of an image's tries is used up; see `Likeness.wishes`.
 
     Row i of the targets and of what stands beside them is image i. Checks go from cheap to dear, and each is asked
     only of what passed those before.
@@ -94,9 +105,7 @@ def try_cameras(
     views = no_views(n)
     rng = RowStreams(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
-    fov_x = np.radians(rounded("fov_x_deg", between(*limits.fov_x_deg, uniform[:, 0])))
-    calibrated = config.calibrated
-    lens = Lenses.of(render.width, render.height, fov_x) if calibrated is None else lenses(calibrated).spread(n)
+    lens = drawn_lenses(config, uniform[:, 0])
     put(views.lens, np.arange(n), lens)
     fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
@@ -104,59 +113,75 @@ def try_cameras(
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
     roll = np.radians(between(*limits.roll_deg, rng.random((n, 1))[:, 0]))
 
-    def framing(rows: Int[np.ndarray, " k"]) -> RowStreams:
-        return RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows])
+    def framed(poses: Float[np.ndarray, "k 4 4"], rows: Int[np.ndarray, " k"]) -> Framed:
+        return frame_target(
+            poses,
+            targets.take(rows).corners(),
+            lens.rows(rows),
+            roll=roll[rows],
+            rng=RowStreams(draws, Purpose.FRAMING, image[rows], attempt[rows]),
+            spread=limits.framing,
+            truncated=limits.truncated_fraction,
+        )
 
-    if limits.size_measure == "paper":
+    wishes = None
+    if likeness is not None:
+        wishes = likeness.wishes(draws, targets, image=image, attempt=attempt, quarter=quarter)
+        views.asked[:], views.followed[:] = wishes.asked, wishes.box
+    measure = limits.size_measure
+    # Those whose box has exactly a wanted size: what it measures there, and how much.
+    alike = views.followed >= 0
+    exact = alike if measure == "paper" else np.ones(n, dtype=bool)
+    sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
+    if measure == "paper":
         smallest = targets.fleet.size.min(axis=1)[targets.model]
         distance = lens.distance_for(smallest, fraction)
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
-        sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
         for model, i in targets.by_model():
+            i = i[~alike[i]]
+            hull = hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i))
             sized[i], distance[i] = sized_cameras(
                 targets.take(i),
-                hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
-                limits,
-                render=render,
+                hull,
                 lens=lens.rows(i),
-                fraction=fraction[i],
+                pixels=fraction[i] * image_size(measure, render),
+                measure=measure,
                 azimuth=azimuth[i],
                 elevation=elevation[i],
                 roll=roll[i],
-                framing=partial(framing, i),
+                framed=partial(framed, rows=i),
             )
+    if wishes is not None:
+        rows = np.flatnonzero(alike)
+        sized[rows], distance[rows] = matching_cameras(
+            targets.take(rows),
+            take(wishes, rows),
+            config,
+            lens=lens.rows(rows),
+            roll=roll[rows],
+            rng=directions_of(draws, image[rows], attempt[rows]),
+        )
     faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
     apart = outside(distance, *limits.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
     views.rejection[:] = np.where(apart, apart, faint)
     views.rejection[np.isnan(distance)] = Rejection.SIZE
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
-    if limits.size_measure == "paper":
-        poses = camera_pose(targets.take(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
-    else:
-        poses = sized[rows]
+    around = camera_pose(targets.take(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+    poses = np.where(exact[rows, None, None], sized[rows], around)
     here = [targets.take(rows).in_own_rows(), others.beside(rows)[0]]
     views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], here, limits)
 
     on = views.rejection[rows] == Rejection.NONE
     rows, poses = rows[on], poses[on]
     aimed_at = targets.take(rows).in_own_rows()
-    lens = lens.rows(rows)
-    if limits.size_measure == "paper":
-        poses = frame_target(
-            poses,
-            aimed_at.corners(),
-            lens,
-            roll=roll[rows],
-            rng=framing(rows),
-            spread=limits.framing,
-            truncated=limits.truncated_fraction,
-        ).world_from_camera
+    level = np.flatnonzero(~exact[rows])
+    poses[level] = framed(poses[level], rows[level]).world_from_camera
     poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(aimed_at, poses, visibility_m[rows])
-    boxes = boxes_of(aimed_at, poses, lens)
+    boxes = boxes_of(aimed_at, poses, lens.rows(rows))
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
     # A target that is out of the frame has no box: nan is not large enough.
@@ -165,19 +190,22 @@ def try_cameras(
         boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
     )
     views.rejection[rows] = np.where(cut, cut, small)
-    if limits.size_measure != "paper":
-        # The box leaves out what is nearer than the near plane.
-        filled = fraction_of(boxes.amodal, limits.size_measure, render)
-        views.rejection[rows[~(np.abs(filled - fraction[rows]) <= SIZED * fraction[rows])]] = Rejection.SIZE
+    # The box leaves out what is nearer than the near plane.
+    if measure != "paper":
+        filled, wanted = fraction_of(boxes.amodal, measure, render), fraction[rows]
+        views.rejection[rows[~alike[rows] & ~(np.abs(filled - wanted) <= SIZED * wanted)]] = Rejection.SIZE
+    if wishes is not None:
+        found, wanted = np.where(wishes.wide[rows], *boxes.amodal[:, 2:].T), wishes.pixels[rows]
+        views.rejection[rows[alike[rows] & ~(np.abs(found - wanted) <= SIZED * wanted)]] = Rejection.SIZE
 
-    framed = views.rejection[rows] == Rejection.NONE
-    rows, lens = rows[framed], lens.rows(framed)
+    on = views.rejection[rows] == Rejection.NONE
+    rows = rows[on]
     views.visible_fraction[rows] = visible_shares(
         site,
         targets.take(rows).in_own_rows(),
         others.beside(rows)[0],
         views.world_from_camera[rows],
-        intrinsics=lens,
+        intrinsics=lens.rows(rows),
         rays=limits.visibility_rays,
     )
     views.rejection[rows] = outside(
@@ -195,6 +223,14 @@ def try_cameras(
     )
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
+
+
+def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:
+    """The lenses of n cameras: the calibrated one, or fields of view in proportion to numbers in [0, 1)."""
+    if config.calibrated is not None:
+        return lenses(config.calibrated).spread(len(uniform))
+    fov_x = np.radians(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))
+    return Lenses.of(config.render.width, config.render.height, fov_x)
 
 
 def views_of_others(

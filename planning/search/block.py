@@ -13,8 +13,9 @@ from hulldown.placement.settle import Settled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.draws import Purpose, RandomStreams
-from hulldown.planning.search.extras import MOST, Extras
+from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.instances import drawn_angles
+from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.placing import unsettled
 from hulldown.planning.search.stage import Fleet, Site
 
@@ -41,6 +42,8 @@ class Block:
         (n,) images of each.
     first_image
         (n,) index of each one's first image.
+    likeness
+        The photographs that cameras follow, if any.
     """
 
     site: Site
@@ -53,6 +56,7 @@ class Block:
     position: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
+    likeness: Likeness | None = None
 
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
@@ -114,12 +118,15 @@ def instances_of(block: Block, config: Config, draws: RandomStreams) -> Instance
     """What stands at a block's positions, as it is drawn, without places."""
     n, fleet = len(block.position), block.fleet
     turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
-    zero = np.zeros(n, dtype=np.int64)
+    zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
+    if likeness is not None:
+        photographed = likeness.companions(likeness.sampled(draws, fleet, model=block.model, image=block.first_image))
     columns = [(np.arange(n), zero, zero, block.model, turns, np.zeros((n, 2)))]
     for background, kinds in block.extras.items():
         rows = np.flatnonzero(block.background == background)
         for kind in kinds if len(rows) else ():
-            models, numbers = kind.drawn(draws, block.position[rows])
+            wanted = photographed[rows] if kind.role == Role.COMPANION else np.full(len(rows), -1)
+            models, numbers = kind.drawn(draws, block.position[rows], wanted)
             i, j = np.nonzero(models >= 0)
             turned = np.zeros((len(i), fleet.parts))
             turned[:, :MOST] = numbers[i, j, : fleet.parts]

@@ -40,6 +40,8 @@ class Purpose(IntEnum):
     PAINT = 20
     EXPOSURE = 21
     WEATHER = 22
+    LIKE = 26
+    DIRECTION = 27
     SENSOR = 30
 
 

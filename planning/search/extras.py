@@ -50,13 +50,17 @@ class Extras:
     distance: tuple[float, float]
 
     def drawn(
-        self, draws: RandomStreams, position: Int[np.ndarray, " n"]
+        self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
-        """For each position the model of each, -1 where there is none, and numbers to turn it by."""
+        """For each position the model of each, -1 where there is none, and numbers to turn it by.
+
+        As many as `wanted` within the limits; -1: any number.
+        """
         low, high = self.count
         choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
+        number = np.where(wanted >= 0, np.clip(wanted, low, high), number)
         model = np.full((len(position), high), -1)
         turns = np.zeros((len(position), high, MOST))
         for j in range(high):

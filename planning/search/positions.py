@@ -19,18 +19,20 @@ from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.aiming import no_views, try_cameras, views_of_others
+from hulldown.planning.search.aiming import drawn_lenses, no_views, try_cameras, views_of_others
 from hulldown.planning.search.block import Block, HopelessPosition, Planned, Seen, instances_of
 from hulldown.planning.search.columns import join, put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear, unsettled
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
 CANDIDATES = 8192
 CAMERAS = 2048
+COMPANION_FOLLOWS = 20  # tries over which a companion leaves its place in a photograph
 COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
 # Places that no camera can see, at one position, before it is given up on.
 BLIND_PLACES = 40
@@ -167,7 +169,7 @@ class _Search:
         patient[rows] = leave_out
         extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
         table.found[extras] = False  # what was left out at another place gets its chance here
-        looked = np.zeros(len(table.row), dtype=np.int64)
+        looked, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
         which, attempt, found = extras[:0], extras[:0], unsettled(0)  # tries that stand, but for the other vehicles
         while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
             extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
@@ -178,7 +180,7 @@ class _Search:
             new = np.repeat(out, more)
             number = np.arange(len(new)) - np.repeat(np.cumsum(more) - more - looked[out], more)
             looked[out] += more
-            settled = self._settle_extras(new, number)
+            settled = self._settle_extras(new, number, photographed)
             stands = settled.rejection == Rejection.NONE
             which, attempt = np.append(which, new[stands]), np.append(attempt, number[stands])
             found = join(found, take(settled, np.flatnonzero(stands)))
@@ -201,8 +203,33 @@ class _Search:
                 asked = asked[np.isin(turn[asked], which) | (looked[turn[asked]] >= COMPANION_TRIES)]
         return ~failed[wanted]
 
-    def _settle_extras(self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"]) -> Settled:
-        """These tries of extras about where their targets stand now, other vehicles left aside."""
+    def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 2"]:
+        """Where the photographs of first images show companions, in meters from their targets; nan: nowhere."""
+        table, likeness, places = self.table, self.block.likeness, np.full((len(self.table.row), 2), np.nan)
+        extras = extras[table.role[extras] == Role.COMPANION]
+        if likeness is None or not len(extras):
+            return places
+        row = table.row[extras]
+        image, attempt = self.block.first_image[row], self.tries[row] * self.config.camera.max_tries
+        targets = self._instances(self.target[row]).in_own_rows()
+        first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
+        places[extras] = likeness.places_beside(
+            targets,
+            self._instances(extras),
+            likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
+            number=table.number[extras],
+            lens=drawn_lenses(self.config, first[:, 0]),
+            rng=directions_of(self.draws, image, attempt),
+        )
+        return places
+
+    def _settle_extras(
+        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 2"]
+    ) -> Settled:
+        """These tries of extras about where their targets stand now, other vehicles left aside.
+
+        First where they are in a photograph, then ever more anywhere.
+        """
         table, found = self.table, unsettled(len(which))
         for start in range(0, len(which), CANDIDATES):
             some = slice(start, start + CANDIDATES)
@@ -216,6 +243,9 @@ class _Search:
                 count=3,
             )
             xy = offsets(role, table.distance[extras], uniform[:, :2])
+            anywhere = np.minimum(number[some] / COMPANION_FOLLOWS, 1.0)[:, None]
+            there = photographed[extras]
+            xy = np.where(np.isnan(there), xy, there + anywhere * (xy - there))
             xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
             settled = settle_clear(self.block.site, self._instances(extras), self.config, xy=xy, yaw=yaw)
@@ -238,6 +268,7 @@ class _Search:
         """Cameras for all images of these positions; answers with the positions where one found none."""
         max_tries = self.config.camera.max_tries
         extras = self._instances(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        blind = self.place_rejections[:, Rejection.NO_VIEW] // PATIENCE
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
             ahead = min(ahead, max_tries - done)
@@ -257,6 +288,8 @@ class _Search:
                     attempt=self.tries[owner] * max_tries + attempt[some],
                     others=extras.beside(owner)[0],
                     visibility_m=self.visibility_m[rows],
+                    likeness=self.block.likeness,
+                    quarter=np.maximum(4 * attempt[some] // max_tries, blind[owner]),
                 )
                 put(found, some, views)
             rejection = found.rejection.reshape(-1, ahead)

@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
-from hulldown.camera.framing import frame_target, turned
+from hulldown.camera.framing import Framed, turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, ProjectedSize, refine_distance, solve_distance
-from hulldown.geometry.uniform import UniformNumbers
-from hulldown.planning.config.schema import CameraSection, RenderSection
+from hulldown.planning.config.schema import RenderSection
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 
@@ -52,15 +51,14 @@ def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"]
 def sized_cameras(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
-    limits: CameraSection,
     *,
-    render: RenderSection,
     lens: Lenses,
-    fraction: Float[np.ndarray, " n"],
+    pixels: Float[np.ndarray, " n"],
+    measure: Measure,
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
     roll: Float[np.ndarray, " n"],
-    framing: Callable[[], UniformNumbers],
+    framed: Callable[[Float[np.ndarray, "n 4 4"]], Framed],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Cameras in the wanted directions, turned to frame the target, at the distance that gives its box its size.
 
@@ -70,27 +68,23 @@ def sized_cameras(
         n vehicles of one model.
     hull
         (n, h, 3) points whose projected box is theirs.
-    limits, render
-        The config's; of the limits the measure, the framing and the truncation.
     lens
         n of them.
-    fraction
-        (n,) wanted shares of the image's height, width, diagonal or area.
+    pixels, measure
+        (n,) wanted sizes, and of what; see `camera.size.solve_distance`.
     azimuth, elevation
         (n,) radians, of the camera as seen from the target's centre.
     roll
         (n,) radians, of the camera about its axis; see `camera.framing.turned`.
-    framing
-        Makes the generator that framing draws from: each time one that says the same.
+    framed
+        The cameras turned as the target is to be framed: each time by the same rule.
 
     Returns
     -------
     world_from_camera, distance
         nan where no distance with the whole vehicle in front of the camera gives that size.
     """
-    measure = limits.size_measure
-    assert measure != "paper"
-    pixels, corners, centres = fraction * image_size(measure, render), targets.corners(), targets.centres
+    centres = targets.centres
     level = camera_pose(centres, 1.0, azimuth, elevation)
     outward, looking = -level[:, :3, 2], turned(level, lens, lens.centre, roll)
 
@@ -101,16 +95,7 @@ def sized_cameras(
     for _ in range(ROUNDS):
         # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
         poses = camera_pose(centres, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
-        framed = frame_target(
-            poses,
-            corners,
-            lens,
-            roll=roll,
-            rng=framing(),
-            spread=limits.framing,
-            truncated=limits.truncated_fraction,
-        )
-        poses = framed.world_from_camera
+        poses = framed(poses).world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
     if lens.distorted:
         # The vehicle's edges are curves, which may reach beyond its vertices.
