@@ -22,6 +22,7 @@ from hulldown.geometry.files import replacing
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import LeftOut, Row
 from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
+from hulldown.planning.shortcuts import nuisances, shortcuts
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -108,6 +109,8 @@ class Summary:
         Vehicles that are not planned on a scenery.
     histograms
         By key of the plan, or of what follows from its poses.
+    shortcuts
+        What tells classes apart besides the vehicles; see `planning.shortcuts`.
     """
 
     images: int
@@ -119,6 +122,7 @@ class Summary:
     no_room: int
     left_out: tuple[LeftOut, ...]
     histograms: Mapping[str, Histogram]
+    shortcuts: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers."""
@@ -130,6 +134,7 @@ class Summary:
             **self.counts,
             "foggy": self.counts["weather"]["fog"],
             "companions_left_out": self.no_room,
+            "shortcuts": list(self.shortcuts),
             "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "histograms": {
                 key: {"edges": one.edges.tolist(), "counts": one.counts.tolist(), **one.extremes}
@@ -143,7 +148,7 @@ class Summary:
 
     def notes(self) -> list[str]:
         """A line for each thing that was asked for and is not in the plan."""
-        notes = [f"left out: {pair.why}" for pair in self.left_out]
+        notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
             notes.append(f"left out: {self.no_room:,} companions that found no room at their position")
         like = self.counts["like"]
@@ -260,6 +265,7 @@ def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
     classes, sizes = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
     counts: dict[str, Counter[str]] = {key: Counter() for key in COUNTED}
     values = {key: array("d") for key in QUANTITIES}
+    nuisance: dict[str, dict[str, Counter[str]]] = {}
     for row in rows:
         images += 1
         positions += row.shot == 0
@@ -283,6 +289,8 @@ def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
         assert target.bbox is not None  # a target has one
         area, category = target.bbox.width * target.bbox.height, str(target.category)
         classes[category][target.vehicle] += 1
+        for variable, value in nuisances(row).items():
+            nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
         sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
         x, y, z = (row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3]).tolist()
         found = {
@@ -296,7 +304,8 @@ def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
                 column.append(found[key] if key in found else getattr(target, key))
     counts["rejected"] = Counter({key: counts["rejected"][key] for key in BY_KEY if counts["rejected"][key]})
     histograms = {key: Histogram(*QUANTITIES[key], np.array(column)) for key, column in values.items()}
-    return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms)
+    apart = tuple(shortcuts(nuisance))
+    return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, apart)
 
 
 def _table(title: str, *columns: str) -> Table:

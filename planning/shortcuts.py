@@ -1,0 +1,80 @@
+"""What tells a plan's classes apart besides the vehicles: a detector would learn it instead of them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import chi2_contingency
+
+from hulldown.planning.appearance.paint import OWN
+from hulldown.planning.row import Row
+
+RARE = 5.0  # expected images of a class, below which values are counted together
+CHANCE = 1e-4  # probability of a false alarm for one variable
+WEAK = 0.1  # Cramér's V, below which a dependency is of no use to a detector
+REMEDIES = {
+    "box height": 'camera.size_measure = "height" gives all classes the same',
+    "scenery": "let all classes be planned on all sceneries",
+    "paint": "give all classes the same paints",
+}
+Counts = Mapping[str, Mapping[str, Counter[str]]]
+
+
+def nuisances(row: Row) -> dict[str, str]:
+    """What an image shows besides its target, by variable; what a position's images share is with its first."""
+    target = row.target
+    assert target.bbox is not None  # a target has one
+    step = math.floor(2.0 * math.log2(max(target.bbox.height, 1.0)))
+    found = {
+        "HDRI": row.hdri,
+        "weather": row.weather.kind if row.weather else "clear",
+        "box height": f"{2 ** (step / 2):.0f} to {2 ** ((step + 1) / 2):.0f} pixels",
+        "exposure": f"{math.floor(row.exposure_ev)} to {math.floor(row.exposure_ev) + 1} EV",
+    }
+    if row.shot:
+        return found
+    paint = ", ".join(coat.colour or OWN for coat in target.paint)
+    return found | {
+        "scenery": row.scenery,
+        "number of companions": str(len(row.companions)),
+        "number of distractors": str(len(row.distractors)),
+        "paint": paint or "none",
+    }
+
+
+def shortcuts(counts: Counts) -> list[str]:
+    """A line for each variable that depends on the class more than chance explains.
+
+    Parameters
+    ----------
+    counts
+        Variable -> class -> how often each value occurs.
+    """
+    found = ((variable, _dependency(by_class)) for variable, by_class in counts.items())
+    cure = {variable: f"; {remedy}" for variable, remedy in REMEDIES.items()}
+    return [f"{variable} tells classes apart: {what}{cure.get(variable, '')}" for variable, what in found if what]
+
+
+def _dependency(by_class: Mapping[str, Counter[str]]) -> str:
+    """The value and class that deviate most from independence, in words; empty where chance explains them."""
+    classes, total = list(by_class), sum(by_class.values(), Counter[str]())
+    smallest, n = min(counts.total() for counts in by_class.values()), total.total()
+    common = {value for value, count in total.items() if count * smallest / n >= RARE}
+    merged: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    for category, counts in by_class.items():
+        for value, count in counts.items():
+            merged[value if value in common else "another"][category] += count
+    table = np.array([[merged[value][category] for value in merged] for category in classes], dtype=np.float64)
+    if min(table.shape) < 2:
+        return ""
+    test = chi2_contingency(table, correction=False)
+    strength = math.sqrt(test.statistic / n / (min(table.shape) - 1))
+    if test.pvalue >= CHANCE or strength < WEAK:
+        return ""
+    row, column = np.unravel_index(((table - test.expected_freq) / np.sqrt(test.expected_freq)).argmax(), table.shape)
+    share, others = table[row, column] / table[row].sum(), np.delete(table, row, 0)
+    rest = others[:, column].sum() / others.sum()
+    return f"{list(merged)[column]} for {share:.0%} of {classes[row]} and {rest:.0%} of the others"

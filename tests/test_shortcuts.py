@@ -1,0 +1,56 @@
+"""A plan names what tells its classes apart besides the vehicles, and nothing that chance explains."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from hulldown.planning.planner import plan
+from hulldown.planning.shortcuts import shortcuts
+from hulldown.planning.summary import summarise
+from hulldown.tests.planning_assets import small_assets, small_config
+
+
+def counted(values, classes):
+    by_class = {}
+    for value, category in zip(values, classes, strict=True):
+        by_class.setdefault(str(category), Counter())[str(value)] += 1
+    return {"HDRI": by_class}
+
+
+@pytest.mark.parametrize("values", [2, 20, 500])
+def test_chance_is_not_named(values):
+    rng = np.random.default_rng(values)
+    alarms = sum(
+        len(shortcuts(counted(rng.integers(0, values, n), rng.integers(0, 3, n)))) for n in (10, 100, 1000) * 30
+    )
+    assert alarms == 0
+
+
+def test_a_value_that_tells_a_class_is_named():
+    rng = np.random.default_rng(0)
+    classes = rng.integers(0, 3, 600)
+    hdris = np.where((classes == 2) & (rng.random(600) < 0.5), 9, rng.integers(0, 9, 600))
+    (line,) = shortcuts(counted(hdris, classes))
+    assert line.startswith("HDRI tells classes apart: 9 for ")
+    assert " of 2 and 0% of the others" in line
+
+
+def test_what_is_planned_has_no_shortcuts_until_the_config_makes_one():
+    budget = {"images_per_class": 150, "images_per_position": 1}
+    plain = summarise(plan(small_config(budget=budget), small_assets()))
+    assert plain.shortcuts == ()
+    paint = [{"materials": ["*"], "colours": ["#ff0000"]}]
+    entries = [
+        {"path": "vehicles/t72.blend", "category": "tank"},
+        {"path": "vehicles/ural.blend", "category": "truck", "paint": paint},
+    ]
+    base = small_assets()
+    two = type(base)(
+        {name: base.vehicles[name] for name in ("t72", "ural")}, {"t72": "tank", "ural": "truck"}, base.sceneries,
+        base.hdris,
+    )  # fmt: skip
+    summary = summarise(plan(small_config(budget=budget, assets={"vehicles": entries}), two))
+    (line,) = summary.shortcuts
+    assert line.startswith("paint tells classes apart")
+    assert line in summary.notes()
