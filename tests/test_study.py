@@ -115,7 +115,7 @@ def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp
 @pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
-    run = StudyRun(arm, None if arm == "synthetic" else 0.1, 1)
+    run = StudyRun(arm, None if arm == "synthetic" else 0.1, 1, arm)
     draws = arm_draws(run, photographs, 9, budget)
     assert len(draws) == budget_of(arm, budget) == (1200 if arm == "matched" else 600)
     by_source = {name: draws.image[draws.source == k] for k, name in enumerate(run.sources)}
@@ -131,7 +131,7 @@ def test_draws_add_up_to_the_budget(arm):
 def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
     photographs = np.array([2, 3, 7])
     real, matched, pretrain = (
-        arm_draws(StudyRun(arm, 0.1, 1), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
+        arm_draws(StudyRun(arm, 0.1, 1, arm), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
     )
     mine = matched.source == 0
     assert (matched.image[mine] == real.image).all()
@@ -328,3 +328,28 @@ def test_a_dry_run_shows_runs_draws_and_hours_and_writes_nothing(pictures, tmp_p
     mixed = rows["mixed-100-seed0"]
     assert mixed["draws_per_photograph"] * 16 + mixed["draws_per_synthetic_image"] * 12 == pytest.approx(24)
     assert {row["state"] for row in found["runs"]} == {"new"}
+
+
+def test_a_named_arm_draws_as_its_base_and_is_trained_otherwise(pictures, tmp_path):
+    path = written(pictures, tmp_path / "study.toml", fractions=[1.0])
+    text = path.read_text().replace(
+        '["real", "mixed"]', '["mixed", { name = "fast", base = "mixed", train.warmup = 0.5 }]'
+    )
+    path.write_text(text)
+    study = settle(load_study(path))
+    mixed, fast = study.manifest.runs
+    assert (mixed.name, fast.name) == ("mixed-100-seed0", "fast-100-seed0")
+    assert study.draws[mixed.folder] == study.draws[fast.folder]
+    assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
+    assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
+    for wrong, said in (("seed = 3", "seed"), ("warmup = 7", "warmup"), ("nothing = 1", "nothing")):
+        path.write_text(text.replace("train.warmup = 0.5", f"train.{wrong}"))
+        with pytest.raises(HulldownError, match=said):
+            load_study(path)
+
+
+def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs(pictures, tmp_path):
+    keys = {"fractions": [1.0, 0.99], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
+    said = settled(pictures, tmp_path, **keys).warnings
+    assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in said)
+    assert any("mixed-100-seed" in line and "no photograph" in line for line in said)

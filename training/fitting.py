@@ -165,7 +165,7 @@ class Training:
         validator = Validator(steps, judged if self.judge else None)
         recorder = Recorder(
             self.folder.checkpoint, steps=steps, every=self.checkpoint_every, progress=self.progress,
-            estimate=lambda seconds: self.say(f"about {_duration(seconds)} of training left"),
+            estimate=lambda seconds: self.say(f"about {duration(seconds)} of training left"),
             on_checkpoint=lambda rows: self.folder.write_metrics(rows, validator.rows),
         )  # fmt: skip
         self._run(
@@ -227,7 +227,8 @@ def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
     return {key: getattr(value, "shape", None) for key, value in state.items()}
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Say a time in seconds, minutes, or hours."""
     if seconds < 120:
         return f"{seconds:.0f} seconds"
     return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

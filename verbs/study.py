@@ -85,8 +85,9 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
-    from rich.table import Table
+    from rich.table import Column, Table
 
+    from hulldown.training.fitting import duration
     from hulldown.training.study.estimate import hours, overview, seconds_per_step
     from hulldown.training.study.runs import gpu_places
 
@@ -96,7 +97,15 @@ def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
     if arguments.json:
         print_json({"runs": rows, "seconds_per_step": seconds, "hours": left})
         return DONE
-    table = Table("run", "photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
+    table = Table(
+        Column("run", no_wrap=True),
+        "photographs",
+        "synthetic",
+        "draws",
+        "per photograph",
+        "per synthetic image",
+        "state",
+    )
     for row in rows:
         per_image = (row["draws_per_photograph"], row["draws_per_synthetic_image"])
         cells = (
@@ -107,7 +116,7 @@ def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
         )
         table.add_row(row["name"], *map(str, cells), row["state"])
     STDOUT.print(table)
-    say(f"about {left:.1f} hours of training left, at {seconds:.2g} seconds a step; nothing was written")
+    say(f"about {duration(3600 * left)} of training left, at {seconds:.2g} seconds a step; nothing was written")
     return DONE
 
 

@@ -16,11 +16,12 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
     figure, axes = axes_of(5.4, 3.6)
     for one, colour in zip(evaluations, colours(len(evaluations)), strict=True):
         name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
-        axes.plot(one.curves.recall, one.curves.precision, color=colour, label=name)
+        axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=colour, label=name)
         if len(evaluations) == 1:
             for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
                 colour_c = COLOURS[(c + 1) % len(COLOURS)]
-                axes.plot(curve.recall, curve.precision, color=colour_c, linewidth=0.9, label=short(label))
+                line = marker_of(curve.recall)
+                axes.plot(curve.recall, curve.precision, line, color=colour_c, linewidth=0.9, label=short(label))
         at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=colour)
@@ -29,11 +30,17 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
     return svg(figure)
 
 
+def marker_of(values: np.ndarray) -> str:
+    """A line, or a dot where there's one point, which a line doesn't show."""
+    return "-" if len(values) > 1 else "."
+
+
 def over_thresholds(one: Evaluation) -> bytes:
     """Precision, recall and F1 over the confidence from which detections count."""
     figure, axes = axes_of(5.4, 3.6)
     for key, colour in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
-        axes.plot(one.curves.threshold, getattr(one.curves, key), color=colour, label="F1" if key == "f1" else key)
+        label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
+        axes.plot(one.curves.threshold, values, marker_of(values), color=colour, label=label)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="threshold of confidence", ylim=(0, 1.02), title="over the threshold (dotted: as evaluated)")
     axes.legend(fontsize=7, loc="lower center")

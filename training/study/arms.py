@@ -5,14 +5,15 @@ An arm is nothing but a file of draws. All else is the same for every run: the m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
 from hulldown.training.draws import Draws, make_draws
-from hulldown.training.study.config import Arm, StudyConfig
+from hulldown.training.study.config import Arm, NamedArm, StudyConfig
 from hulldown.training.subset import subset_name
 
 SOURCES: dict[Arm, tuple[str, ...]] = {
@@ -32,16 +33,22 @@ class StudyRun:
     Parameters
     ----------
     arm
-        What it is trained on.
+        Its arm's name.
     fraction
         The share of the photographs that it may use; None of the arm that uses none.
     seed
         Of draws, augmentation, weights, and which photographs are the share.
+    base
+        The arm whose draws it has.
+    train
+        Keys of the settings that differ from those of other arms.
     """
 
-    arm: Arm
+    arm: str
     fraction: float | None
     seed: int
+    base: Arm
+    train: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -52,17 +59,18 @@ class StudyRun:
     @property
     def sources(self) -> tuple[str, ...]:
         """The datasets that it draws from."""
-        return SOURCES[self.arm]
+        return SOURCES[self.base]
 
 
 def study_runs(config: StudyConfig) -> list[StudyRun]:
     """Every run, those of one seed after those of another, so that a study that is stopped early says something."""
+    arms = [NamedArm.model_construct(name=a, base=a, train={}) if isinstance(a, str) else a for a in config.arms]
     return [
-        StudyRun(arm, fraction, seed)
+        StudyRun(arm.name, fraction, seed, arm.base, arm.train)
         for seed in config.seeds
         for arm, fraction in [
-            *((arm, fraction) for fraction in config.fractions for arm in config.arms if "real" in SOURCES[arm]),
-            *((arm, None) for arm in config.arms if "real" not in SOURCES[arm]),
+            *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm.base]),
+            *((arm, None) for arm in arms if "real" not in SOURCES[arm.base]),
         ]
     ]
 
@@ -90,13 +98,13 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
     --------
     `matched` has every draw of `real`, and as many synthetic ones between them:
 
-    >>> real = arm_draws(StudyRun("real", 0.5, 0), np.array([3, 8]), 5, 4)
-    >>> matched = arm_draws(StudyRun("matched", 0.5, 0), np.array([3, 8]), 5, 4)
+    >>> real = arm_draws(StudyRun("real", 0.5, 0, "real"), np.array([3, 8]), 5, 4)
+    >>> matched = arm_draws(StudyRun("matched", 0.5, 0, "matched"), np.array([3, 8]), 5, 4)
     >>> matched.source.tolist(), (matched.image[::2] == real.image).all()
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """
     k, seed = len(photographs), run.seed
-    match run.arm:
+    match run.base:
         case "real":
             draws = make_draws([k], budget, seed=seed)
         case "synthetic":

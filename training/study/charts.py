@@ -21,8 +21,14 @@ COLOURS = {
     "balanced": "#e69f00",
     "pretrain": "#56b4e9",
 }
+SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS = 0.8  # of the room that the bars of one measure may take
+
+
+def colour_of(arm: str) -> str:
+    """The color of an arm, the same in every chart; of a named arm by its name."""
+    return COLOURS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
 def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
@@ -56,7 +62,7 @@ def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
 def _bars(axis: Axes, cell: Mapping[str, Any], keys: Sequence[str], *, shift: float, width: float) -> None:
     places = np.arange(len(keys)) + shift
     heights = [cell.get(key) or 0.0 for key in keys]
-    axis.bar(places, heights, width * 0.92, color=COLOURS[cell["arm"]], label=cell["arm"])
+    axis.bar(places, heights, width * 0.92, color=colour_of(cell["arm"]), label=cell["arm"])
     for place, key in zip(places, keys, strict=True):
         value, ends = cell.get(key), cell["intervals"].get(key)
         top = value
@@ -83,7 +89,8 @@ def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(measures)))
     for axis, measure in zip(axes, measures, strict=True):
-        for arm, colour in COLOURS.items():
+        for arm in dict.fromkeys(cell["arm"] for cell in cells):
+            colour = colour_of(arm)
             own = sorted((cell for cell in cells if cell["arm"] == arm), key=lambda cell: cell["photographs"])
             if not own:
                 continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -19,6 +19,16 @@ ARMS: tuple[Arm, ...] = ("real", "mixed", "synthetic")  # the paper's
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
+class NamedArm(BaseModel):
+    """An arm that draws as another does, and is trained with other settings."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="what reports call it")
+    base: Arm = Field(description="the arm whose draws it has")
+    train: dict[str, Any] = Field(min_length=1, description="keys of [train] that differ")
+
+
 class StudyConfig(BaseModel):
     """Datasets, arms, and what every run is trained with."""
 
@@ -28,7 +38,11 @@ class StudyConfig(BaseModel):
     synthetic: Path = Field(description="rendered images to train on")
     test: Path = Field(description="photographs to test on")
     valid: Path | None = Field(None, description="photographs to choose each detector's threshold on")
-    arms: tuple[Arm, ...] = Field(ARMS, min_length=1, description="what is compared")
+    arms: tuple[Arm | NamedArm, ...] = Field(
+        ARMS,
+        min_length=1,
+        description='what is compared; { name = "frozen", base = "mixed", train.freeze = "encoder" }',
+    )
     fractions: tuple[Share, ...] = Field(FRACTIONS, min_length=1, description="shares of the photographs")
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
     stratified: bool = Field(False, description="whether each share keeps the proportion of classes")
@@ -38,10 +52,15 @@ class StudyConfig(BaseModel):
         default_factory=lambda: Settings.model_validate({}), description="as of `hulldown train --config`"
     )
 
+    @property
+    def arm_names(self) -> tuple[str, ...]:
+        """Names of the arms."""
+        return tuple(arm if isinstance(arm, str) else arm.name for arm in self.arms)
+
     @model_validator(mode="after")
     def _sound(self) -> StudyConfig:
         for key in ("arms", "fractions", "seeds"):
-            values = getattr(self, key)
+            values = self.arm_names if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
                 raise ValueError(f"{key}: {repeated[0]} is there twice")
         return self
@@ -63,6 +82,14 @@ def load_study(path: Path | str) -> StudyConfig:
             raise ConfigError(
                 f"train.{key}: a study rules this itself", path=path, remedy=f"set {instead} above [train]"
             )
+    for arm in study.arms:
+        if isinstance(arm, NamedArm):
+            if ruled := [key for key in ("seed", "shares", "budget", "masks") if key in arm.train]:
+                remedy = "one value is for all arms, so that they can be compared"
+                raise ConfigError(f"arms: {arm.name} sets train.{ruled[0]}", path=path, remedy=remedy)
+            if arm.name in get_args(Arm):
+                raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
+            validated(Settings, {**data.get("train", {}), **arm.train}, path)
     if study.valid is not None and "threshold" in data:
         raise ConfigError("threshold: with valid it is chosen there", path=path, remedy="leave one of the two out")
     folders = {key: path.parent / getattr(study, key) for key in ("real", "synthetic", "test")}

@@ -18,7 +18,7 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.files import replace_file
 from hulldown.training.draws import Draws, draws_text
-from hulldown.training.settings import Settings
+from hulldown.training.settings import Settings, completed
 from hulldown.training.sources import (
     CheckedPictures,
     Source,
@@ -57,7 +57,8 @@ class PlannedRun(BaseModel):
 
     name: str
     folder: str
-    arm: Arm
+    arm: str
+    base: Arm
     fraction: float | None
     seed: int
     photographs: int  # that it may use
@@ -132,19 +133,21 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     }  # fmt: skip
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     shares = _shares(config, sources["real"])
-    runs, draws, warnings = [], {}, []
+    runs, draws, warnings = [], {}, _equal_shares(shares)
     for run in study_runs(config):
         photographs = shares[run.seed, run.fraction] if run.fraction is not None else np.zeros(0, dtype=np.int64)
         own_draws = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
         used = [sources[name] for name in run.sources]
         text = draws_text(own_draws, run.sources, [source.file_names for source in used])
-        budget = budget_of(run.arm, config.train.budget)
-        settings = config.train.model_copy(update={"seed": run.seed, "budget": budget, "masks": masks})
+        ruled = {"seed": run.seed, "budget": budget_of(run.base, config.train.budget), "masks": masks}
+        settings = completed(config.train.model_validate({**config.train.model_dump(), **run.train, **ruled}))
         planned = _planned(
             run, settings, own_draws, text, {name: digests[name] for name in run.sources}, len(photographs)
         )
         runs.append(planned)
         draws[planned.folder] = text
+        if not planned.drawn.get("real", 1):
+            warnings.append(f"{run.name} draws no photograph: raise budget, or leave the arm {run.arm} out")
         if run.arm == "real":
             warnings += _missing(run, sources["real"], photographs, classes)
     return SettledStudy(
@@ -203,7 +206,7 @@ def _planned(
     key = hashlib.sha256(orjson.dumps(made_of, option=orjson.OPT_SORT_KEYS)).hexdigest()[:KEY_DIGITS]
     counts = np.bincount(draws.source, minlength=len(run.sources)).tolist()
     return PlannedRun(
-        name=run.name, folder=f"{run.name}-{key}", arm=run.arm, fraction=run.fraction, seed=run.seed,
+        name=run.name, folder=f"{run.name}-{key}", arm=run.arm, base=run.base, fraction=run.fraction, seed=run.seed,
         photographs=photographs, sources=run.sources, drawn=dict(zip(run.sources, counts, strict=True)),
         settings=settings,
     )  # fmt: skip
@@ -226,6 +229,15 @@ def _shares(config: StudyConfig, real: Source) -> dict[tuple[int, float], Int[np
         for fraction, ids in zip(config.fractions, subsets, strict=True):
             shares[seed, fraction] = np.array(sorted(number[i] for i in ids), dtype=np.int64)
     return shares
+
+
+def _equal_shares(shares: Mapping[tuple[int, float], Int[np.ndarray, " k"]]) -> list[str]:
+    """Say which shares of a seed contain the same photographs, so that one of the two trainings is wasted."""
+    return [
+        f"seed {seed}: {100 * first:g} % and {100 * second:g} % are the same {len(one)} photographs; leave one out"
+        for ((seed, first), one), ((other_seed, second), other) in combinations(shares.items(), 2)
+        if seed == other_seed and np.array_equal(one, other)
+    ]
 
 
 def _boxes(source: Source, classes: Sequence[str]) -> dict[str, int]:

@@ -175,7 +175,7 @@ def _described(manifest: Manifest) -> dict[str, Any]:
     return {
         "classes": list(manifest.classes),
         "datasets": {name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
-        "arms": list(config.arms),
+        "arms": list(config.arm_names),
         "fractions": list(config.fractions),
         "seeds": list(config.seeds),
         "threshold": "validation" if config.valid is not None else config.threshold,

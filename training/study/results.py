@@ -27,7 +27,6 @@ from hulldown.training.evaluation.bootstrap import (
 )
 from hulldown.training.evaluation.evaluate import Evaluation
 from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio
-from hulldown.training.study.config import Arm
 from hulldown.training.study.manifest import PlannedRun
 
 COUNTS = ("tp", "fp", "fn")
@@ -72,7 +71,7 @@ class Cell:
         Its runs, by seed.
     """
 
-    arm: Arm
+    arm: str
     fraction: float | None
     photographs: float
     judged: Mapping[int, Judged]
@@ -118,7 +117,7 @@ def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
     """The runs by arm and fraction, in the order of the study."""
-    groups: dict[tuple[Arm, float | None], dict[int, Judged]] = {}
+    groups: dict[tuple[str, float | None], dict[int, Judged]] = {}
     for one in runs:
         groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
     return [
@@ -177,9 +176,9 @@ def _errors(again: Float[np.ndarray, " r"], values: Float[np.ndarray, " seeds"],
 
 
 def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Which cells are compared: each with real at its fraction, synthetic at the largest; the later arms with mixed.
+    """Which cells are compared: each with real at its fraction, synthetic at the largest; later arms also with mixed.
 
-    Only such that share a seed.
+    Named arms are compared with their base. Only cells that share a seed are.
     """
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
@@ -188,8 +187,10 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
     for cell in found:
         if cell.arm != "real":
             wanted.append((by_key.get(("real", whole if cell.fraction is None else cell.fraction)), cell))
-        if cell.arm in ("matched", "balanced", "pretrain"):
-            wanted.append((by_key.get(("mixed", cell.fraction)), cell))
+        base = next(iter(cell.judged.values())).run.base
+        later = "mixed" if cell.arm in ("matched", "balanced", "pretrain") else base
+        if later not in (cell.arm, "real"):
+            wanted.append((by_key.get((later, cell.fraction)), cell))
     return [(first, second) for first, second in wanted if first is not None and set(first.judged) & set(second.judged)]
 
 
