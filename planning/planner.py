@@ -5,9 +5,13 @@ Row i depends on the config, the assets and i alone. Blocks, workers and restart
 
 from __future__ import annotations
 
+import copy
+import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 
+import msgspec
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -16,7 +20,8 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import Row, encode_rows
+from hulldown.planning.more_of import CANDIDATES, kept, position_weights
+from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
@@ -43,6 +48,8 @@ class Planner:
         Whether a vehicle without a place on one of its sceneries is a mistake; if not, another scenery is taken.
     pairs
         Which vehicle is planned on which scenery, if another planner of the same config has found it out.
+    more_of
+        What a detector missed, see `planning.more_of`; None: as the config has it alone.
 
     Raises
     ------
@@ -50,7 +57,15 @@ class Planner:
         If the config asks for classes, sceneries or HDRIs that are not there, or a vehicle has no scenery left.
     """
 
-    def __init__(self, config: Config, assets: Assets, *, strict: bool = False, pairs: Pairs | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        assets: Assets,
+        *,
+        strict: bool = False,
+        pairs: Pairs | None = None,
+        more_of: MoreOf | None = None,
+    ) -> None:
         like = config.camera.like
         if like is not None and assets.photographs is None:
             assets = replace(assets, photographs=read_photographs(config.folder / like))
@@ -62,6 +77,7 @@ class Planner:
         self.likeness = None if assets.photographs is None else Likeness(assets.photographs, config)
         self.strict = strict
         self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
+        self.more_of, self._turn = more_of, 0
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """All rows of the positions from `start` to before `stop`, in order.
@@ -72,7 +88,42 @@ class Planner:
             If the config cannot be met: about the first of these positions for which it cannot.
         """
         position = np.arange(start, stop)
+        return self._rows(position) if self.more_of is None else self._chosen(position, self.more_of)
+
+    def _chosen(self, position: Int[np.ndarray, " n"], more_of: MoreOf) -> list[Row]:
+        """Rows of these positions, of which most are the likeliest to be missed of several candidates."""
         held = self.budget.positions(position)
+        alone = kept(held.ordinal) | held.background
+        planned = [one._rows(position if k == 0 else position[~alone]) for k, one in enumerate(self._candidates)]
+        table = np.ones((CANDIDATES, len(position)))
+        table[1:, alone] = 0.0
+        for k, rows in enumerate(planned):
+            for own_position, weight in position_weights(rows, more_of).items():
+                table[k, own_position - position[0]] = weight
+        uniform = self._candidates[0]._draws.uniform(Purpose.MORE_OF, position, 0, count=1)[:, 0]
+        running = np.cumsum(table, axis=0)
+        taken = np.where(alone, 0, (running <= uniform * running[-1]).sum(axis=0))
+        rows = [row for k, some in enumerate(planned) for row in some if taken[row.position - position[0]] == k]
+        rows.sort(key=lambda row: row.index)
+        return rows
+
+    @cached_property
+    def _candidates(self) -> list[Planner]:
+        """Planners of the same config with random numbers that neither it nor other weights draw."""
+        assert self.more_of is not None
+        digest = hashlib.sha256(msgspec.json.encode(self.more_of, order="sorted"))
+        found = []
+        for k in range(CANDIDATES):
+            one = copy.copy(self)
+            one.more_of = None
+            one._draws = RandomStreams(self.config.seed, spawned=(int(digest.hexdigest()[:8], 16), k))
+            one._turn = k if "vehicle" in self.more_of.weights else 0
+            found.append(one)
+        return found
+
+    def _rows(self, position: Int[np.ndarray, " n"]) -> list[Row]:
+        held = self.budget.positions(position)
+        held = replace(held, vehicle=self.budget.turned(held.vehicle, self._turn))
         weights = np.where(held.background[:, None], self.pairs.sites, self.pairs.weights[held.vehicle])
         rows: list[Row] = []
         hopeless: HopelessPosition | None = None

@@ -315,6 +315,21 @@ class LeftOut(Struct, frozen=True, kw_only=True):
     why: str
 
 
+class MoreOf(Struct, frozen=True, kw_only=True):
+    """What a detector missed, by `planning.more_of`.
+
+    Parameters
+    ----------
+    weights
+        Of the bins of fields, both as an evaluation's report names them.
+    picture_px
+        Root of the area of the evaluated pictures, to which bins of box sizes refer.
+    """
+
+    weights: dict[str, dict[str, float]]
+    picture_px: float
+
+
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
@@ -337,6 +352,11 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
     photographs: Annotated[
         SourceOrNone, _is("a file"), _means("`path` and `sha256` of `camera.like`; not there if it isn't given")
+    ] = None
+    more_of: Annotated[
+        MoreOf | None,
+        _is("`weights` by field and bin, and `picture_px`"),
+        _means("what `plan --more-of` planned more of; not there without it"),
     ] = None
 
     @property

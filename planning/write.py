@@ -22,6 +22,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
+from hulldown.planning.more_of import read_more_of
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.row import (
@@ -30,6 +31,7 @@ from hulldown.planning.row import (
     HdriSource,
     Header,
     LeftOut,
+    MoreOf,
     ScenerySource,
     Source,
     VehicleSource,
@@ -49,6 +51,7 @@ def plan(
     *,
     workers: int | None = None,
     strict: bool = False,
+    more_of: Path | None = None,
     cache: Path | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Progress | None = None,
@@ -67,6 +70,8 @@ def plan(
         Processes that plan; None for one a core. The plan doesn't depend on their number.
     strict
         Refuse missing textures and libraries, and vehicles without a place on a scenery.
+    more_of
+        ``report.json`` of an evaluation: bins in which the detector missed more get more images.
     cache
         Where what is read of assets is kept; what the config says if None.
     limits
@@ -90,6 +95,7 @@ def plan(
     from hulldown.planning.appearance.land import land_above_horizon
     from hulldown.planning.loading import load_assets
 
+    missed = read_more_of(more_of) if more_of else None
     path = Path(path)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan is text, and its picture gets this name", path=path, remedy="name it .jsonl")
@@ -104,7 +110,15 @@ def plan(
         assets = load_assets(config, strict=strict, cache=cache, progress=reading, warn=warnings.warn, limits=limits)
     assets = replace(assets, photographs=photographs)
     with shown("planning", progress) as advance:
-        made = write_plan(config, assets, path, workers=workers or os.cpu_count() or 1, strict=strict, progress=advance)
+        made = write_plan(
+            config,
+            assets,
+            path,
+            workers=workers or os.cpu_count() or 1,
+            strict=strict,
+            more_of=missed,
+            progress=advance,
+        )
     if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
         warnings.warn(
             f"in {seen[0]} of the {seen[1]} images looked at, the terrain ends before the horizon and the HDRI's land "
@@ -122,6 +136,7 @@ def write_plan(
     *,
     workers: int = 1,
     strict: bool = False,
+    more_of: MoreOf | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan everything and write it; an attempt that was killed is continued.
@@ -138,6 +153,8 @@ def write_plan(
         Processes that plan. The bytes do not depend on their number.
     strict
         Whether a vehicle that finds no place on one of its sceneries is a mistake; if not, it is planned on the others.
+    more_of
+        What a detector missed, see `planning.more_of`.
     progress
         Called with the images planned so far and their total.
 
@@ -149,12 +166,14 @@ def write_plan(
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
-        planner = Planner(config, assets, strict=strict)
+        planner = Planner(config, assets, strict=strict, more_of=more_of)
     except ConfigError as error:
         # What looks at a section does not know its file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
-    header = make_header(config, planner.assets, path, images=budget.n_images, left_out=planner.pairs.left_out)
+    header = make_header(
+        config, planner.assets, path, images=budget.n_images, left_out=planner.pairs.left_out, more_of=more_of
+    )
     with PlanWriter(path, header) as writer:
         start = _resume(writer, planner)
         if progress:
@@ -171,7 +190,13 @@ def write_plan(
 
 
 def make_header(
-    config: Config, assets: Assets, path: str | Path, *, images: int, left_out: Sequence[LeftOut] = ()
+    config: Config,
+    assets: Assets,
+    path: str | Path,
+    *,
+    images: int,
+    left_out: Sequence[LeftOut] = (),
+    more_of: MoreOf | None = None,
 ) -> Header:
     """The plan's first line."""
     none = AssetFile("")
@@ -206,6 +231,7 @@ def make_header(
         },
         left_out=list(left_out),
         photographs=None if known is None else Source(path=str(config.camera.like), sha256=known.sha256),
+        more_of=more_of,
     )
 
 
@@ -236,7 +262,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     # Not forked from this process: what its threads lock, such as the progress bar's and Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
-    made_from = (planner.config, planner.assets, planner.strict, planner.pairs)
+    made_from = (planner.config, planner.assets, planner.strict, planner.pairs, planner.more_of)
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=made_from)
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
@@ -253,12 +279,12 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(config: Config, assets: Assets, strict: bool, pairs: Pairs) -> None:
+def _begin(config: Config, assets: Assets, strict: bool, pairs: Pairs, more_of: MoreOf | None) -> None:
     global _planner
     # Ctrl-C is the parent's to handle; the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _planner = Planner(config, assets, strict=strict, pairs=pairs)
+    _planner = Planner(config, assets, strict=strict, pairs=pairs, more_of=more_of)
 
 
 def _end_with_parent() -> None:

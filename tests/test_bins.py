@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.dataset.known import seen_from
+from hulldown.annotate.known import seen_from
 from hulldown.tests.detections import dataset, loaded, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, worst
 from hulldown.training.evaluation.matching import match, overlapping

@@ -130,6 +130,7 @@ def _plan(arguments: argparse.Namespace) -> int:
             output,
             workers=arguments.workers,
             strict=arguments.strict,
+            more_of=arguments.more_of,
             cache=arguments.cache,
             limits=read_limits(arguments),
             progress=advance,
@@ -231,6 +232,10 @@ def add(verb: AddVerb) -> None:
         action="store_true",
         help="refuse missing textures and libraries, and vehicles without a place on a scenery",
     )
+    sub.add_argument(
+        "--more-of", type=Path, metavar="REPORT.json",
+        help="of `hulldown evaluate`: plan more images of the sizes, sides, light, ... in which labels were missed",
+    )  # fmt: skip
     add_cache(sub, "the config's; with --check .hulldown-cache beside the plan")
     add_read_limits(sub)
 

@@ -15,9 +15,9 @@ from jaxtyping import Float
 from PIL import Image as Pictures
 
 from hulldown.annotate.drawing import colour_of
+from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
-from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison

@@ -133,6 +133,12 @@ class Budget:
             first_image=before + np.minimum(ordinal * self.shots, self.backgrounds),
         )
 
+    def turned(self, vehicle: Int[np.ndarray, " n"], turn: int) -> Int[np.ndarray, " n"]:
+        """So many vehicles further within each vehicle's class, its first after its last; -1 stays."""
+        last = np.searchsorted(self.class_starts, vehicle, side="right")
+        start, stop = self.class_starts[last - 1], self.class_starts[np.minimum(last, len(self.class_starts) - 1)]
+        return np.where(vehicle < 0, -1, start + (vehicle - start + turn) % np.maximum(stop - start, 1))
+
     def target_positions(self, index: Int[np.ndarray, " n"]) -> Positions:
         """What the k-th positions of vehicles hold; neither positions nor images of backgrounds are counted."""
         k = index

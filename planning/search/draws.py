@@ -42,6 +42,7 @@ class Purpose(IntEnum):
     WEATHER = 22
     LIKE = 26
     DIRECTION = 27
+    MORE_OF = 29
     SENSOR = 30
 
 
@@ -52,12 +53,14 @@ class RandomStreams:
     ----------
     seed
         Any integer from 0 on; 0 is a seed like any other.
+    spawned
+        Numbers of these streams among those of the same seed, which have nothing in common.
     """
 
     __slots__ = ("_key",)
 
-    def __init__(self, seed: int) -> None:
-        self._key = np.random.SeedSequence(seed).generate_state(1, np.uint64)
+    def __init__(self, seed: int, *, spawned: tuple[int, ...] = ()) -> None:
+        self._key = np.random.SeedSequence(seed, spawn_key=spawned).generate_state(1, np.uint64)
 
     def uniform(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int

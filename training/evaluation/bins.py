@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.dataset.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.contrast import measured_contrast
 from hulldown.training.evaluation.labels import Labels

@@ -213,6 +213,7 @@ def report(one: Evaluation) -> dict[str, Any]:
         "images": len(one.labels.images),
         "positions": one.positions,
         "labels": int((~one.labels.crowd).sum()),
+        "picture_px": _picture_px(one.labels),
         "overall": {
             **_record(one, one.sums.sum(axis=0), {key: one.average.summary[key] for key in AVERAGES}),
             "average_precision": plain(one.average.summary),
@@ -231,6 +232,12 @@ def report(one: Evaluation) -> dict[str, Any]:
         "bins": {found.field.name: _bins(found) for found in one.bins},
         "worst_bins": worst(one.bins),
     }
+
+
+def _picture_px(labels: Labels) -> float | None:
+    """Root of the area of pictures, the median: what sizes of boxes are to be compared with."""
+    roots = [math.sqrt(image["width"] * image["height"]) for image in labels.images]
+    return round(float(np.median(roots)), DIGITS) if roots else None
 
 
 def causes(one: Evaluation) -> dict[str, int]:

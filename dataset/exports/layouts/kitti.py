@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.annotate.known import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.shares import Shares
-from hulldown.dataset.known import number as number_of
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own words for no box in space

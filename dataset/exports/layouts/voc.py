@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
+from hulldown.annotate.known import number
 from hulldown.dataset.exports.shares import Item, Shares
-from hulldown.dataset.known import number
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
 TRUNCATED, OCCLUDED = 0.0, 0.95  # cut off at all; less of it visible than this
