@@ -16,6 +16,7 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.target import PosedVehicle
 from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.world import World
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
@@ -116,18 +117,24 @@ class Artist:
         Those the plan was made from.
     stage
         The same where it is built already.
+
+    Attributes
+    ----------
+    models
+        Vehicles and distractors by name.
+    class_ids
+        The number of each class in datasets.
     """
 
     def __init__(self, plan: Plan, assets: Assets, *, stage: PlanStage | None = None) -> None:
         self._path, self._assets = plan.path, assets
         stage = stage or make_stage(parse_config(plan.header.config, path=plan.path), assets)
-        self._models, self._distractors = stage.everything, frozenset(stage.distractors)
+        self.models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
-        self._class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
+        self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
         """One row at the given width, with the boxes and classes of its labels if asked for."""
-        self._refuse_unknown(row)
         # As wide as asked for, unless it is a tower: a row may say 1 x 65536.
         scale = min(width / row.width, HIGHEST * width / row.height)
         width, height = max(1, round(row.width * scale)), max(1, round(row.height * scale))
@@ -137,27 +144,27 @@ class Artist:
         records = [
             {
                 "bbox": [x * scale for x in vehicle.bbox],
-                "category_id": self._class_ids[vehicle.category],
+                "category_id": self.class_ids[vehicle.category],
                 "iscrowd": int(vehicle.label == "ignored"),
             }
             for vehicle in row.labelled
             if vehicle.bbox is not None and vehicle.category is not None
         ]
-        return draw(image, records, {i: name for name, i in self._class_ids.items()}, masks=False)
+        return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
 
-    def _refuse_unknown(self, row: Row) -> None:
-        """Say which name of an edited row its plan does not know.
+    def world(self, row: Row) -> World:
+        """A row's scenery with its vehicles.
 
         Raises
         ------
         ConfigError
-            If there is one.
+            If the row, which somebody may have edited, names what its plan doesn't have.
         """
         named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
-        named += [("vehicle", vehicle.vehicle, self._models) for vehicle in row.vehicles]
-        named += [("class", vehicle.category, self._class_ids) for vehicle in row.vehicles if vehicle.category]
-        parts = [(v, name) for v in row.vehicles if v.vehicle in self._models for name in v.articulation]
-        named += [("part", name, self._models[v.vehicle].shape.part_names[1:]) for v, name in parts]
+        named += [("vehicle", vehicle.vehicle, self.models) for vehicle in row.vehicles]
+        named += [("class", vehicle.category, self.class_ids) for vehicle in row.vehicles if vehicle.category]
+        parts = [(v, name) for v in row.vehicles if v.vehicle in self.models for name in v.articulation]
+        named += [("part", name, self.models[v.vehicle].shape.part_names[1:]) for v, name in parts]
         for kind, name, known in named:
             if name not in known:
                 raise ConfigError(
@@ -165,6 +172,7 @@ class Artist:
                     path=self._path,
                     remedy="plan again with `hulldown plan`",
                 )
+        return self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Colours from 0 to 1, without boxes."""
@@ -172,7 +180,7 @@ class Artist:
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
         colours = look(
-            self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles]),
+            self.world(row),
             np.tile(camera.position, (len(along), 1)),
             along,
             paints=[
@@ -189,5 +197,5 @@ class Artist:
         return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
-        target = self._models[vehicle.vehicle].target
+        target = self.models[vehicle.vehicle].target
         return PosedVehicle(target, vehicle.world_from_vehicle[None], vehicle.articulation)

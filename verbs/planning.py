@@ -176,6 +176,19 @@ def _preview(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _passes(arguments: argparse.Namespace) -> int:
+    from hulldown.planning.passes import PASSES, write_passes
+    from hulldown.planning.plan_file import read_plan
+
+    plan = read_plan(arguments.plan)
+    assets = planned_assets(plan, arguments)
+    passes = [name for name in PASSES if getattr(arguments, name)] or PASSES
+    with progress_bar("casting rays") as advance:
+        written = write_passes(plan, assets, arguments.output, passes=passes, count=arguments.count, progress=advance)
+    say(f"wrote {', '.join(passes)} of {written} images into {arguments.output}")
+    return DONE
+
+
 def add(verb: AddVerb) -> None:
     """Add these verbs to the command."""
     sub = verb(
@@ -252,4 +265,22 @@ def add(verb: AddVerb) -> None:
         "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, beside the plan"
     )
     sub.add_argument("--count", type=at_least_one, default=24, help="images, evenly from the plan (default: 24)")
+    add_planned(sub)
+
+    sub = verb(
+        "passes", _passes, "depth, normals, instances, and more of a plan's images",
+        "Reads a plan and its assets; writes arrays and pictures of each image, and COCO panoptic; without Blender.",
+        resumes=True,
+    )  # fmt: skip
+    sub.add_argument("plan", type=Path, metavar="PLAN")
+    sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder to write")
+    for name, what in {
+        "depth": "float32 meters along the optical axis and along the ray",
+        "normal": "float32 normals in the world",
+        "instance": "16-bit numbers of vehicles, ground, and obstacles",
+        "part": "16-bit numbers of vehicles' parts",
+        "category": "COCO panoptic: classes and instances",
+    }.items():
+        sub.add_argument(f"--{name}", action="store_true", help=f"{what} (default: all passes)")
+    sub.add_argument("--count", type=at_least_one, help="images, evenly from the plan (default: all)")
     add_planned(sub)

@@ -1,0 +1,280 @@
+"""Depth, normals, instances, parts, and classes at the pixel centers of a plan's images, by rays alone."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from jaxtyping import Float32, Int, UInt8, UInt16
+from PIL import Image
+
+from hulldown.assets.library import Assets
+from hulldown.assets.scenery import Scenery
+from hulldown.camera.projection import NEAR
+from hulldown.camera.world import Kind
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.files import make_room, replace_file
+from hulldown.planning.plan_file import Plan
+from hulldown.planning.preview import Artist, evenly
+from hulldown.planning.row import Row, encode
+
+PASSES = ("depth", "normal", "instance", "part", "category")
+STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # what has no instances in COCO panoptic
+STUFF_SEGMENT = 1 << 16  # segments of vehicles have the numbers of their instances, those of stuff begin here
+RAYS = 1 << 16  # cast together
+MOST_INSTANCES = (1 << 16) - 1
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pixels:
+    """What the center of each pixel of an image shows.
+
+    Parameters
+    ----------
+    axis, ray
+        (h, w) meters to it: along the optical axis, and along the ray from the pinhole; inf where nothing is.
+    normal
+        (h, w, 3) of the face, in the world, toward the camera; nan where nothing is.
+    instance
+        (h, w) 0 where nothing is; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
+    part
+        (h, w) number in `part_table`; 0 where no vehicle is.
+    table
+        A record for each instance.
+    """
+
+    axis: Float32[np.ndarray, "h w"]
+    ray: Float32[np.ndarray, "h w"]
+    normal: Float32[np.ndarray, "h w 3"]
+    instance: UInt16[np.ndarray, "h w"]
+    part: UInt16[np.ndarray, "h w"]
+    table: list[dict[str, Any]]
+
+
+def part_table(artist: Artist) -> list[dict[str, Any]]:
+    """Number the parts of all vehicles of a plan, from 1."""
+    parts = [(name, part) for name, model in artist.models.items() for part in model.shape.part_names]
+    return [{"id": i, "vehicle": name, "part": part} for i, (name, part) in enumerate(parts, start=1)]
+
+
+def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
+    """What an image shows, by one ray through the center of each pixel.
+
+    Parameters
+    ----------
+    row
+        A row of a plan.
+    artist, scenery
+        Of its plan, and its own.
+    """
+    world, camera, n = artist.world(row), row.camera, row.width * row.height
+    forward = camera.world_from_camera[:3, 2]
+    axis, ray = np.full((2, n), np.inf, np.float32)
+    normal = np.full((n, 3), np.nan, np.float32)
+    kind, which, face = np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1)
+    for start in range(0, n, RAYS):
+        i = np.arange(start, min(start + RAYS, n))
+        along = camera.ray_directions(np.stack([i % row.width, i // row.width], axis=1) + 0.5)
+        cosine = along @ forward
+        before = NEAR / cosine
+        hits = world.nearest(camera.position + before[:, None] * along, along, threads=os.cpu_count() or 1)
+        distance = before + hits.distance
+        ray[i], axis[i] = distance, distance * cosine
+        normal[i], kind[i], which[i], face[i] = hits.normal, hits.kind, hits.which, hits.face
+    shape = row.height, row.width
+    instance, table = _instances(row, kind, which, scenery)
+    return Pixels(
+        axis.reshape(shape),
+        ray.reshape(shape),
+        normal.reshape(*shape, 3),
+        instance.reshape(shape),
+        _parts(row, artist, kind, which, face).reshape(shape),
+        table,
+    )
+
+
+def _instances(
+    row: Row, kind: UInt8[np.ndarray, " n"], which: Int[np.ndarray, " n"], scenery: Scenery
+) -> tuple[UInt16[np.ndarray, " n"], list[dict[str, Any]]]:
+    """The instance of each pixel, and a record for each that could be or is shown."""
+    table: list[dict[str, Any]] = [
+        {"kind": "vehicle", "name": v.vehicle, "category": v.category, "label": v.label} for v in row.vehicles
+    ]
+    instance = np.where(kind == Kind.VEHICLE, which + 1, 0)
+    if (ground := kind == Kind.GROUND).any():
+        table.append({"kind": "ground", "name": "ground"})
+        instance[ground] = len(table)
+    obstacles = kind == Kind.OBSTACLE
+    shown, number = np.unique(which[obstacles], return_inverse=True)
+    instance[obstacles] = number + len(table) + 1
+    for i in shown.tolist():
+        what = "water" if scenery.instance_is_water[i] else "obstacle"
+        table.append({"kind": what, "name": scenery.instance_names[i]})
+    if len(table) > MOST_INSTANCES:
+        raise ConfigError(f"image {row.index} shows {len(table):,} instances, more than 16-bit pictures can tell apart")
+    return instance.astype(np.uint16), [{"id": i, **record} for i, record in enumerate(table, start=1)]
+
+
+def _parts(
+    row: Row,
+    artist: Artist,
+    kind: UInt8[np.ndarray, " n"],
+    which: Int[np.ndarray, " n"],
+    face: Int[np.ndarray, " n"],
+) -> UInt16[np.ndarray, " n"]:
+    first = {record["vehicle"]: record["id"] for record in part_table(artist)[::-1]}
+    part = np.zeros(len(kind), np.uint16)
+    for i, vehicle in enumerate(row.vehicles):
+        here = np.flatnonzero((kind == Kind.VEHICLE) & (which == i))
+        shape = artist.models[vehicle.vehicle].shape
+        part[here] = first[vehicle.vehicle] + shape.vertex_part[shape.mesh.faces[face[here], 0]]
+    return part
+
+
+def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[dict[str, Any]]]:
+    """An image's segments as COCO has them: a picture whose colors are their numbers, and a record for each.
+
+    Parameters
+    ----------
+    pixels
+        Of the image.
+    class_ids
+        The numbers of the classes; those of `STUFF` follow.
+    """
+    segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
+    for record in [{"id": 0, "kind": "sky"}, *pixels.table]:
+        i, name = record["id"], record.get("category")
+        if name is not None:
+            segment[i], category[i], crowd[i] = i, class_ids[name], record["label"] != "full"
+        else:
+            stuff = STUFF.index("distractor" if record["kind"] == "vehicle" else record["kind"])
+            segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
+    numbers = segment[pixels.instance]
+    colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
+    segments = []
+    for number in np.unique(numbers).tolist():
+        (rows, columns), i = np.nonzero(numbers == number), int(np.flatnonzero(segment == number)[0])
+        low, high = (rows.min(), columns.min()), (rows.max() + 1, columns.max() + 1)
+        bbox = [int(low[1]), int(low[0]), int(high[1] - low[1]), int(high[0] - low[0])]
+        counts = {"area": len(rows), "bbox": bbox, "iscrowd": int(crowd[i])}
+        segments.append({"id": number, "category_id": int(category[i]), **counts})
+    return colors, segments
+
+
+def write_passes(
+    plan: Plan,
+    assets: Assets,
+    output: Path,
+    *,
+    passes: Sequence[str] = PASSES,
+    count: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write passes of a plan's images into a folder; images that are there already are left as they are.
+
+    Parameters
+    ----------
+    plan, assets
+        The plan and what it was made from.
+    output
+        The folder.
+    passes
+        Which of `PASSES`.
+    count
+        Of how many images, evenly from the plan; None for all.
+    progress
+        Called with the images done and their number.
+
+    Returns
+    -------
+    The number of images.
+
+    Raises
+    ------
+    HulldownError
+        If the plan names what isn't there, or the folder can't be written.
+    """
+    artist = Artist(plan, assets)
+    chosen = evenly(len(plan), len(plan) if count is None else count)
+    names = [*plan.header.categories, *STUFF]
+    things = len(plan.header.categories)
+    categories = [{"id": i, "name": name, "isthing": int(i <= things)} for i, name in enumerate(names, start=1)]
+    document: dict[str, list[Any]] = {"images": [], "annotations": [], "categories": categories}
+    for done, index in enumerate(chosen):
+        if progress:
+            progress(done, len(chosen))
+        row = plan[index]
+        segments = _written(row, artist, assets, output, passes)["segments_info"]
+        size = {"width": row.width, "height": row.height}
+        document["images"].append({"id": row.image_id, "file_name": row.file_name, **size})
+        which = {"image_id": row.image_id, "file_name": f"{_stem(row)}.png"}
+        document["annotations"].append({**which, "segments_info": segments})
+    if progress:
+        progress(len(chosen), len(chosen))
+    if "part" in passes:
+        _write(output / "parts.json", orjson.dumps(part_table(artist), option=orjson.OPT_INDENT_2))
+    if "category" in passes:
+        _write(output / "panoptic.json", orjson.dumps(document))
+    return len(chosen)
+
+
+def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> dict[str, Any]:
+    """Write an image's passes and their table, which comes last, so that it tells which are complete; the table."""
+    stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
+    table = output / "tables" / f"{stem}.json"
+    try:
+        record: dict[str, Any] = orjson.loads(table.read_bytes())
+        there = record["passes"] if record["row_sha256"] == digest else []
+    except (OSError, ValueError, KeyError, TypeError):
+        there = []
+    if set(passes) <= set(there):
+        return record
+    pixels = pixels_of(row, artist, assets.sceneries[row.scenery])
+    colors, segments = panoptic(pixels, artist.class_ids)
+    files = {
+        "depth": ("depth", ".npz", lambda: _arrays(axis=pixels.axis, ray=pixels.ray)),
+        "normal": ("normal", ".npz", lambda: _arrays(world=pixels.normal)),
+        "instance": ("instance", ".png", lambda: _png(pixels.instance)),
+        "part": ("part", ".png", lambda: _png(pixels.part)),
+        "category": ("panoptic", ".png", lambda: _png(colors)),
+    }
+    for name in passes:
+        folder, suffix, content = files[name]
+        _write(output / folder / f"{stem}{suffix}", content())
+    record = {
+        "row_sha256": digest,
+        "passes": sorted({*passes, *there}),
+        "instances": pixels.table,
+        "segments_info": segments,
+    }
+    _write(table, orjson.dumps(record))
+    return record
+
+
+def _stem(row: Row) -> str:
+    """An image's name without its folder and its suffix."""
+    return str(Path(row.file_name).relative_to("images").with_suffix(""))
+
+
+def _arrays(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _png(pixels: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def _write(path: Path, content: bytes) -> None:
+    make_room(path)
+    replace_file(path, content)
