@@ -58,7 +58,20 @@ BODY = (  # what else vehicles have: a file with such names would name a turret 
 NOT_PAINT = (  # materials that keep their colour when a vehicle is painted, unless their names also say
     *("tyre", "tire", "rubber", "track", "tread", "chain", "glass", "window", "windscreen"),
     *("windshield", "lens", "lamp", "light", "headlight", "taillight", "reflector", "mirror", "chrome", "periscope"),
-    *("decal", "logo", "insignia", "number plate", "licence plate", "license plate"),
+    *(
+        "wheel",
+        "rim",
+        "interior",
+        "cockpit",
+        "seat",
+        "dashboard",
+        "decal",
+        "logo",
+        "insignia",
+        "number plate",
+        "licence plate",
+        "license plate",
+    ),
     *("reifen", "gummi", "glas", "kette", "scheibe", "scheinwerfer", "pneu", "chenille", "vitre", "verre", "phare"),
     *("guma", "opona", "vetro", "cingoli", "cristal", "rueda", "neumatico", "шина", "гусеница", "стекло"),
 )

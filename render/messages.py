@@ -54,6 +54,10 @@ class PaintInput:
         What its hue is turned by, in turns.
     saturation, value
         Factors.
+    keeps_dark
+        Whether texels as dark as rubber and glass keep their color.
+    everywhere
+        Whether wheels, windows, and the like are painted too.
     """
 
     material: str
@@ -62,6 +66,8 @@ class PaintInput:
     hue: float
     saturation: float
     value: float
+    keeps_dark: bool
+    everywhere: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,14 @@ from PIL import Image
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
 from hulldown.camera.weather_kinds import airlight
-from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.planning.appearance.land import land_above_horizon
+from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.write import write_plan
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
+from hulldown.reading.vehicle.paintable import parts_left_alone
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
 
@@ -38,15 +40,21 @@ WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.
 CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
 
 
-def write_obj(path, parts, materials, mtl):
-    """Write named meshes with z up as OBJ with y up, all their texture coordinates 0."""
+NAMELESS = {f"Mesh_{k}": mesh for k, mesh in enumerate(CAR.values())}
+ON_ATLAS = {name: (0.3, 0.5) if name == "Mesh_0" else (0.75, 0.5) for name in NAMELESS}
+ATLAS = "newmtl m\nillum 2\nmap_Kd atlas.png\n"
+
+
+def write_obj(path, parts, materials, mtl, uv=None):
+    """Write named meshes with z up as OBJ with y up; each has one texture coordinate, in `uv` or 0."""
     path.parent.mkdir(parents=True)
     path.with_suffix(".mtl").write_text(mtl)
-    lines, count = [f"mtllib {path.stem}.mtl", "vt 0 0"], 1
-    for name, mesh in parts.items():
+    lines, count = [f"mtllib {path.stem}.mtl"], 1
+    for k, (name, mesh) in enumerate(parts.items(), start=1):
+        lines.append("vt {} {}".format(*(uv or {}).get(name, (0, 0))))
         lines += [f"o {name}", f"usemtl {materials.get(name, materials['*'])}"]
         lines += [f"v {x:.6f} {z:.6f} {-y:.6f}" for x, y, z in mesh.vertices]
-        lines += [f"f {a}/1 {b}/1 {c}/1" for a, b, c in mesh.faces + count]
+        lines += [f"f {a}/{k} {b}/{k} {c}/{k}" for a, b, c in mesh.faces + count]
         count += len(mesh.vertices)
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -68,6 +76,8 @@ def read(tmp_path_factory):
     files = {
         "max": write_obj(folder / "max/max.obj", CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
         "clear": write_obj(folder / "clear/clear.obj", CAR, {"*": "window"}, GLASS),
+        "atlas": write_obj(folder / "atlas/atlas.obj", NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
+        "plain": write_obj(folder / "plain/plain.obj", NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
         "moved": write_obj(folder / "moved/meshes/moved.obj", CAR, {"*": "tire", "hull": "body"}, MOVED),
         "sheet": write_obj(
             folder / "sheet/sheet.obj", {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])}, {"*": "body"}, ""
@@ -83,6 +93,10 @@ def read(tmp_path_factory):
     for name, level in textures.items():
         (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)
+    atlas = Image.new("RGB", (8, 8), "white")  # with a white border that no face shows
+    atlas.paste((60, 66, 40), (1, 1, 4, 7))
+    atlas.paste((25, 25, 27), (5, 1, 7, 7))
+    atlas.save(folder / "atlas/atlas.png")
     jobs = []
     for name, path in files.items():
         out = folder / "out" / name
@@ -171,3 +185,27 @@ def test_fog_is_gray_unless_the_light_is_colored(light, kept):
     gray = light @ LUMINANCE * np.ones(3)
     np.testing.assert_allclose(airlight("fog", light), gray + kept * (light - gray))
     assert not airlight("fog", np.zeros(3)).any()
+
+
+def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
+    rows = {name: read[name].report.materials[0] for name in ("max", "atlas", "plain")}
+    assert rows["max"].left_alone == "", "its wheels are named"
+    assert rows["atlas"].left_alone == "", rows
+    assert rows["atlas"].keeps_dark
+    olive = linear_color("#3c4228")
+    np.testing.assert_allclose(rows["atlas"].colour, olive, rtol=0.05)  # neither tires nor white that isn't shown
+    assert "nothing tells" in rows["plain"].left_alone
+    (doubt,) = paint_doubts([PaintEntry(colours=("#4b5320",))], [rows["plain"]])
+    assert "give its whole name" in doubt
+
+
+@pytest.mark.parametrize(
+    ("names", "materials", "kept"),
+    [
+        (["hull", "wheel_l", "rear window", "Track guard"], [1, 1, 1, 1], [False, True, True, False]),
+        (["hull", "wheel_l", "wheel_r", "turret"], [1, 2, 1, 1], [False, False, True, False]),
+        (["light tank 1", "light tank 2", "light tank 3", "antenna"], [1, 1, 1, 1], [False] * 4),
+    ],
+)
+def test_parts_are_left_alone_by_name(names, materials, kept):
+    assert parts_left_alone(names, np.ones(4), materials).tolist() == kept

@@ -91,11 +91,18 @@ def read(job: Job) -> dict[str, Any]:
         vehicle = build_vehicle(job.name, drawn.meshes, upright, drawn.markers, options=options)
         shape, roles = vehicle.shape, vehicle.roles
         save_vehicle(job.file("bundle.npz"), shape)
-        write_vehicle(job.file("tidy.blend"), keeper, drawn.pieces, vehicle.piece_part, shape.vehicle_from_file)
+        materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
+        write_vehicle(
+            job.file("tidy.blend"),
+            keeper,
+            drawn.pieces,
+            vehicle.piece_part,
+            shape.vehicle_from_file,
+            unpainted=unpainted,
+        )
         uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
         triangles, size = len(shape.mesh.faces), xyz(shape.size_xyz)
         rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        materials = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
         more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=options)
         doubts = (*vehicle.doubts, *more)
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}

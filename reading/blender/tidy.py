@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
-from hulldown.reading.blender.tidy_properties import PART, REST, TIDY
+from hulldown.reading.blender.tidy_properties import PART, REST, TIDY, UNPAINTED
 from hulldown.reading.roles import Piece
 
 MANY = 8  # from so many on, copies are drawn by one object
@@ -89,8 +89,10 @@ def write_vehicle(
     pieces: Sequence[Piece],
     piece_part: Sequence[int],
     vehicle_from_file: Float[np.ndarray, "4 4"],
+    *,
+    unpainted: Sequence[bool],
 ) -> None:
-    """Write the pieces whose part is not -1."""
+    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
     collection = bpy.data.collections.new("hulldown vehicle")
     for i, (piece, part) in enumerate(zip(pieces, piece_part, strict=True)):
         if part < 0:
@@ -99,6 +101,7 @@ def write_vehicle(
         obj = _object(keeper, piece, i)
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
+        obj[UNPAINTED] = unpainted[i]
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 

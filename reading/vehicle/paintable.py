@@ -1,13 +1,21 @@
-"""Which materials of a vehicle are paint: not its tyres, tracks, glass, lamps and bare metal."""
+"""Which materials, parts, and texels of a vehicle are paint: not its tires, tracks, glass, lamps, and bare metal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
 
 from hulldown.assets.naming import NOT_PAINT, PAINT, says
 
 CLEAR = "one sees through it"  # why glass is left alone
+DARK = 0.045  # linear light, 60 of 255 in sRGB: rubber, and glass that is painted on
+NEUTRAL = 0.35  # saturation below which dark colors are rubber's
+DARK_SHARES = (0.01, 0.6)  # of a material's surface that rubber and glass may have; above it, its paint is dark
+MOST_PARTS = 0.6  # of a vehicle's surface; names that more of it has don't name parts
+ONE_FOR_ALL = 0.9  # of a vehicle's surface that one material has, if it's also on tires and windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,15 +29,68 @@ class MaterialRow:
     share
         Of the vehicle's surface.
     colour
-        Mean of its base colour, linear light; of image textures the mean of the image, of other nodes an estimate.
+        Mean of its base colour, linear light: of what an image texture shows on the vehicle without texels that keep
+        their color, of other nodes an estimate.
     left_alone
         Why it is not painted; empty if it can be.
+    dark
+        Share of its surface as dark as rubber and glass; `keeps_dark` says whether those texels keep their color.
     """
 
     name: str
     share: float
     colour: tuple[float, float, float]
     left_alone: str = ""
+    dark: float = 0.0
+
+    @property
+    def keeps_dark(self) -> bool:
+        """Whether its dark texels are tires and windows, and not its paint."""
+        return DARK_SHARES[0] <= self.dark <= DARK_SHARES[1]
+
+
+def is_dark(colour: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    """Whether linear colors are those of rubber or glass: dark, and neutral or bluish."""
+    low, high = colour.min(axis=-1), colour.max(axis=-1)
+    return (high < DARK) & ((high - low < NEUTRAL * high) | (colour[..., 2] >= colour[..., 0]))
+
+
+def parts_left_alone(
+    names: Sequence[str], areas: Float[np.ndarray, " n"], materials: Sequence[int]
+) -> Bool[np.ndarray, " n"]:
+    """Whether each part of a vehicle is a wheel, a window, or the like by its name.
+
+    Parameters
+    ----------
+    names, areas
+        Of the parts.
+    materials
+        How many each of them has; where it has several, those tell what is paint.
+    """
+    kept = np.array([n == 1 and bool(left_alone_by_name(name)) for name, n in zip(names, materials, strict=True)], bool)
+    return kept & (areas[kept].sum() <= MOST_PARTS * areas.sum())
+
+
+def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]:
+    """Leave alone what is as dark as rubber, and a material that has a whole vehicle if nothing tells its tires.
+
+    Parameters
+    ----------
+    rows
+        The materials of a vehicle.
+    parts
+        Whether any of its parts is left alone.
+    """
+    made = []
+    for row in rows:
+        why = row.left_alone
+        if not why and not says(row.name, PAINT):
+            if row.dark > 0.95 and row.share < DARK_SHARES[1]:
+                why = "it is as dark as rubber"
+            elif row.share > ONE_FOR_ALL and not parts and not row.keeps_dark:
+                why = "nothing tells its paint from its tires and windows"
+        made.append(replace(row, left_alone=why))
+    return made
 
 
 def left_alone_by_name(name: str) -> str:

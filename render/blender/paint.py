@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from hulldown.reading.blender.tidy_properties import UNPAINTED
+from hulldown.reading.vehicle.paintable import DARK, NEUTRAL
 from hulldown.render.blender.nodes import add_node, maths
 from hulldown.render.messages import PaintInput
 
@@ -53,11 +55,15 @@ class Paintable:
         paints
             How its materials are painted; those that it does not have are not.
         """
-        said: dict[str, tuple[float, ...]] = {}
+        on_all: dict[str, tuple[float, ...]] = {}
+        on_parts: dict[str, tuple[float, ...]] = {}  # that are unpainted otherwise
         for paint in paints:
             if paint.material in self._materials:
-                said |= self._properties(paint)
+                properties = self._properties(paint)
+                on_all |= properties
+                on_parts |= properties if paint.everywhere else {}
         for obj in objects:
+            said = on_parts if obj.get(UNPAINTED) else on_all
             before = {key: tuple(value) for key, value in obj.items() if key.startswith(PREFIX)}
             if before == said:
                 continue
@@ -71,7 +77,7 @@ class Paintable:
         if paint.material not in self._numbers:
             self._numbers[paint.material] = len(self._numbers)
             material = self._own(paint.material)
-            _insert(material.node_tree, self._numbers[paint.material], paint.mean)
+            _insert(material.node_tree, self._numbers[paint.material], paint)
         colour, shift = _names(self._numbers[paint.material])
         said: dict[str, tuple[float, ...]] = {}
         if paint.colour is not None:
@@ -98,15 +104,15 @@ def _names(number: int) -> tuple[str, str]:
     return f"{PREFIX}{number} colour", f"{PREFIX}{number} shift"
 
 
-def _insert(tree: Any, number: int, mean: float) -> None:
+def _insert(tree: Any, number: int, paint: PaintInput) -> None:
     """Put nodes before all base colours of a tree, and of the groups in it, which it gets copies of."""
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree is not None and _is_coloured(node.node_tree):
             node.node_tree = node.node_tree.copy()
-            _insert(node.node_tree, number, mean)
+            _insert(node.node_tree, number, paint)
         elif node.type in BASE_COLOURS:
             socket = node.inputs[BASE_COLOURS[node.type]]
-            tree.links.new(_painted(tree, socket, number, mean), socket)
+            tree.links.new(_painted(tree, socket, number, paint), socket)
 
 
 def _is_coloured(tree: Any) -> bool:
@@ -114,7 +120,7 @@ def _is_coloured(tree: Any) -> bool:
     return any(node.type in BASE_COLOURS for node in tree.nodes) or any(map(_is_coloured, inner))
 
 
-def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
+def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:
     """The output that has what is linked to a socket, painted."""
     colour, shift = (
         add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name) for name in _names(number)
@@ -122,7 +128,7 @@ def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
     if socket.is_linked:
         base = socket.links[0].from_socket
         grey = add_node(tree, "RGBToBW", {0: base}).outputs[0]
-        bounded = maths(tree, "MINIMUM", maths(tree, "MULTIPLY", grey, 1.0 / max(mean, 1e-4)), BRIGHTEST)
+        bounded = maths(tree, "MINIMUM", maths(tree, "MULTIPLY", grey, 1.0 / max(paint.mean, 1e-4)), BRIGHTEST)
         scaled = {0: colour.outputs["Color"], "Scale": bounded}
         fresh = add_node(tree, "VectorMath", scaled, operation="SCALE").outputs[0]
     else:
@@ -132,7 +138,23 @@ def _painted(tree: Any, socket: Any, number: int, mean: float) -> Any:
     coloured = _mix(tree, colour.outputs["Alpha"], base, fresh)
     hue, saturation, value = add_node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
     turned = add_node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": coloured})
-    return _mix(tree, shift.outputs["Alpha"], coloured, turned.outputs[0])
+    whole = _mix(tree, shift.outputs["Alpha"], coloured, turned.outputs[0])
+    return _mix(tree, _is_paint(tree, base), base, whole) if paint.keeps_dark and socket.is_linked else whole
+
+
+def _is_paint(tree: Any, base: Any) -> Any:
+    """0 where a color is that of rubber or glass, as `reading.vehicle.paintable.is_dark` has it, to 1, smoothly."""
+    red, green, blue = add_node(tree, "SeparateColor", {0: base}).outputs
+    high = maths(tree, "MAXIMUM", red, maths(tree, "MAXIMUM", green, blue))
+    low = maths(tree, "MINIMUM", red, maths(tree, "MINIMUM", green, blue))
+    saturation = maths(tree, "DIVIDE", maths(tree, "SUBTRACT", high, low), maths(tree, "MAXIMUM", high, 1e-6))
+    coloured = maths(tree, "MULTIPLY", _ramp(tree, saturation, NEUTRAL), maths(tree, "GREATER_THAN", red, blue))
+    return maths(tree, "MAXIMUM", _ramp(tree, high, DARK), coloured)
+
+
+def _ramp(tree: Any, value: Any, at: float) -> Any:
+    limits = {0: value, 1: 0.85 * at, 2: 1.15 * at}
+    return add_node(tree, "MapRange", limits, interpolation_type="SMOOTHSTEP").outputs[0]
 
 
 def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:

@@ -14,11 +14,20 @@ from hulldown.geometry.color import linear_from_srgb
 from hulldown.reading.blender.surfaces.nodes import Stack, source
 from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
 from hulldown.reading.roles import Piece
-from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow, left_alone_by_name
+from hulldown.reading.vehicle.paintable import (
+    CLEAR,
+    DARK_SHARES,
+    MaterialRow,
+    is_dark,
+    left_alone_by_name,
+    parts_left_alone,
+    told_apart,
+)
 
 BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 METAL = 0.5  # least metalness of what is not painted
-SIDE = 128  # pixels that images are shrunk to
+SIDE = 512  # pixels that images are shrunk to
+SAMPLES = 4096  # of an image, on each mesh
 DEEPEST = 48  # nodes between a shader and the images and colours that are looked at
 GREY = 0.5  # what is taken for the mean of nodes that are not understood
 # Nodes that change a colour little on the whole.
@@ -26,8 +35,10 @@ PASSING = ("HueSaturation", "Gamma", "BrightContrast", "RGBCurve", "MixRGB")
 SOCKETS = {"RGBA": (0, 6, 7), "VECTOR": (0, 4, 5), "FLOAT": (0, 2, 3)}  # of a Mix node: factor, A, B
 
 
-def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Sequence[int]) -> tuple[MaterialRow, ...]:
-    """The materials of the pieces whose part is not -1, the largest share first.
+def material_rows(
+    meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Sequence[int]
+) -> tuple[tuple[MaterialRow, ...], list[bool]]:
+    """The materials of the pieces whose part is not -1, the largest share first; and which pieces aren't painted.
 
     Parameters
     ----------
@@ -38,21 +49,32 @@ def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Se
     """
     areas: dict[Any, float] = defaultdict(float)
     own: dict[int, dict[Any, float]] = {}
-    for piece, part in zip(pieces, piece_part, strict=True):
-        if part < 0 or not isinstance(meshes[piece.mesh], bpy.types.Mesh):
-            continue
+    used = [
+        i
+        for i, (piece, part) in enumerate(zip(pieces, piece_part, strict=True))
+        if part >= 0 and isinstance(meshes[piece.mesh], bpy.types.Mesh)
+    ]
+    area, scales = np.zeros(len(used)), np.zeros(len(used))
+    for k, piece in enumerate(pieces[i] for i in used):
         if piece.mesh not in own:
             own[piece.mesh] = _areas(meshes[piece.mesh])
-        scale = abs(float(np.linalg.det(piece.pose[:3, :3]))) ** (2 / 3)
-        for material, area in own[piece.mesh].items():
-            areas[material] += scale * area
+        scale = scales[k] = abs(float(np.linalg.det(piece.pose[:3, :3]))) ** (2 / 3)
+        area[k] = scale * sum(own[piece.mesh].values())
+        for material, one in own[piece.mesh].items():
+            areas[material] += scale * one
+    left = parts_left_alone([pieces[i].name for i in used], area, [len(own[pieces[i].mesh]) for i in used])
+    kept = {i for i, one in zip(used, left.tolist(), strict=True) if one}
     total = sum(areas.values()) or 1.0
-    colours = _MeanColours()
-    rows = [
-        MaterialRow(material.name, area / total, colours.of_material(material), why_left_alone(material))
-        for material, area in areas.items()
-    ]
-    return tuple(sorted(rows, key=lambda row: (-row.share, row.name)))
+    weights: dict[int, float] = defaultdict(float)
+    for i, scale in zip(used, scales.tolist(), strict=True):
+        weights[pieces[i].mesh] += 0.0 if i in kept else scale
+    colours = _MeanColours([(meshes[i], weight) for i, weight in weights.items() if weight > 0.0])
+    rows = []
+    for material, one in areas.items():
+        colour, dark = colours.of_material(material)
+        rows.append(MaterialRow(material.name, one / total, colour, why_left_alone(material), dark))
+    rows = told_apart(rows, parts=bool(kept))
+    return tuple(sorted(rows, key=lambda row: (-row.share, row.name))), [i in kept for i in range(len(pieces))]
 
 
 def _areas(mesh: Any) -> dict[Any, float]:
@@ -100,20 +122,60 @@ def _glows(shader: Any) -> bool:
 
 
 class _MeanColours:
-    """Means of what is linked to sockets; looks at each image once."""
+    """Means of what is linked to sockets; looks at each image once.
 
-    def __init__(self) -> None:
-        self._images: dict[Any, Float[np.ndarray, "3"]] = {}
+    Parameters
+    ----------
+    meshes
+        That wear the materials and may be painted, each with a factor on its area.
+    """
+
+    def __init__(self, meshes: Sequence[tuple[Any, float]]) -> None:
+        self._meshes = meshes
+        self._images: dict[Any, Float[np.ndarray, "h w 3"]] = {}
         self._seen: dict[tuple[int, ...], Float[np.ndarray, "3"]] = {}
 
-    def of_material(self, material: Any) -> tuple[float, float, float]:
-        found = [
-            self._of(shader.inputs[BASE_COLOURS[shader.type]], around, 0)
-            for shader, around in surface_shaders(material)
-            if shader.type in BASE_COLOURS
-        ]
+    def of_material(self, material: Any) -> tuple[tuple[float, float, float], float]:
+        """Mean color, and the share that is as dark as rubber."""
+        found, dark = [], []
+        for shader, around in surface_shaders(material):
+            if shader.type not in BASE_COLOURS:
+                continue
+            socket = shader.inputs[BASE_COLOURS[shader.type]]
+            worn = self._worn(material, source(socket, around))
+            if worn is None:
+                found.append(self._of(socket, around, 0))
+                dark.append(float(not socket.is_linked and is_dark(found[-1])))
+                continue
+            texels, weight = worn
+            black = is_dark(texels)
+            dark.append(float(weight[black].sum() / weight.sum()))
+            if DARK_SHARES[0] <= dark[-1] <= DARK_SHARES[1]:
+                texels, weight = texels[~black], weight[~black]
+            found.append(np.average(texels, axis=0, weights=weight))
         red, green, blue = np.mean(found or [np.full(3, GREY)], axis=0).tolist()
-        return red, green, blue
+        return (red, green, blue), float(np.mean(dark or [0.0]))
+
+    def _worn(self, material: Any, found: Any) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]] | None:
+        """Texels that a material shows, and their weights; None if its color is no image on a UV map."""
+        node = found[0].node if found and found[0].is_output else None
+        if node is None or node.bl_idname != "ShaderNodeTexImage" or not node.image or found[0].name != "Color":
+            return None
+        placed, layer = source(node.inputs["Vector"], found[1]), ""
+        if placed and placed[0].node.bl_idname == "ShaderNodeUVMap":
+            layer = placed[0].node.uv_map
+        elif placed and placed[0].name != "UV":
+            return None
+        texels = self._texels(node.image)
+        height, width, _ = texels.shape
+        parts, weights = [texels[:0, 0]], [np.empty(0)]
+        for mesh, factor in self._meshes:
+            uv, area = _uv_samples(mesh, material, layer)
+            x, y = (((uv % 1.0) * (width, height)).astype(int) % (width, height)).T
+            parts.append(texels[y, x])
+            weights.append(np.full(len(uv), factor * area))
+        weight = np.concatenate(weights)
+        return (np.concatenate(parts), weight) if weight.any() else None
 
     def _of(self, socket: Any, stack: Stack, depth: int) -> Float[np.ndarray, "3"]:
         found = source(socket, stack)
@@ -129,7 +191,7 @@ class _MeanColours:
         node = output.node
         kind = node.bl_idname.removeprefix("ShaderNode")
         if kind == "TexImage" and node.image is not None and output.name == "Color":
-            return self._of_image(node.image)
+            return self._texels(node.image).reshape(-1, 3).mean(axis=0)
         if kind in ("RGB", "Value"):
             return _three(output.default_value)
         if kind == "ValToRGB":
@@ -146,20 +208,44 @@ class _MeanColours:
             return self._of(node.inputs[1] if kind == "MixRGB" else node.inputs["Color"], stack, depth)
         return np.full(3, GREY)
 
-    def _of_image(self, image: Any) -> Float[np.ndarray, "3"]:
+    def _texels(self, image: Any) -> Float[np.ndarray, "h w 3"]:
         if image not in self._images:
-            self._images[image] = _image_mean(image)
+            self._images[image] = _texels(image)
         return self._images[image]
+
+
+def _uv_samples(mesh: Any, material: Any, layer: str) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Points on a UV map, evenly over the faces of a mesh that wear a material, and the area of those faces."""
+    uv = mesh.uv_layers.get(layer) if layer else next((one for one in mesh.uv_layers if one.active_render), None)
+    slots = [i for i, worn in enumerate(mesh.materials) if worn == material]
+    if uv is None or not slots:
+        return np.empty((0, 2)), 0.0
+    mesh.calc_loop_triangles()
+    n = len(mesh.loop_triangles)
+    loops, area, slot = np.empty(3 * n, np.int32), np.empty(n, np.float32), np.empty(n, np.int32)
+    for name, out in (("loops", loops), ("area", area), ("material_index", slot)):
+        mesh.loop_triangles.foreach_get(name, out)
+    flat = np.empty(2 * len(uv.uv), np.float32)
+    uv.uv.foreach_get("vector", flat)
+    weight = np.where(np.isin(slot.clip(0, len(mesh.materials) - 1), slots), area, 0.0).astype(np.float64)
+    total = float(weight.sum())
+    if not total > 0.0:
+        return np.empty((0, 2)), 0.0
+    draws = np.random.default_rng(0)
+    chosen = draws.choice(n, SAMPLES, p=weight / total)
+    corners = flat.reshape(-1, 2)[loops.reshape(-1, 3)[chosen]]
+    points = np.einsum("kc,kcd->kd", draws.dirichlet(np.ones(3), SAMPLES), corners)
+    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), total
 
 
 def _three(value: Any) -> Float[np.ndarray, "3"]:
     return np.array(value[:3] if hasattr(value, "__len__") else [value] * 3, dtype=np.float64)
 
 
-def _image_mean(image: Any) -> Float[np.ndarray, "3"]:
-    """Of an image's opaque pixels, in linear light; grey if it cannot be read."""
+def _texels(image: Any) -> Float[np.ndarray, "h w 3"]:
+    """Of an image, in linear light; those that are transparent have the mean of the others."""
     if not all(image.size):
-        return np.full(3, GREY)
+        return np.full((1, 1, 3), GREY)
     small = image.copy()
     try:
         small.scale(*(min(side, SIDE) for side in image.size))
@@ -168,10 +254,11 @@ def _image_mean(image: Any) -> Float[np.ndarray, "3"]:
         small.pixels.foreach_get(flat)
     finally:
         bpy.data.images.remove(small)
-    pixels = flat.reshape(width * height, -1).astype(np.float64)
-    if pixels.shape[1] == 4 and (opaque := pixels[:, 3] > 0.5).any():
-        pixels = pixels[opaque]
-    colour = pixels[:, :3] if pixels.shape[1] >= 3 else np.repeat(pixels[:, :1], 3, axis=1)
+    pixels = flat.reshape(height, width, -1).astype(np.float64)
+    colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
     if image.colorspace_settings.name == "sRGB" and not image.is_float:
         colour = linear_from_srgb(colour)
-    return np.nan_to_num(colour.mean(axis=0), nan=GREY).clip(0.0, 1.0)
+    colour = np.nan_to_num(colour, nan=GREY).clip(0.0, 1.0)
+    if pixels.shape[2] == 4 and (opaque := pixels[..., 3] > 0.5).any():
+        colour[~opaque] = colour[opaque].mean(axis=0)
+    return colour
