@@ -179,7 +179,7 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), metres")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
     K: Annotated[
-        MatrixOrNone, _means("OpenCV's camera matrix, in pixels; not there if `camera.intrinsics` isn't given")
+        MatrixOrNone, _means("camera matrix, in pixels from the corner; not there if `camera.intrinsics` isn't given")
     ] = None
     dist: Annotated[
         LensOrNone, _means("distortion of the lens, OpenCV's first five coefficients; not there without `K`")

@@ -151,8 +151,8 @@ class CameraSection(Section):
     intrinsics: CameraMatrix | None = Field(
         default=None,
         description=(
-            "focal lengths and principal point of a calibrated camera, OpenCV's K, in pixels of render.width x "
-            "render.height; replaces fov_x_deg"
+            "focal lengths and principal point of a calibrated camera in pixels of render.width x render.height, from "
+            "the first pixel's corner: OpenCV's K, with 0.5 added to cx and cy; replaces fov_x_deg"
         ),
         examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}],
         exclude_if=is_absent,
@@ -239,12 +239,6 @@ class CameraSection(Section):
     )
 
 
-Lines = Annotated[
-    tuple[Annotated[tuple[str, str], Field(strict=False)], ...],
-    Field(strict=False),
-]
-
-
 class AnnotateSection(Section):
     """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
 
@@ -275,21 +269,6 @@ class AnnotateSection(Section):
         description=(
             'what becomes of a vehicle that shows less: "ignored", a label with iscrowd = 1; "left_out", no label'
         ),
-    )
-    keypoints: Patterns | None = Field(
-        default=None,
-        description=(
-            "names or patterns of the keypoints to label, such as muzzle, turret, and wheel_*; default: none; see "
-            "docs/labels.md"
-        ),
-        examples=[["*"]],
-        exclude_if=is_absent,
-    )
-    skeleton: Lines | None = Field(
-        default=None,
-        description="pairs of keypoints that lines join; default: muzzle and turret, and from wheel to wheel",
-        examples=[[["muzzle", "turret"]]],
-        exclude_if=is_absent,
     )
 
 
