@@ -155,7 +155,7 @@ class Summary:
         if like["another"] or like["none"]:
             notes.append(
                 f"limits won over {like['another'] + like['none']:,} of {like.total():,} sampled photographs: "
-                f"{like['another']:,} images follow another one, {like['none']:,} the configured ranges"
+                f"cameras follow another one in {like['another']:,} images, the configured ranges in {like['none']:,}"
             )
         if self.open_sky:
             notes.append(
