@@ -112,10 +112,10 @@ def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp
     assert {run.name for run in runs[:4]} == {"real-100-seed4", "mixed-100-seed4", "real-50-seed4", "mixed-50-seed4"}
 
 
-@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
+@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
-    run = StudyRun(arm, None if arm == "synthetic" else 0.1, 1, arm)
+    run = StudyRun(arm, None if arm in ("synthetic", "loop") else 0.1, 1, arm)
     draws = arm_draws(run, photographs, 9, budget)
     assert len(draws) == budget_of(arm, budget) == (1200 if arm == "matched" else 600)
     by_source = {name: draws.image[draws.source == k] for k, name in enumerate(run.sources)}
@@ -124,8 +124,25 @@ def test_draws_add_up_to_the_budget(arm):
         assert set(by_source["real"].tolist()) == {2, 3, 7}
     if "synthetic" in by_source:
         assert set(by_source["synthetic"].tolist()) == set(range(9))
-    share = {"real": 1.0, "mixed": 0.25, "synthetic": 0.0, "matched": 0.5, "balanced": 0.5, "pretrain": 0.5}[arm]
+    share = {"real": 1.0, "mixed": 0.25, "matched": 0.5, "balanced": 0.5, "pretrain": 0.5}.get(arm, 0.0)
     assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
+
+
+def test_the_loop_learns_from_validation_photographs_and_its_config_is_part_of_its_run(pictures, tmp_path):
+    config = tmp_path / "hulldown.toml"
+    config.write_text("seed = 1")
+    keys = {"arms": ["synthetic", "loop"], "plan": str(config), "valid": str(pictures / "valid")}
+    folders = []
+    for seed in (1, 2):
+        config.write_text(f"seed = {seed}")
+        folders.append([run.folder for run in settled(pictures, tmp_path, **keys).manifest.runs])
+    assert folders[0][0] == folders[1][0]  # `synthetic` doesn't depend on it
+    assert folders[0][1] != folders[1][1]
+    for key in ("plan", "valid"):
+        with pytest.raises(HulldownError, match="loop needs"):
+            settled(pictures, tmp_path, **{name: value for name, value in keys.items() if name != key})
+    with pytest.raises(HulldownError, match="no such file"):
+        settled(pictures, tmp_path, **keys | {"plan": str(tmp_path / "missing.toml")})
 
 
 def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():

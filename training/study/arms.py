@@ -23,6 +23,7 @@ SOURCES: dict[Arm, tuple[str, ...]] = {
     "matched": ("real", "synthetic"),
     "balanced": ("real", "synthetic"),
     "pretrain": ("real", "synthetic"),
+    "loop": ("synthetic",),
 }
 
 
@@ -107,7 +108,7 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
     match run.base:
         case "real":
             draws = make_draws([k], budget, seed=seed)
-        case "synthetic":
+        case "synthetic" | "loop":  # the loop's first detector
             return make_draws([synthetic], budget, seed=seed)
         case "mixed":
             draws = make_draws([k, synthetic], budget, seed=seed)

@@ -141,9 +141,10 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
         text = draws_text(own_draws, run.sources, [source.file_names for source in used])
         ruled = {"seed": run.seed, "budget": budget_of(run.base, config.train.budget), "masks": masks}
         settings = completed(config.train.model_validate({**config.train.model_dump(), **run.train, **ruled}))
-        planned = _planned(
-            run, settings, own_draws, text, {name: digests[name] for name in run.sources}, len(photographs)
-        )
+        data = {name: digests[name] for name in run.sources}
+        if run.base == "loop" and config.plan is not None:
+            data |= {"valid": digests["valid"], "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
+        planned = _planned(run, settings, own_draws, text, data, len(photographs))
         runs.append(planned)
         draws[planned.folder] = text
         if not planned.drawn.get("real", 1):

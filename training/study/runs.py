@@ -109,10 +109,15 @@ def run_one(
     manifest = read_manifest(study)
     run = manifest.run(name)
     folder = study / RUNS_NAME / run.folder
-    train(
-        {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
-        draws_file=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
-    )  # fmt: skip
+    if run.base == "loop":
+        from hulldown.training.study.loop import train_loop
+
+        train_loop(study, manifest, run, options, progress)
+    else:
+        train(
+            {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
+            draws_file=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
+        )  # fmt: skip
     device = {"gpu": "cuda"}.get(options.device, options.device)
     for which in JUDGED:
         if which in manifest.datasets and not (found := predictions_path(study, manifest, run, which)).exists():

@@ -1,0 +1,80 @@
+"""The arm `loop`: train, evaluate on validation photographs, plan and render more of what was missed, train again.
+
+Planning and rendering are verbs in processes of their own, which training doesn't import: `python -m
+hulldown.training.study.loop VERB ...` is `hulldown VERB ...` that is interrupted when its parent ends.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import signal
+import sys
+import threading
+from functools import partial
+from pathlib import Path
+
+from hulldown.geometry.child import Child
+from hulldown.geometry.errors import HulldownError
+from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, draws_path
+from hulldown.training.study.runs import Options, Progress
+
+LOOPS_NAME = "loops"
+
+
+def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: Options, progress: Progress) -> None:
+    """Train a run of the arm; what was begun goes on.
+
+    The first detector draws what the arm `synthetic` does. The second has the same budget and settings, and draws from
+    the synthetic images and the rendered ones, each image equally likely.
+
+    Raises
+    ------
+    HulldownError
+        If a step can't be done: with the last line of the verb that failed.
+    """
+    from hulldown.training.evaluation.report import evaluate_files
+    from hulldown.training.predict import predict
+    from hulldown.training.train import train
+
+    begun = study / LOOPS_NAME / run.folder
+    first, plan, more, found = (begun / name for name in ("first", "more.jsonl", "more", "valid.json"))
+    synthetic, valid = manifest.datasets["synthetic"].folder, manifest.datasets["valid"].folder
+    device = {"gpu": "cuda"}.get(options.device, options.device)
+    if not plan.exists():
+        train(
+            {"synthetic": synthetic}, first, settings=run.settings, draws_file=draws_path(study, run.folder),
+            workers=options.workers, device=options.device, progress=progress,
+        )  # fmt: skip
+        if not found.exists():
+            predict(first, valid, found, device=device, progress=partial(progress, "looking at valid"))
+        evaluate_files(valid, found, begun / "evaluation", threshold="best", progress=partial(progress, "evaluating"))
+        report = begun / "evaluation" / "report.json"
+        _hulldown("plan", str(manifest.config.plan), "-o", str(plan), "--more-of", str(report), log=begun / "plan.txt")
+    _hulldown("render", str(plan), "-o", str(more), "--device", options.device, log=begun / "render.txt")
+    train(
+        {"synthetic": synthetic, "more": str(more)}, study / RUNS_NAME / run.folder, settings=run.settings,
+        workers=options.workers, device=options.device, progress=progress,
+    )  # fmt: skip
+
+
+def _hulldown(*arguments: str, log: Path) -> None:
+    """Run a verb to its end."""
+    log.unlink(missing_ok=True)
+    command = [sys.executable, "-P", "-m", "hulldown.training.study.loop", *arguments]
+    with Child(command, env=os.environ, hear=lambda line: None, log=log) as child:
+        code = child.wait()
+    if code:
+        raise HulldownError(f"hulldown {arguments[0]}: {child.last_words()}", path=log, remedy="look at the file")
+
+
+def _interrupt_with_parent() -> None:
+    """Nobody writes to stdin: it ends when the process that started this one has gone, even by kill -9."""
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_interrupt_with_parent, daemon=True).start()
+    runpy.run_module("hulldown.cli", run_name="__main__")
