@@ -16,7 +16,7 @@ from jaxtyping import Float, Int, UInt8
 
 from hulldown.geometry.errors import AssetError, HulldownError
 
-MOST_CELLS = 9_000_000  # planning and rendering take about 1 KB of memory for each; docs/terrain.md
+MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
 LARGEST_PICTURE = 8192  # pixels of the longer side
 STRETCHED = 0.01  # a map's areas may differ from the ground's by this share
 KILOMETER = 1000.0
