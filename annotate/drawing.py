@@ -62,6 +62,11 @@ def draw(
         left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
         corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
         pen.rectangle(corners, outline=colour, width=line)
+        points = annotation.get("keypoints") or ()
+        for x, y, v in zip(points[::3], points[1::3], points[2::3], strict=False):
+            if v:
+                around = (x - 2 * line, y - 2 * line, x + 2 * line, y + 2 * line)
+                pen.ellipse(around, fill=colour if v > 1 else None, outline=(0, 0, 0) if v > 1 else colour, width=line)
         if not annotation.get("iscrowd"):
             name, score = names.get(annotation["category_id"], "?"), annotation.get("score")
             _label(pen, corners, name if score is None else f"{name} {score:.2f}", colour, font, picture.size)

@@ -16,7 +16,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 4  # also when what finds undersides or extreme vertices changes
+FORMAT = 5  # also when what finds undersides or extreme vertices changes
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -33,6 +33,7 @@ def save_vehicle(path: Path | str, shape: VehicleShape) -> None:
         faces=shape.mesh.faces,
         **packed([shape.mesh.cutouts]),
         part_names=_names(shape.part_names),
+        keypoint_names=_names(shape.keypoint_names),
         **{f: getattr(shape, f) for f in _arrays(VehicleShape)},
     )
 
@@ -45,14 +46,14 @@ def load_vehicle(path: Path | str) -> VehicleShape:
     AssetError
         If `path` is no such file, or one of another format version.
     """
-    data = _load(
-        Path(path), "vehicle", {"name", "mesh_name", "vertices", "faces", "part_names", *ARRAYS, *_arrays(VehicleShape)}
-    )
+    wanted = {"name", "mesh_name", "vertices", "faces", "part_names", "keypoint_names"}
+    data = _load(Path(path), "vehicle", {*wanted, *ARRAYS, *_arrays(VehicleShape)})
     (cutouts,) = unpacked(data)
     return VehicleShape(
         name=str(data["name"]),
         mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"]), cutouts),
         part_names=tuple(data["part_names"].tolist()),
+        keypoint_names=tuple(data["keypoint_names"].tolist()),
         **{f: data[f] for f in _arrays(VehicleShape)},
     )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.small_matrices import compose, product, turn
@@ -45,6 +46,8 @@ class VehicleShape:
         (scale to metres, up and forward axis, origin), so that the renderer can place the file's own objects.
     underside
         (a, b) heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known.
+    keypoint_names, keypoints, keypoint_part
+        Name, (k, 3) place in the vehicle frame at rest, and (k,) index of the part of each keypoint.
     """
 
     name: str
@@ -57,6 +60,9 @@ class VehicleShape:
     part_limits: Float[np.ndarray, "p 2"]
     vehicle_from_file: Float[np.ndarray, "4 4"]
     underside: Float[np.ndarray, "a b"] = field(default_factory=lambda: np.zeros((0, 0)))
+    keypoint_names: tuple[str, ...] = ()
+    keypoints: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    keypoint_part: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def size_xyz(self) -> Float[np.ndarray, "3"]:
@@ -121,3 +127,27 @@ class VehicleShape:
                 mine = self.vertex_part == i
                 vertices[mine] = apply(pose, vertices[mine])
         return vertices
+
+    def keypoints_at(
+        self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "1 p"]
+    ) -> Float[np.ndarray, "k 3"]:
+        """Keypoints in the vehicle frame with the parts turned."""
+        poses = self.vehicle_from_parts(articulation).reshape(-1, 4, 4)[self.keypoint_part]
+        return apply(poses, self.keypoints[:, None])[:, 0]
+
+    def with_keypoints(self, points: Mapping[str, tuple[ArrayLike, int | None]]) -> VehicleShape:
+        """The same with more keypoints: place in the vehicle frame at rest, and index of its part.
+
+        A keypoint whose part isn't given belongs to that whose surface is nearest; one of a known name is replaced.
+        """
+        known = zip(self.keypoint_names, self.keypoints, self.keypoint_part.tolist(), strict=True)
+        every: dict[str, tuple[ArrayLike, int | None]] = {name: (point, part) for name, point, part in known}
+        every |= points
+        part = [self._nearest_part(point) if given is None else given for point, given in every.values()]
+        places = np.array([point for point, _ in every.values()], dtype=np.float64).reshape(-1, 3)
+        return replace(
+            self, keypoint_names=tuple(every), keypoints=places, keypoint_part=np.array(part, dtype=np.int64)
+        )
+
+    def _nearest_part(self, point: ArrayLike) -> int:
+        return int(self.vertex_part[self.mesh.faces[self.mesh.nearest_face(point), 0]])

@@ -314,8 +314,10 @@ class CocoDataset:
         self._document.apply(line)
 
     def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:
-        name = category["name"]
+        name, keypoints = category["name"], category.get("keypoints")
         if name in (known := self._document.category_ids):
+            if keypoints is not None:
+                self._check_keypoints(name, keypoints)
             return known[name]
         for record in new:
             if record["name"] == name:
@@ -323,6 +325,15 @@ class CocoDataset:
         highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
         new.append({**category, "id": max(highest, 0) + 1})
         return int(new[-1]["id"])
+
+    def _check_keypoints(self, name: str, wanted: Sequence[str]) -> None:
+        there = next(record.get("keypoints") for record in self._document.categories if record.get("name") == name)
+        if there != wanted:
+            raise DatasetError(
+                f"category {name!r} has {f'the keypoints {there}' if there else 'no keypoints'}, expected {wanted}",
+                path=self.folder / ANNOTATIONS_NAME,
+                remedy="add them there, or write to another folder",
+            )
 
 
 def _has_files(folder: Path) -> bool:

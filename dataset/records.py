@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -169,7 +170,7 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
     """Ids, references, boxes in their frames, masks, fractions, duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
-    categories = {category["id"] for category in coco["categories"]}
+    categories = {category["id"]: category for category in coco["categories"]}
     seen: set[tuple[object, ...]] = set()
     repeated: dict[str, list[int]] = {}
     for annotation in coco["annotations"]:
@@ -198,6 +199,8 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
             seen.add(key)
             yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
             yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
+            points = _keypoint_problems(annotation, categories[category_id] if known else {}, image)
+            yield from (Finding("error", where, problem) for problem in points)
             yield from _ghosts(where, annotation)
         yield from (Finding("error", where, problem) for problem in check_space(annotation))
     for name, ids in repeated.items():
@@ -304,6 +307,27 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
             yield f"obb {given!r} is not [x, y, width, height, angle]"
         elif not fits(given, annotation["segmentation"], image["width"], image["height"]):
             yield f"obb {given!r} isn't the smallest rectangle around its mask"
+
+
+def _keypoint_problems(
+    annotation: Mapping[str, Any], category: Mapping[str, Any], image: Mapping[str, Any]
+) -> Iterator[str]:
+    """Keypoints that aren't as many as those of their class, lie outside of their image, or are counted otherwise."""
+    found, names = annotation.get("keypoints"), category.get("keypoints")
+    if found is None or any(_size_problems(image)):
+        return
+    if not isinstance(found, list) or not all(isinstance(n, int | float) and math.isfinite(n) for n in found):
+        yield "keypoints are no list of numbers"
+    elif not isinstance(names, list) or len(found) != 3 * len(names):
+        yield f"keypoints has {len(found)} numbers, its category has {len(names or ())} keypoints"
+    else:
+        for name, x, y, v in zip(names, found[::3], found[1::3], found[2::3], strict=True):
+            if v not in (0, 1, 2):
+                yield f"keypoint {name!r} has the visibility {v!r}, expected 0, 1, or 2"
+            elif v and not (0 <= x <= image["width"] and 0 <= y <= image["height"]):
+                yield f"keypoint {name!r} is outside of its image"
+        if (counted := annotation.get("num_keypoints")) != sum(v > 0 for v in found[2::3]):
+            yield f"num_keypoints is {counted!r}"
 
 
 def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:

@@ -14,6 +14,7 @@ from hulldown.planning.row import PlannedVehicle, Row
 
 DIGITS = 9  # a nanometre: what is the same on every processor
 TOLERANCE = 1e-6
+OVERHEAD = 1e-6  # radians from straight above a vehicle, nearer than which a camera has no azimuth
 
 
 def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
@@ -29,9 +30,9 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     Returns
     -------
     ``distance``: metres from the camera to the centre of the box. ``azimuth_seen``: radians from straight ahead of the
-    vehicle to the camera, counter-clockwise from above. ``bbox_3d``: ``center`` (x right, y down, z ahead of the
-    camera, metres), ``size`` (length, width, height) and ``rotation`` (3, 3), whose columns are the vehicle's forward,
-    left and up in the camera's frame.
+    vehicle to the camera, counter-clockwise from above; of a camera straight above it, to where the image's lower edge
+    is. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, metres), ``size`` (length, width, height) and
+    ``rotation`` (3, 3), whose columns are the vehicle's forward, left and up in the camera's frame.
     """
     low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)
     world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, row.world_from_camera
@@ -41,6 +42,8 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     away = middle - world_from_camera[:3, 3]
     center = product(camera_from_world, away[:, None])[:, 0]
     ahead, left, _ = product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
+    if ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD * center[2]) ** 2:  # no direction: rounding would decide
+        ahead, left, _ = product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
     distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
     return {
         "distance": round(distance, DIGITS),

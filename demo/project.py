@@ -46,6 +46,20 @@ SMALL = {
     "render.width": 480,
     "render.height": 270,
 }
+# From the air: a drone's camera, oblique to straight down, at any heading.
+AERIAL = {
+    "camera.elevation_deg": [45.0, 90.0],
+    "camera.elevation_sampling": "sphere",
+    "camera.roll_deg": [-180.0, 180.0],
+    # A twentieth of the image's height at 90 m or so, times this: uniform from 30 to 300 m.
+    "camera.target_fraction": [0.045, 0.055],
+    "camera.distance_factor": [0.3, 3.6],
+    "camera.distance_m": [30.0, 300.0],
+    "camera.framing": 1.0,
+    "placement.vehicles_per_image": [1, 5],
+    "placement.companion_distance": [8.0, 60.0],
+    "placement.distractor_distance": [8.0, 60.0],
+}
 
 
 def create_bare_project(folder: Path | str, values: Mapping[str, Any] = NOTHING) -> Path:

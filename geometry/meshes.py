@@ -115,6 +115,16 @@ class Mesh:
         """Unit normals of these faces, by their winding; nan for faces without area."""
         return unit_normals(self.vertices[self.faces[face]])
 
+    def nearest_face(self, point: ArrayLike) -> int:
+        """The face that is nearest to a point (3,)."""
+        import trimesh
+
+        triangles = self.triangles
+        there = np.broadcast_to(checked(point, "point", (3,)), (len(triangles), 3))
+        with np.errstate(invalid="ignore", divide="ignore"):  # faces without area
+            apart = np.linalg.norm(trimesh.triangles.closest_point(triangles, there) - there, axis=1)
+        return int(np.nanargmin(apart))
+
     def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
         """These ascending faces and the vertices that they use, without others."""
         used, faces = np.unique(self.faces[face], return_inverse=True)

@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.geometry.transforms import apply
 from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.config_file import Config, hdri_paths
@@ -166,6 +168,8 @@ def load_library(
         distractor_files=asset_files(DistractorEntry),
         skies={name: sky.light for name, sky in skies.items()},
     )
+    annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
+    category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)
     return Library(assets, models, sceneries, skies)
 
 
@@ -316,7 +320,11 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
                 remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
             )
         limits[shape.part_names.index(part)] = np.radians(bounds)
-    return replace(shape, name=entry.name, part_limits=limits)
+    points = {
+        key: (apply(shape.vehicle_from_file, np.array([point]))[0], None)
+        for key, point in (entry.keypoints or {}).items()
+    }
+    return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
 
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:

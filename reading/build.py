@@ -21,6 +21,7 @@ from hulldown.reading.report import PartRow
 from hulldown.reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
 from hulldown.reading.scenery.wet_faces import is_partly_water, part_of
+from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 from hulldown.reading.vehicle.parts import Parts, find_parts
@@ -124,6 +125,10 @@ def build_vehicle(
         vehicle_from_file=to_base @ vehicle_from_file,
         underside=underside(standing).heights,
     )
+    shape = shape.with_keypoints(known_points(shape, solids.turned(ahead[:3, :3]), wheels, base))
+    marked = marked_points(markers, [pieces[i].chain for i in kept], parts.piece_part)
+    from_file = shape.vehicle_from_file
+    shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
     axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))

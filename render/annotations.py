@@ -8,19 +8,40 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from hulldown.annotate.keypoints import keypoints_in_image
 from hulldown.annotate.masks import area, encode, vehicle_mask
 from hulldown.annotate.oriented import mask_rectangle
+from hulldown.assets.keypoints import category_fields
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
+from hulldown.dataset.store.entries import new_category
 from hulldown.dataset.verification.planned import label_records
+from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 
 
 def annotation_records(row: Row, segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """What `annotations.json` says about each labelled vehicle of a row, but for the id."""
     return [{**label, **mask} for label, mask in zip(label_records(row), segmentations, strict=True)]
+
+
+def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
+    """Records of the categories of a plan, without ids; with `keypoints` and `skeleton`, if its config labels any.
+
+    Raises
+    ------
+    ConfigError
+        If it labels keypoints that no vehicle has.
+    """
+    header = plan.header
+    annotate = parse_config(header.config, path=plan.path).annotate
+    labeled = [*header.vehicles, *(name for name, source in header.distractors.items() if source.category)]
+    of_labeled = [shapes[name] for name in labeled]
+    fields = category_fields(of_labeled, annotate.keypoints, annotate.skeleton, path=plan.path)
+    return [new_category(name) | fields for name in header.categories]
 
 
 class Segmenter:
@@ -30,20 +51,36 @@ class Segmenter:
     ----------
     vehicles, sceneries
         By the names that the plan uses; distractors are among the vehicles.
+    keypoints
+        Names of those that labels have, in their order; empty: they have none.
     """
 
-    def __init__(self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery]) -> None:
-        self._vehicles, self._sceneries = vehicles, sceneries
+    def __init__(
+        self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery], *, keypoints: Sequence[str] = ()
+    ) -> None:
+        self._vehicles, self._sceneries, self._keypoints = vehicles, sceneries, keypoints
         self._targets: dict[str, VehicleTarget] = {}
         self._world: tuple[str, World] = ("", World())  # the scenery last asked for: rows come sorted
 
     def segmentations(self, row: Row) -> list[dict[str, Any]]:
-        """`segmentation` (compressed run lengths), `area` (pixels), and `obb` of each labelled vehicle of a row."""
+        """Masks of each labelled vehicle of a row, and what follows from rays.
+
+        `segmentation` (compressed run lengths), `area` (pixels), `obb`, and `keypoints` with `num_keypoints`.
+        """
         records = []
-        for mask in self._masks(row, row.labelled):
+        for vehicle, mask in zip(row.labelled, self._masks(row, row.labelled), strict=True):
             encoded = encode(mask)
-            records.append({"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)})
+            record = {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
+            records.append(record | (self._seen_keypoints(row, vehicle) if self._keypoints else {}))
         return records
+
+    def _seen_keypoints(self, row: Row, vehicle: PlannedVehicle) -> dict[str, Any]:
+        world = self._scenery(row.scenery).with_vehicles([self._posed(each) for each in row.vehicles])
+        found = keypoints_in_image(self._posed(vehicle), row.camera, world)
+        seen = dict(zip(self._vehicles[vehicle.vehicle].keypoint_names, found.tolist(), strict=True))
+        listed = [seen.get(name, (0.0, 0.0, 0.0)) for name in self._keypoints]
+        flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
+        return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
 
     def pixels(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> list[int]:
         """How many pixels show each of some vehicles of a row that are in the frame."""

@@ -24,7 +24,7 @@ from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
-from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.render.annotations import Segmenter, annotation_records, categories_of
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
 from hulldown.render.pictures import without_notes
@@ -99,9 +99,11 @@ class Session:
         self._recorded: dict[str, list[str]] = {}
         settings = parse_config(plan.header.config, path=plan.path).render
         self._settings = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
+        shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
         self._segmenter = Segmenter(
-            {name: vehicle.shape for name, vehicle in assets.vehicles.items()},
+            shapes,
             {name: file.scenery for name, file in assets.sceneries.items()},
+            keypoints=next((category.get("keypoints", ()) for category in categories_of(plan, shapes)), ()),
         )
 
     @property

@@ -23,6 +23,7 @@ from hulldown.geometry.terminal import say, titled_bar, watched
 from hulldown.planning.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from hulldown.reading.confinement.watch import ReadLimits
+from hulldown.render.annotations import categories_of
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_assets
@@ -299,10 +300,12 @@ def render_plan(
     outline = Outline(plan)
     wanted = len(plan) if part.limit is None else min(part.limit, len(plan))
     had_logs = (folder / LOGS_NAME).exists()
-    with CocoDataset.open(folder, categories=plan.header.categories) as dataset, _stop_on_signals() as stopping:
+    categories = categories_of(plan, {name: vehicle.shape for name, vehicle in assets.vehicles.items()})
+    with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
         try:
+            dataset.add_categories(categories)
             remaining = Remaining(outline, dataset, wanted, share=part.share)
             session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=tell)
             with engine.pool(confined(folder, LOGS_NAME), assets, session, stopping) as pool:

@@ -8,6 +8,7 @@ import pytest
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed
+from hulldown.camera.sensor import Sensor
 from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.verification.check_skies import SkyCheck
@@ -45,21 +46,31 @@ def picture(image):
     along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(*x.shape, 3)
     visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
     yaw = math.radians(image["hdri_yaw_deg"])
+    light = Sensor(**image.get("sensor", {})).falloff(x - 80.0, y - 45.0, math.hypot(80.0, 45.0))[..., None]
     seen = displayed(
-        radiance(SKIES[image["hdri"]], along, yaw=yaw, strength=image["strength"], visibility_m=visibility_m)
+        light * radiance(SKIES[image["hdri"]], along, yaw=yaw, strength=image["strength"], visibility_m=visibility_m)
     )
     return np.where(along[..., 2:] < 0.0, 70.0, seen).round().astype(np.uint8)
 
 
-@pytest.mark.parametrize("weather", [None, {"visibility_m": 900.0, "kind": "fog"}])
-def test_the_named_sky_is_no_finding(weather):
-    image = {**IMAGE, "weather": weather}
+DARK_CORNERS = {"sensor": {"vignetting_ev": 1.5}}
+
+
+@pytest.mark.parametrize("more", [{}, {"weather": {"visibility_m": 900.0, "kind": "fog"}}, DARK_CORNERS])
+def test_the_named_sky_is_no_finding(more):
+    image = {**IMAGE, **more}
     assert list(CHECK(image, [], picture(image))) == []
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"hdri": "west"}, {"hdri_yaw_deg": 130.0}, {"strength": 0.6}, {"weather": {"visibility_m": 200.0, "kind": "fog"}}],
+    [
+        {"hdri": "west"},
+        {"hdri_yaw_deg": 130.0},
+        {"strength": 0.6},
+        {"weather": {"visibility_m": 200.0, "kind": "fog"}},
+        DARK_CORNERS,
+    ],
 )
 def test_another_sky_turn_strength_or_fog_is_found(change):
     (found,) = CHECK(IMAGE, [], picture({**IMAGE, **change}))

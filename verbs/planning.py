@@ -25,10 +25,12 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, 
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from hulldown.demo.project import create_bare_project, create_project
+    from hulldown.demo.project import AERIAL, create_bare_project, create_project
     from hulldown.planning.camera_file import read_camera
 
-    values = read_camera(arguments.camera) if arguments.camera else {}
+    values: dict[str, Any] = dict(AERIAL) if arguments.aerial else {}
+    if arguments.camera:
+        values |= read_camera(arguments.camera)
     if arguments.source:
         return _init_from(arguments, values)
     make_room(arguments.folder / "hulldown.toml")
@@ -209,6 +211,9 @@ def add(verb: AddVerb) -> None:
         "--from", dest="source", type=Path, metavar="FOLDER",
         help="the config alone, with the vehicles, sceneries and HDRIs that are found in this folder",
     )  # fmt: skip
+    sub.add_argument(
+        "--aerial", action="store_true", help="cameras of a drone: 45 degrees down to straight down, at 30 to 300 m"
+    )
     sub.add_argument(
         "--camera", type=Path, metavar="FILE",
         help="a camera's calibration by OpenCV or ROS (.yaml, .yml, .json), which the config is to have",

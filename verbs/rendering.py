@@ -265,8 +265,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument(
         "--format", default="coco",
         choices=(
-            *("coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-obb-ground", "dota", "dota-ground", "voc", "kitti"),
-            *("huggingface", "webdataset"),
+            *("coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-obb-ground", "yolo-pose", "dota", "dota-ground"),
+            *("voc", "kitti", "huggingface", "webdataset"),
         ),
         help="default: coco",
     )  # fmt: skip

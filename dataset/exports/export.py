@@ -27,6 +27,7 @@ LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
     "rfdetr-yolo": yolo.write_for_rfdetr,
     "yolo-obb": yolo.write_oriented,
     "yolo-obb-ground": yolo.write_ground,
+    "yolo-pose": yolo.write_pose,
     "dota": dota.write,
     "dota-ground": dota.write_ground,
     "voc": voc.write,

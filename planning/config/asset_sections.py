@@ -43,6 +43,8 @@ GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
 PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
 Positive = Annotated[float, Field(gt=0)]
+_Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=False)]
 
 
 class FileEntry(Section):
@@ -114,6 +116,15 @@ class ModelEntry(FileEntry):
         default=None,
         description="how far the gun rises from its direction in the file, up positive; default: [-5, 20]",
         examples=[[-5, 20]],
+    )
+    keypoints: dict[str, Point] | None = Field(
+        default=None,
+        description=(
+            "points of it to label, by name: [x, y, z] in the file's axes and units; each moves with the part whose "
+            "surface is nearest; see annotate.keypoints"
+        ),
+        examples=[{"mirror": [1.0, 0.9, 1.8]}],
+        exclude_if=is_absent,
     )
     paint: Paint = Field(
         default=(), description="colors of its materials, drawn for each position: a table, or several"

@@ -239,6 +239,12 @@ class CameraSection(Section):
     )
 
 
+Lines = Annotated[
+    tuple[Annotated[tuple[str, str], Field(strict=False)], ...],
+    Field(strict=False),
+]
+
+
 class AnnotateSection(Section):
     """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
 
@@ -269,6 +275,21 @@ class AnnotateSection(Section):
         description=(
             'what becomes of a vehicle that shows less: "ignored", a label with iscrowd = 1; "left_out", no label'
         ),
+    )
+    keypoints: Patterns | None = Field(
+        default=None,
+        description=(
+            "names or patterns of the keypoints to label, such as muzzle, turret, and wheel_*; default: none; see "
+            "docs/labels.md"
+        ),
+        examples=[["*"]],
+        exclude_if=is_absent,
+    )
+    skeleton: Lines | None = Field(
+        default=None,
+        description="pairs of keypoints that lines join; default: muzzle and turret, and from wheel to wheel",
+        examples=[[["muzzle", "turret"]]],
+        exclude_if=is_absent,
     )
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.distance import pdist
 from hulldown.assets.naming import PIVOT, says, words
 from hulldown.geometry.transforms import apply
 from hulldown.reading.roles import Link, Piece
+from hulldown.reading.vehicle.keypoints import keypoint_of
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
 from hulldown.reading.vehicle.solids import Solids
 
@@ -60,7 +61,7 @@ def nodes_of(
     links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
     faces: dict[tuple[str, bytes], int] = {}
     carried = [(p.chain, p.faces) for p, m in zip(pieces, mine, strict=True) if m]
-    for chain, count in [*carried, *((m, 0) for m in markers)]:
+    for chain, count in [*carried, *((m, 0) for m in markers if keypoint_of(m[0].name) is None)]:
         for i, link in enumerate(chain):
             if namer.part_of(chain[i:]) != part:
                 break

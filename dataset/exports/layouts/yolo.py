@@ -9,6 +9,7 @@ datasets".
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from jaxtyping import Float
 from hulldown.annotate.outlines import bridged
 from hulldown.dataset.exports.shares import Item, Shares, rings_of
 from hulldown.dataset.oriented import ground_corners, visible_corners
+from hulldown.geometry.errors import DatasetError
 
 CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np.ndarray, "4 2"]]
 
@@ -42,6 +44,25 @@ def write_oriented(shares: Shares, out: Path) -> None:
 def write_ground(shares: Shares, out: Path) -> None:
     """Write as `write`, the four corners of the ground under each vehicle, its front first."""
     _write(shares, out, partial(_corner_lines, corners_of=ground_corners))
+
+
+def write_pose(shares: Shares, out: Path) -> None:
+    """Write as `write`, boxes with keypoints: x, y, and COCO's v of each.
+
+    Raises
+    ------
+    DatasetError
+        If the classes don't have the same keypoints, of which YOLO knows one list.
+    """
+    lists = [category.get("keypoints") for category in shares.categories]
+    if not lists or not lists[0] or any(each != lists[0] for each in lists):
+        problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
+        raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
+    names = [str(name) for name in lists[0]]
+    swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
+    mirrored = [names.index(other) if other in names else i for i, other in enumerate(swapped)]
+    more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
+    _write(shares, out, partial(_pose_lines, keypoints=len(names)), more=more)
 
 
 def label_lines(
@@ -82,13 +103,28 @@ def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: Corners
     return lines
 
 
+def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
+    labels = [{**label, "segmentation": []} for label in item.labels if not label.get("iscrowd")]
+    size = item.image["width"], item.image["height"]
+    lines = []
+    for line, label in zip(label_lines(labels, numbers, *size), labels, strict=True):
+        points = np.reshape(label.get("keypoints") or np.zeros(3 * keypoints), (-1, 3))
+        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*size, 1])]))
+    return lines
+
+
 def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
     # Nine digits: a millionth of a pixel of any image.
     return " ".join([str(number), *(f"{n:.9f}" for n in shares)])
 
 
 def _write(
-    shares: Shares, out: Path, lines: Callable[[Item, Mapping[int, int]], list[str]], *, split_first: bool = False
+    shares: Shares,
+    out: Path,
+    lines: Callable[[Item, Mapping[int, int]], list[str]],
+    *,
+    split_first: bool = False,
+    more: Sequence[str] = (),
 ) -> None:
     numbers = shares.class_numbers
     folders = {}
@@ -105,5 +141,5 @@ def _write(
     data = [f"{key[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # JSON strings are YAML strings, whatever is in them.
     names = [json.dumps(shares.class_names[category["id"]]) for category in shares.categories]
-    data += ["names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
+    data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")

@@ -1,0 +1,50 @@
+"""Keypoints of a posed vehicle in an image, and whether anything hides them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.target import PosedVehicle
+from hulldown.camera.world import World
+from hulldown.geometry.transforms import apply
+
+UNSEEN, HIDDEN, SEEN = 0.0, 1.0, 2.0  # COCO's v
+SLACK = 0.01  # meters that a keypoint may be below the surface that it is on
+
+
+def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: World) -> Float[np.ndarray, "k 3"]:
+    """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle, in one pose.
+    camera
+        What sees it; nothing nearer than `NEAR` is seen.
+    world
+        What may hide a keypoint: ground, obstacles, and vehicles, this one included. A surface less than `SLACK` in
+        front of a keypoint doesn't hide it.
+
+    Returns
+    -------
+    (k, 3) x, y, and v; zeros where v is 0.
+    """
+    shape, world_from_vehicle = vehicle.target.shape, vehicle.world_from_vehicle[0]
+    points = apply(world_from_vehicle, shape.keypoints_at(vehicle.articulation))
+    pixels, depth = camera.project(points)
+    size = (camera.intrinsics.width, camera.intrinsics.height)
+    with np.errstate(invalid="ignore"):
+        framed = np.flatnonzero((depth >= NEAR) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1))
+    found = np.zeros((len(points), 3))
+    found[framed] = np.column_stack([pixels[framed], np.full(len(framed), SEEN)])
+    along = points[framed] - camera.position
+    distance = np.linalg.norm(along, axis=1)
+    first = NEAR * distance / depth[framed]  # to the near plane
+    reach = distance - first - SLACK
+    asked = np.flatnonzero(reach > 0.0)
+    unit = along[asked] / distance[asked, None]
+    hidden = world.occluded(camera.position + first[asked, None] * unit, unit, max_distance=reach[asked])
+    found[framed[asked[hidden]], 2] = HIDDEN
+    return found

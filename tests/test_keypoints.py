@@ -1,0 +1,180 @@
+"""Keypoints: where they are, what hides them, how they are configured, stored, and exported."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from hulldown.annotate.keypoints import keypoints_in_image
+from hulldown.assets.bundle import load_vehicle, save_vehicle
+from hulldown.assets.keypoints import category_fields
+from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.world import World
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.verification.verify import verify
+from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.rays import RayCaster
+from hulldown.reading.roles import Link
+from hulldown.reading.vehicle.keypoints import marked_points
+from hulldown.tests.planning_assets import small_assets
+from hulldown.tests.test_masks import CAMERA, CUBE, FACES, SHAPE
+
+# On each face of the cube, in its middle, and in front of the camera but out of the picture.
+POINTS = {
+    "near": ([0.0, -1.0, 0.2], None),
+    "far": ([0.0, 1.0, 0.2], None),
+    "middle": ([0.0, 0.0, 0.0], None),
+    "sunk": ([0.0, -0.995, 0.0], None),
+    "aside": ([30.0, 0.0, 0.0], None),
+    "behind": ([0.0, -9.0, 0.0], None),
+}
+CUBE_WITH_POINTS = SHAPE.with_keypoints(POINTS)
+
+
+def seen(vehicle, *others, camera=CAMERA, ground=None):
+    found = keypoints_in_image(vehicle, camera, World(ground, vehicles=[vehicle, *others]))
+    return dict(zip(vehicle.target.shape.keypoint_names, found.tolist(), strict=True))
+
+
+def test_what_is_behind_a_surface_is_hidden_and_what_is_out_of_the_picture_is_not_labeled():
+    here = PosedVehicle(VehicleTarget(CUBE_WITH_POINTS), np.eye(4)[None], {})
+    found = seen(here)
+    assert [found[name][2] for name in POINTS] == [2, 1, 1, 2, 0, 0]
+    # 4 m away, with f = 100 px, in an image of 200 x 100.
+    np.testing.assert_allclose(found["near"], [100.0, 45.0, 2.0], rtol=0, atol=1e-9)
+    assert found["aside"] == found["behind"] == [0.0, 0.0, 0.0]
+    wall = RayCaster(Mesh(CUBE * [2.0, 0.1, 2.0] + [0.0, -3.0, 0.0], FACES))
+    assert seen(here, ground=wall)["near"][2] == 1
+
+
+def test_a_keypoint_moves_with_the_part_whose_surface_is_nearest(tmp_path):
+    shape = next(shape for shape in small_assets().vehicles.values() if len(shape.part_names) == 3)
+    points = shape.mesh.vertices[:: max(1, len(shape.mesh.vertices) // 40)]
+    marked = shape.with_keypoints({f"p{i}": (point, None) for i, point in enumerate(points)})
+    turned = {name: 0.3 for name in shape.part_names[1:]}
+    moved = shape.vertices_at(turned)[:: max(1, len(shape.mesh.vertices) // 40)]
+    shared = np.abs(marked.keypoints_at(turned) - moved).max(axis=1) > 1e-9
+    assert shared.mean() < 0.2  # two parts touch there
+    save_vehicle(tmp_path / "v.npz", marked)
+    again = load_vehicle(tmp_path / "v.npz")
+    assert again.keypoint_names == marked.keypoint_names
+    assert np.array_equal(again.keypoints_at(turned), marked.keypoints_at(turned))
+
+
+def test_names_and_lines_of_categories(tmp_path):
+    shapes = [CUBE_WITH_POINTS, SHAPE.with_keypoints({"muzzle": ([1, 0, 0], 0), "turret": ([0, 0, 1], 0)})]
+    found = category_fields(shapes, ["muzzle", "turret", "[fn]ear*"], None, path=tmp_path)
+    assert found == {"keypoints": ["muzzle", "turret", "near"], "skeleton": [[1, 2]]}
+    assert category_fields(shapes, ["*"], [("far", "near")], path=tmp_path)["skeleton"] == [[4, 3]]
+    assert category_fields(shapes, None, None, path=tmp_path) == {}
+    with pytest.raises(ConfigError, match=r"'wheel_.' matches no keypoint of a vehicle; there are: 'muzzle'"):
+        category_fields(shapes, ["wheel_*"], None, path=tmp_path)
+    with pytest.raises(ConfigError, match="'far' is no keypoint; these are: 'near'"):
+        category_fields(shapes, ["near"], [("far", "near")], path=tmp_path)
+
+
+NAMES = ["muzzle", "wheel_left", "wheel_right"]
+
+
+def record(*points):
+    flat = [float(n) for point in points for n in point]
+    return {
+        "category": "tank",
+        "bbox": [1, 2, 20, 10],
+        "keypoints": flat,
+        "num_keypoints": sum(n > 0 for n in flat[2::3]),
+    }
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    with CocoDataset.open(tmp_path / "d") as dataset:
+        dataset.add_categories([{"name": "tank", "keypoints": NAMES, "skeleton": [[1, 2]]}])
+        for i in range(4):
+            Image.new("RGB", (64, 48)).save(tmp_path / f"d/{i}.png")
+            labels = [record((3 + i, 4, 2), (0, 0, 0), (9, 9.5, 1))] if i else []
+            dataset.append({"file_name": f"{i}.png", "width": 64, "height": 48}, labels)
+    return tmp_path / "d"
+
+
+def test_pycocotools_evaluates_them(dataset, tmp_path, capsys):
+    assert list(verify(dataset, fast=True)) == []
+    export(dataset, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
+    truth = COCO(str(tmp_path / "out/train/_annotations.coco.json"))
+    found = [{**each, "score": 0.9} for each in truth.dataset["annotations"]]
+    evaluation = COCOeval(truth, truth.loadRes(found), "keypoints")
+    evaluation.params.kpt_oks_sigmas = np.full(len(NAMES), 0.05)
+    evaluation.evaluate()
+    evaluation.accumulate()
+    evaluation.summarize()
+    assert evaluation.stats[0] == 1.0
+
+
+def test_yolo_pose_is_as_ultralytics_documents_it(dataset, tmp_path):
+    export(dataset, tmp_path / "out", layout="yolo-pose", fractions=(1.0, 0.0, 0.0))
+    data = yaml.safe_load((tmp_path / "out/data.yaml").read_text())
+    assert (data["kpt_shape"], data["flip_idx"], data["names"]) == ([3, 3], [0, 2, 1], {0: "tank"})
+    numbers = np.array((tmp_path / "out/labels/train/2.txt").read_text().split(), dtype=float)
+    np.testing.assert_allclose(numbers[:5] * [1, 64, 48, 64, 48], [0, 11, 7, 20, 10], atol=1e-6)
+    points = numbers[5:].reshape(3, 3) * [64, 48, 1]
+    np.testing.assert_allclose(points, [[5, 4, 2], [0, 0, 0], [9, 9.5, 1]], atol=1e-6)
+    assert (tmp_path / "out/labels/train/0.txt").read_text() == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"keypoints": [1.0, 2.0, 2]}, "keypoints has 3 numbers, its category has 3 keypoints"),
+        ({"keypoints": [1.0, 2.0, 3, 0, 0, 0, 0, 0, 0]}, "'muzzle' has the visibility 3"),
+        ({"keypoints": [65.0, 2.0, 2, 0, 0, 0, 0, 0, 0], "num_keypoints": 1}, "'muzzle' is outside"),
+        ({"num_keypoints": 3}, "num_keypoints is 3"),
+        ({"keypoints": "many"}, "no list of numbers"),
+    ],
+)
+def test_verify_finds_keypoints_that_are_none(dataset, change, problem):
+    coco = json.loads((dataset / "annotations.json").read_text())
+    coco["annotations"][0] |= change
+    (dataset / "annotations.json").write_text(json.dumps(coco))
+    assert any(problem in finding.problem for finding in verify(dataset, fast=True))
+
+
+def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
+    with CocoDataset.open(dataset) as again, pytest.raises(DatasetError, match="'tank' has the keypoints"):
+        again.add_categories([{"name": "tank", "keypoints": ["muzzle"]}])
+    with CocoDataset.open(tmp_path / "plain", categories=["tank"]):
+        pass
+    with CocoDataset.open(tmp_path / "plain") as plain, pytest.raises(DatasetError, match="'tank' has no keypoints"):
+        plain.add_categories([{"name": "tank", "keypoints": ["muzzle"]}])
+    with pytest.raises(DatasetError, match="its categories have no keypoints"):
+        export(tmp_path / "plain", tmp_path / "out", layout="yolo-pose")
+
+
+def test_empties_mark_points_of_the_part_that_they_hang_from():
+    def link(name, x, kind="EMPTY"):
+        pose = np.eye(4)
+        pose[0, 3] = x
+        return Link(name, (), kind, pose)
+
+    root, turret, gun = link("root", 0.0), link("Turret node", 1.0), link("barrel", 2.0, "MESH")
+    chains = [(link("hull", 0.5, "MESH"), root), (link("roof", 1.5, "MESH"), turret, root), (gun, turret, root)]
+    markers = [
+        (link("kp_muzzle", 5.0), gun, turret, root),
+        (link("Keypoint-hatch", 6.0), link("roof", 1.5, "MESH"), turret, root),
+        (link("KP_free", 7.0), root),
+        (link("kp_muzzle", 8.0),),
+        (link("keypoint", 9.0),),
+        (link("pivot", 9.0), root),
+    ]
+    found = marked_points(markers, chains, [0, 1, 2])
+    assert {name: (at[0], part) for name, (at, part) in found.items()} == {
+        "muzzle": (5.0, 2),
+        "hatch": (6.0, 1),
+        "free": (7.0, None),
+        "keypoint": (9.0, None),
+    }
