@@ -9,9 +9,7 @@ from PIL import Image
 from hulldown.assets.photographs import read_photographs
 from hulldown.dataset.reports.comparison import (
     compare,
-    density_and_coverage,
     distance,
-    kernel_distance,
     looks,
     spectral_slope,
 )
@@ -90,16 +88,8 @@ def test_photographs_without_boxes_are_refused(tmp_path):
         compared(coco(tmp_path / "a", 4, seed=1), coco(tmp_path / "none", 0, seed=1))
 
 
-def test_distances_have_their_closed_forms():
+def test_the_distance_of_shifted_values():
     assert distance(np.arange(4.0), np.arange(4.0) + 2) == pytest.approx(0.5)
-    rng = np.random.default_rng(0)
-    one, other = rng.standard_normal((2, 400, 8))
-    assert abs(kernel_distance(one, other)) < 0.05
-    assert kernel_distance(one, other + 1.0) > 1.0
-    density, coverage = density_and_coverage(one, other)
-    assert density == pytest.approx(1.0, abs=0.2)
-    assert coverage > 0.9  # 1 - 2**-5 of one distribution, by the paper's lemma
-    assert density_and_coverage(one + 100.0, other) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("slope", [-1.0, -2.0, -3.0])

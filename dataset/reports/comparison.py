@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -169,14 +169,11 @@ class Comparison:
         One for each feature, boxes first.
     notes
         What wasn't compared, and why.
-    embedded
-        Figures in a detector's features, by name, each with its floor; empty without.
     """
 
     source: Path
     features: tuple[Compared, ...]
     notes: tuple[str, ...]
-    embedded: Mapping[str, tuple[float, float]]
 
     @property
     def sentences(self) -> list[str]:
@@ -189,7 +186,6 @@ class Comparison:
         return {
             "photographs": str(self.source),
             "features": {one.feature.name: one.to_json() for one in self.features},
-            "embedded": {key: {"value": value, "floor": floor} for key, (value, floor) in self.embedded.items()},
             "sentences": self.sentences,
             "notes": list(self.notes),
         }
@@ -211,14 +207,9 @@ class Comparison:
             "halves keep to."
         )
         header = ["feature", "distance", "floor", "differs"]
-        embedded: list[Block] = [
-            Table(["in features of the detector", "value", "of halves of the photographs"], [
-                [name, f"{value:.3g}", f"{floor:.3g}"] for name, (value, floor) in self.embedded.items()
-            ])
-        ] if self.embedded else []  # fmt: skip
         sentences = self.sentences or ["No feature differs by more than chance among the photographs."]
         notes = [Words(note, warning=True) for note in self.notes]
-        blocks: list[Block] = [Items(sentences), *notes, Words(said), Table(header, rows), *embedded, Charts(charts)]
+        blocks: list[Block] = [Items(sentences), *notes, Words(said), Table(header, rows), Charts(charts)]
         return Section("Next to the photographs", blocks)
 
 
@@ -227,7 +218,6 @@ def compare(
     photographs: Photographs,
     *,
     pixels: bool,
-    embed: Callable[[Sequence[UInt8[np.ndarray, "h w 3"]]], Float[np.ndarray, "n d"]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """How a dataset or a plan differs from photographs, feature by feature.
@@ -240,8 +230,6 @@ def compare(
         Their boxes; their pictures are where their COCO file names them.
     pixels
         Whether the dataset's pictures are what a detector will see: a plan's previews aren't.
-    embed
-        Gives features of pictures that a detector sees in them.
     progress
         Told (pictures measured, all).
 
@@ -254,7 +242,7 @@ def compare(
         if not boxes:
             raise DatasetError("has no boxes to compare", path=named, remedy="label some pictures")
     own, wanted = _boxes_of(boxes_in(dataset)), _boxes_of(photographs)
-    notes, embedded = [], {}
+    notes = []
     folder = photographs.path.parent
     files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
     if pixels and files:
@@ -268,8 +256,6 @@ def compare(
             pictures.append(_small(read_pixels(files[i])))
             _tell(progress, done, total)
         own, wanted = own | _looks_of(own_pictures), wanted | _looks_of(pictures)
-        if embed is not None and min(len(own_pictures), len(pictures)) > 2 * NEIGHBORS + 1:
-            embedded = _embedded(embed(own_pictures), embed(pictures))
     elif pixels:
         notes.append(f"None of the photographs' pictures is in {folder}, so that only boxes are compared.")
     if len(photographs.file_names) < 4:
@@ -285,7 +271,7 @@ def compare(
         for feature in (*BOXES, *LOOKS)
         if feature.name in own and len(own[feature.name][0]) and len(wanted[feature.name][0])
     ]
-    return Comparison(photographs.path, tuple(found), tuple(notes), embedded)
+    return Comparison(photographs.path, tuple(found), tuple(notes))
 
 
 def boxes_in(dataset: Dataset) -> Photographs:
@@ -341,47 +327,6 @@ def spectral_slope(luma: Float[np.ndarray, "h w"]) -> float:
     rings = np.arange(COARSEST, side // 2)
     mean = np.bincount(ring.ravel(), power.ravel())[rings] / np.bincount(ring.ravel())[rings]
     return float(np.polyfit(np.log(rings), np.log(mean + 1e-12), 1)[0])
-
-
-NEIGHBORS = 5  # k of density and coverage, as in their paper
-
-
-def density_and_coverage(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> tuple[float, float]:
-    """How densely the dataset is where photographs are (1: as densely as they), and the share of them near one of it.
-
-    References
-    ----------
-    Naeem et al., Reliable fidelity and diversity metrics for generative models, ICML 2020.
-    """
-    radius = np.sort(_apart(photographs, photographs), axis=1)[:, NEIGHBORS]
-    near = _apart(photographs, own) < radius[:, None]
-    return float(near.sum() / (NEIGHBORS * len(own))), float(near.any(axis=1).mean())
-
-
-def kernel_distance(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> float:
-    """Unbiased squared maximum mean discrepancy under a cubic kernel: 0 on average where both are alike.
-
-    References
-    ----------
-    Bińkowski et al., Demystifying MMD GANs, ICLR 2018.
-    """
-    n, m, d = len(own), len(photographs), own.shape[1]
-    xx, yy, xy = ((a @ b.T / d + 1.0) ** 3 for a, b in ((own, own), (photographs, photographs), (own, photographs)))
-    within = (xx.sum() - np.trace(xx)) / (n * (n - 1)) + (yy.sum() - np.trace(yy)) / (m * (m - 1))
-    return float(within - 2.0 * xy.mean())
-
-
-def _embedded(own: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> dict[str, tuple[float, float]]:
-    order = np.random.default_rng(0).permutation(len(photographs))
-    halves = photographs[order[::2]], photographs[order[1::2]]
-    found, floor = ([kernel_distance(a, b), *density_and_coverage(a, b)] for a, b in ((own, photographs), halves))
-    names = ("distance (kernel)", "density", "coverage")
-    return {name: (round(a, 6), round(b, 6)) for name, a, b in zip(names, found, floor, strict=True)}
-
-
-def _apart(one: Float[np.ndarray, "n d"], other: Float[np.ndarray, "m d"]) -> Float[np.ndarray, "n m"]:
-    squares = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
-    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def _boxes_of(photographs: Photographs) -> Values:
