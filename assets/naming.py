@@ -43,6 +43,7 @@ FRONT = (  # what is at the nose of a vehicle, and
 )
 REAR = (  # what is at the other end
     *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
+    *("tow hook", "tow hitch", "trailer hitch"),
     *("heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon", "zad", "posteriore", "trasero"),
 )
 
@@ -93,7 +94,20 @@ NOT_GROUND = (
     *("rock", "stone", "boulder", "tree", "bush", "bushes", "shrub", "grass", "grasses", "plant", "fern", "flower"),
     *("leaf", "leaves", "branch", "branches", "log", "trunk", "stump", "fence", "wall", "sign", "lamp", "pole", "post"),
     *("house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome", "cloud"),
-    *("fog", "asset", "prop", "vegetation", "foliage", "forest", "obstacle", "prototype"),
+    *(
+        "barrier",
+        "guardrail",
+        "kerb",
+        "curb",
+        "fog",
+        "asset",
+        "prop",
+        "vegetation",
+        "foliage",
+        "forest",
+        "obstacle",
+        "prototype",
+    ),
 )
 WATER = (  # what it is made of
     *(
@@ -151,7 +165,25 @@ WATERS = (  # where it is found
 NOT_WATER = (  # about water, and not it
     *("bed", "bottom", "shore", "bank", "beach", "coast", "side", "edge", "tower", "tank", "pump", "bottle", "barrel"),
     *("drum", "trough", "mill", "wheel", "lily", "lilies", "weed", "melon", "pipe", "hose", "hydrant", "fall", "well"),
-    *("boat", "ship", "bird", "dam", "pier", "gate", "lock", "window", "glass", "roof", "greenhouse", "under"),
+    *(
+        "barrier",
+        "barriers",
+        "guardrail",
+        "kerb",
+        "curb",
+        "boat",
+        "ship",
+        "bird",
+        "dam",
+        "pier",
+        "gate",
+        "lock",
+        "window",
+        "glass",
+        "roof",
+        "greenhouse",
+        "under",
+    ),
 )
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 

@@ -13,6 +13,7 @@ import numpy as np
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.naming import says
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
@@ -32,6 +33,12 @@ from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.skies.sky_report import REMEDY
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 from hulldown.reading.wording import warnings_of
+
+USUAL_LENGTHS = {  # meters, from toys' big brothers to the longest with gun or trailer
+    ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
+    ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
+    ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
+}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,8 +149,11 @@ def load_library(
     with ThreadPoolExecutor(at_once) as pool:
         files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
-    if strict:
-        refuse_missing([exported.report for _, (exported, _) in files])
+    needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
+    refuse_missing(needed, strict=strict)
+    for entry, (exported, _) in files:
+        if isinstance(entry, ModelEntry):
+            _refuse_size(entry, exported.report)
     models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
 
@@ -325,6 +335,26 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
         for key, point in (entry.keypoints or {}).items()
     }
     return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
+
+
+def _refuse_size(entry: ModelEntry, report: FileReport) -> None:
+    """Refuse a vehicle of another order of size than its class, unless the config states its scale.
+
+    Raises
+    ------
+    AssetError
+        Naming the length, what's usual, and the key.
+    """
+    longest, name = max(report.size), f"{getattr(entry, 'category', None) or ''} {entry.name}"
+    kind = next((kind for kind in USUAL_LENGTHS if says(name, kind)), None)
+    if kind is None or entry.scale is not None:
+        return
+    low, high = USUAL_LENGTHS[kind]
+    if not low <= longest <= high:
+        raise AssetError(
+            f"is {longest:.3g} m long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
+            remedy=f"set scale (now {report.unit:g} meters a unit), also to that value if the size is right",
+        )  # fmt: skip
 
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:

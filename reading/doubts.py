@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,6 +51,14 @@ def vehicle_doubts(
     if sum(row.triangles * row.count for row in dropped) > kept:
         those = quoted([row.name for row in dropped])
         doubts.append(f"more triangles are dropped than kept; `keep` what of it is the vehicle: {those}")
+    asked = [row for row in rows if row.use == "dropped" and "config" in row.why]
+    volumes = {
+        use: max((math.prod(row.size) for row in some), default=0.0)
+        for use, some in (("dropped", asked), ("kept", [row for row in rows if row.use != "dropped"]))
+    }
+    if volumes["dropped"] > volumes["kept"]:
+        most = max(asked, key=lambda row: math.prod(row.size))
+        doubts.append(f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull")
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
         doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
@@ -129,7 +138,18 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     widest = max(
         able, key=lambda piece: (piece.level >= LEVEL, float(np.prod((piece.bounds[1] - piece.bounds[0])[:2])))
     )
+    families: dict[str, list[Piece]] = {}
+    for piece in able:
+        families.setdefault(re.match(r"[^\d]*", piece.name)[0].rstrip("_- .") or piece.name, []).append(piece)  # type: ignore[index]
+    stem, family = max(families.items(), key=lambda one: sum(_level_area(piece) for piece in one[1]))
+    if len(family) > MOST and sum(map(_level_area, family)) > _level_area(widest):
+        return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"
     return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
+
+
+def _level_area(piece: Piece) -> float:
+    """Square meters of a piece seen from above that are nearly level."""
+    return float(piece.level * np.prod((piece.bounds[1] - piece.bounds[0])[:2]))
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:

@@ -92,7 +92,7 @@ def inspect(
     with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
         exported = export(path, folder, kind=kind, limits=limits)
         if strict:
-            refuse_missing([exported.report])
+            refuse_missing([exported.report], strict=True)
         picture = None
         if pictures:
             load = load_vehicle if exported.report.kind == "vehicle" else load_scenery

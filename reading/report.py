@@ -211,7 +211,7 @@ def _materials(rows: Sequence[MaterialRow]) -> list[str]:
     return lines + ([f"materials left alone: {', '.join(others)}"] if others else [])
 
 
-def refuse_missing(reports: Sequence[FileReport]) -> None:
+def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
     """Raise if any of the files lacks a texture or a library.
 
     Raises
@@ -226,5 +226,10 @@ def refuse_missing(reports: Sequence[FileReport]) -> None:
                 f"{first.path} is missing, used by {', '.join(first.wanted_by) or 'the file'}"
                 + (f" (and {more} more)" if more else ""),
                 path=report.path,
-                remedy="put the file there, pack it into the .blend, or go on without --strict",
+                remedy="put the file there, or pack it into the .blend"
+                + (
+                    ", or go on without --strict"
+                    if strict
+                    else ", or set allow_missing = true, which renders it magenta"
+                ),
             )

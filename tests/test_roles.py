@@ -242,7 +242,7 @@ def test_names_that_mislead(chains: tuple, expected: tuple[str, ...]) -> None:
         # Words inside words count only where no word fits.
         ((link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0))), {}, ("hull", "turret", "gun")),
         ((link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0))), {},
-         ("hull", "turret", "hull", "gun")),
+         ("hull", "turret", "turret", "gun")),
         # The nearest name decides.
         ((link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns")), {},
          ("hull", "turret", "turret", "gun")),

@@ -7,19 +7,27 @@ import pytest
 import trimesh
 from PIL import Image
 
-from hulldown.assets.bundle import load_scenery
+from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.skylight import SkyLight
 from hulldown.camera.weather_kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
+from hulldown.geometry.errors import HulldownError
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
+from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.loading import load_assets
 from hulldown.planning.write import write_plan
+from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for
+from hulldown.reading.options import Options
+from hulldown.reading.report import Row
+from hulldown.reading.roles import Role
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.vehicle.paintable import parts_left_alone
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.test_roles import piece
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
 GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
@@ -37,6 +45,15 @@ def wheel(at):
 
 
 WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.2, 1.2)}
+LORRY_WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-3.4, -2.2, 2.8) for y in (-1.1, 1.1)}
+
+
+def barrel(at):
+    turned = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
+    turned[:3, 3] = at
+    return trimesh.creation.cylinder(0.1, 4, sections=16, transform=turned)
+
+
 CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
 
 
@@ -97,6 +114,33 @@ def read(tmp_path_factory):
     atlas.paste((60, 66, 40), (1, 1, 4, 7))
     atlas.paste((25, 25, 27), (5, 1, 7, 7))
     atlas.save(folder / "atlas/atlas.png")
+    tube = trimesh.creation.cylinder(0.12, 5.5, sections=12)
+
+    def tubes(tilt):
+        for k in range(8):
+            pose = trimesh.transformations.rotation_matrix(tilt, [0, 1, 0])
+            pose[:3, 3] = [-1.5, 0.3 * (k % 4) - 0.45, 2.6 + 0.3 * (k // 4)]
+            yield f"cannon_{k}", tube.copy().apply_transform(pose)
+
+    truck = {"chassis": box([9, 2.5, 0.5], [0, 0, 1]), "body_a": box([1.8, 2.5, 1.6], [3.6, 0, 2]), **LORRY_WHEELS}
+    glass, hook = box([0.05, 2.2, 0.7], [4.52, 0, 2.5]), box([0.3] * 3, [-4.6, 0, 1])
+    signed = {"cab": truck["body_a"], "windshield": glass, "towhook": hook}
+    back, flat = np.radians(-50), np.radians(-84)
+    pivots = {"turretpivot": box([0.1] * 3, [0.5, 0, 1.5]), "gun_axis": box([0.1] * 3, [1.3, 0, 1.95])}
+    aboard = {"turretgunbase": box([0.6, 0.6, 0.3], [0.6, 0, 2.4]), "gun_rack": box([0.4, 1.5, 0.3], [-1.2, 0, 2.45])}
+    tank = {"hull": CAR["hull"], "turret": box([2.5, 2, 0.8], [-0.4, 0, 1.9]), "gun": barrel([3, 0, 2]), **WHEELS}
+    rims = {f"rim_{x}_{y}": wheel([x + 0.02, y * 1.03, 0.5]) for x in (-2, 2) for y in (-1.2, 1.2)}
+    four = {name: part for name, part in CAR.items() if "_0_" not in name}
+    shapes = {
+        "raised": {**truck, **dict(tubes(back))},
+        "signed": {**truck, **signed, **dict(tubes(back))},
+        "flat": {**truck, **signed, **dict(tubes(flat))},
+        "pivots": {**tank, **pivots, **aboard},
+        "rims": {**four, **rims},
+    }
+    files |= {
+        name: write_obj(folder / name / f"{name}.obj", parts, {"*": "body"}, "") for name, parts in shapes.items()
+    }
     jobs = []
     for name, path in files.items():
         out = folder / "out" / name
@@ -209,3 +253,63 @@ def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
 )
 def test_parts_are_left_alone_by_name(names, materials, kept):
     assert parts_left_alone(names, np.ones(4), materials).tolist() == kept
+
+
+def test_flat_tubes_tell_nothing_and_names_outweigh_raised_ones(read):
+    reports = {name: read[name].report for name in ("raised", "signed", "flat")}
+    assert any("only its raised tubes tell" in doubt for doubt in reports["raised"].doubts)
+    assert any("what is named front is at the other" in doubt for doubt in reports["signed"].doubts)
+    assert "names of what is in front" in reports["flat"].axes
+    for name in ("signed", "flat"):  # the cab is ahead
+        shape = load_vehicle(read[name].bundle)
+        high = shape.mesh.vertices[shape.mesh.vertices[:, 2] > 2.6]
+        assert high[:, 0].max() > 4.0
+
+
+def test_pivot_helpers_are_pivots_and_what_stands_on_the_turret_turns(read):
+    shape = load_vehicle(read["pivots"].bundle)
+    parts = {row.name: row.use for row in read["pivots"].report.rows}
+    assert {parts[name] for name in ("turretgunbase", "gun_rack", "turretpivot")} == {"turret"}
+    assert parts["gun_axis"] == "gun"
+    turret, gun = (shape.part_names.index(name) for name in ("turret", "gun"))
+    np.testing.assert_allclose((shape.part_pivot[gun] - shape.part_pivot[turret])[[0, 2]], [0.8, 0.45], atol=0.01)
+
+
+def test_a_tire_and_its_rim_are_one_wheel(read):
+    assert "4 wheels" in read["rims"].report.axes
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"name": "suv", "category": "car"}, "is 6000 m long, and a car has 2 to 9 m"),
+        ({"name": "suv", "category": "car", "scale": 0.001}, "allow_missing"),
+        ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
+    ],
+)
+def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed(tmp_path, entry, said):
+    big = {name: part.copy().apply_scale(1000) for name, part in CAR.items()}
+    write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
+    write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
+    pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
+    (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixels.tobytes())
+    vehicles = [{"path": "cars/suv.obj", **entry}]
+    assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
+    config = parse_config({"assets": assets}, path=tmp_path / "hulldown.toml")
+    if said:
+        with pytest.raises(HulldownError, match=said):
+            load_assets(config)
+    else:
+        load_assets(config)
+
+
+def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
+    base = Row("base", "MESH", "dropped", "the config drops it", 1, 12, (6.0, 3.0, 1.0))
+    rows = [base, Row("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))]
+    doubts = vehicle_doubts((2.0, 1.0, 1.0), rows, (), materials=(), unit=1.0, options=Options(drop=("base",)))
+    assert any("drops 'base', the largest piece" in doubt for doubt in doubts)
+    tiles = [piece(f"TERR{i:04d}", size=(100, 100, 3), at=(100 * i, 0, 0), level=0.9) for i in range(40)]
+    posts = [piece(f"POST{i}", size=(1, 1, 9), at=(50 * i, 0, 5)) for i in range(9)]
+    roles = [Role("obstacle", "by default")] * 49
+    doubts = scenery_doubts((4000.0, 100.0, 9.0), [*tiles, *posts], roles, (), unit=1.0, options=Options())
+    assert 'ground = ["TERR*"]' in doubts[0]

@@ -65,6 +65,10 @@ class FileEntry(Section):
 class ModelEntry(FileEntry):
     """A file, and what in it is the vehicle."""
 
+    allow_missing: bool = Field(
+        default=False,
+        description="plan it although textures or libraries are missing, which renders magenta",
+    )
     forward: Forward = Field(
         default=None,
         description=(

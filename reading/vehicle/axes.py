@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from hulldown.reading.vehicle.solids import Solids
 
@@ -93,7 +96,10 @@ def find_wheels(solids: Solids) -> Wheels | None:
     if float(heights @ weight) < 0:
         up = -up
     level = float((solids.centre[index] @ up - solids.radius[index]).min())
-    places = len(np.unique(np.round(solids.centre[index] / (0.7 * solids.radius[index].mean())), axis=0))
+    # A tire and its rim are one wheel.
+    near = cKDTree(solids.centre[index]).query_pairs(0.7 * float(solids.radius[index].mean()), output_type="ndarray")
+    joined = coo_matrix((np.ones(len(near)), near.T), shape=(len(index), len(index)))
+    places = int(connected_components(joined, directed=False)[0])
     return Wheels(index, up, across, level, places)
 
 

@@ -20,9 +20,15 @@ SYMMETRIC = 0.01  # a mirror image is this close to its original, in lengths of 
 VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
 AXLES = 5  # of a vehicle on wheels; more are under tracks
 TUBE = 5.0  # a launching tube is longer than this many times its width
-RISE = np.radians(5.0)  # and raised by more than this
+RISE = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
+TILTED = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
+ELEVATED = np.cos(np.radians(65.0))  # the same for what is named a gun, which may be raised
 CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
+TUBES_CONTRADICTED = (
+    "its tubes rise at one end and what is named front is at the other; forward is taken from the names"
+)
+ONE_CLUE = "only its raised tubes tell which end is its nose"
 NOT_FOUND = "which end is its nose was not found"
 
 
@@ -87,15 +93,21 @@ def find_forward(
     if barrel is not None:
         gun_end = float(np.sign((solids.centre[barrel] - middle) @ ahead))
         gun_why = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
+    named = float(np.sign(votes)) * (abs(votes) >= VOTE)
+    lifted = raised * tubes
+    names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
+    lifted = 0.0 if names_doubt else lifted
+    others = [end for end in (gun_end, named, *_shape_votes(solids, wheels, ahead, middle, rises=False)) if end]
     total = sum(shape)
     # Two that tell the same are as good as a name.
     alone = abs(total) < 2 or abs(total) < len(shape)
     # In order of trust: the end that a clue points to (0 for neither), the reason, the doubt.
     clues = (
-        (raised * tubes, "its tubes rise there", ""),
+        (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
+        (named if names_doubt else 0.0, "names of what is in front and behind", names_doubt),
         (gun_end, gun_why, CONTRADICTED if votes * gun_end < -VOTE else ""),
-        (float(np.sign(votes)) * (abs(votes) >= VOTE), "names of what is in front and behind", ""),
-        (raised, "its gun rises there", ""),
+        (named, "names of what is in front and behind", ""),
+        (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
         (1.0 if np.cos(line - default) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
@@ -189,7 +201,7 @@ def gun_barrel(
     sideways = off @ across
     width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
     is_named = np.asarray(named, bool)[solids.piece]
-    along = np.abs(axis @ ahead) > np.cos(np.radians(25.0))
+    along = np.abs(axis @ ahead) > np.where(is_named, ELEVATED, TILTED)
     slender = (length > SLENDER * solids.size[:, 1]) & (length > np.where(is_named, 0.25, 0.4) * half)
     thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
     high_up = solids.centre[:, 2] > low + 0.33 * (high - low)
@@ -216,12 +228,17 @@ def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"])
 
 
 def _shape_votes(
-    solids: Solids, wheels: Wheels | None, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"]
+    solids: Solids,
+    wheels: Wheels | None,
+    ahead: Float[np.ndarray, "3"],
+    middle: Float[np.ndarray, "3"],
+    *,
+    rises: bool = True,
 ) -> list[float]:
-    """Which way a vehicle looks by its shape, one sign for each thing that tells: lone axle, mirrors, tubes."""
+    """Which way a vehicle looks by its shape, one sign for each thing that tells: lone axle, mirrors, raised tubes."""
     off = solids.bounds.reshape(-1, 3) - middle
     length = float(np.ptp(off @ ahead))
-    votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))]
+    votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))] if rises else []
     if wheels is not None:
         at = np.sort((solids.centre[wheels.index] - middle) @ ahead)
         radius = float(np.median(solids.radius[wheels.index]))

@@ -16,9 +16,11 @@ from hulldown.assets.naming import (
     TURRET_HINTS,
     hints,
     says,
+    words,
 )
 from hulldown.reading.roles import Link
 
+HELPER_WORDS = ("pivot", "axis", "axle", "joint", "hinge")
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 Key = tuple[str, bytes]
 # For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
@@ -40,6 +42,23 @@ TIERS = {
 def key_of(link: Link) -> Key:
     """What tells one object, where it is drawn, from all others."""
     return link.name, link.pose.tobytes()
+
+
+def pivot_named(name: str) -> str | None:
+    """The part whose pivot an object's name says it is, written as one word or as several; None if it says none."""
+    joined = "".join(words(name)).rstrip("0123456789")
+    for word in HELPER_WORDS:
+        for rest in (joined.removeprefix(word), joined.removesuffix(word)):
+            if rest != joined:
+                for part, stems in ((TURRET_PART, TURRET), (GUN_PART, GUN)):
+                    if rest in stems or rest in [f"{stem}s" for stem in stems]:
+                        return part
+    return None
+
+
+def _after_turret(name: str) -> bool:
+    """Whether a word begins with "turret", as in "turretgunbase"."""
+    return any(word.startswith(TURRET) for word in words(name))
 
 
 class Namer:
@@ -73,9 +92,11 @@ class Namer:
         some = set().union(*all_names) - self.whole
         self.given = {TURRET_PART: turret, GUN_PART: gun}
         self.tier = {TURRET_PART: 0, GUN_PART: 0}
+        self.turns = False
         for part, tiers in TIERS.items():
             while self.tier[part] < len(tiers) and not any(self._says(part, n) for n in some):
                 self.tier[part] += 1
+        self.turns = True
         # "turret_gun" is a gun beside a turret, and a turret where there is none other.
         alone = any(self._says(TURRET_PART, n) and not self._says(GUN_PART, n) for n in some)
         self.both = GUN_PART if alone else TURRET_PART
@@ -86,6 +107,11 @@ class Namer:
             return bool(pattern and says(name, (pattern,)))
         if tier == len(TIERS[part]) or (part == GUN_PART and name in self.no_gun):
             return False
+        # A helper is no part where another object is named so, but turns with it.
+        if (helped := pivot_named(name)) and (self.turns or tier == 0):
+            return helped == part and self.turns
+        if part == TURRET_PART and tier == 0 and _after_turret(name):
+            return True
         match, wanted, unless = TIERS[part][tier]
         return bool(match(name, wanted)) and not any(other(name, unwanted) for other, unwanted in unless)
 

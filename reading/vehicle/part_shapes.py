@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import ARMED, BODY, FRONT, REAR, VEHICLE, says
+from hulldown.assets.naming import ARMED, BODY, FRONT, REAR, TURRET, VEHICLE, says
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
@@ -142,7 +142,8 @@ def riding(
         return []
     roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in mine}
     parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
-    if len(roots) > 1 or len({parents[i] for i in mine}) > 1 or len(mine) > PREFIXED:
+    named = sum(says(chains[i][0].name, TURRET) is not None for i in mine)
+    if len(roots) > 1 or len({parents[i] for i in mine}) > 1 or named > PREFIXED:
         return []
     turret = np.concatenate([points[i] for i in mine])
     low, high = turret.min(axis=0), turret.max(axis=0)

@@ -13,7 +13,16 @@ from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
 from hulldown.reading.vehicle.part_shapes import by_shape, riding, screened, unnamed
-from hulldown.reading.vehicle.pivots import PIVOT_KEYS, Pivot, cheeks, find_pivot, gun_guess, nodes_of, turret_guess
+from hulldown.reading.vehicle.pivots import (
+    PIVOT_KEYS,
+    Pivot,
+    cheeks,
+    find_pivot,
+    gun_guess,
+    helper_pivot,
+    nodes_of,
+    turret_guess,
+)
 from hulldown.reading.vehicle.solids import Solids, find_solids
 from hulldown.reading.wording import quoted
 
@@ -123,6 +132,7 @@ def find_parts(
         own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
         behind = pivots[-1] if len(pivots) > 1 else middle
         pivot = _asked_pivot(name, options, pieces, markers, vehicle_from_file)
+        pivot = pivot or helper_pivot(name, pieces, markers, middles, vehicle_from_file)
         if pivot is None:
             guess = _guess(name, own, points, part_of, solids, behind)
             nodes = nodes_of(pieces, markers, mine, namer, name)

@@ -13,7 +13,7 @@ from hulldown.assets.naming import PIVOT, says, words
 from hulldown.geometry.transforms import apply
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.keypoints import keypoint_of
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of, pivot_named
 from hulldown.reading.vehicle.solids import Solids
 
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
@@ -314,6 +314,25 @@ def gun_ends(
     forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
     rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
     return rear, front
+
+
+def helper_pivot(
+    part: str,
+    pieces: Sequence[Piece],
+    markers: Sequence[tuple[Link, ...]],
+    middles: Mapping[Key, Float[np.ndarray, "3"]],
+    vehicle_from_file: Float[np.ndarray, "4 4"],
+) -> Pivot | None:
+    """The pivot of an object that is there for nothing else, such as ``turretpivot`` or ``gun_axis``; None if none is.
+
+    Of a mesh the middle of its box counts, since its origin often stays at the file's; of an empty its origin.
+    """
+    for chain in (*(piece.chain for piece in pieces), *markers):
+        link = chain[0]
+        if pivot_named(link.name) == part:
+            at = middles.get(key_of(link), apply(vehicle_from_file, link.pose[:3, 3][None])[0])
+            return Pivot(at, f"the middle of {link.name!r}, named as a pivot")
+    return None
 
 
 PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}
