@@ -292,10 +292,11 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
+    pixels[:8, :, 2] = 160
     (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixels.tobytes())
     vehicles = [{"path": "cars/suv.obj", **entry}]
     assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
-    config = parse_config({"assets": assets}, path=tmp_path / "hulldown.toml")
+    config = parse_config({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
     if said:
         with pytest.raises(HulldownError, match=said):
             load_assets(config)
