@@ -149,11 +149,11 @@ def load_library(
     with ThreadPoolExecutor(at_once) as pool:
         files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
-    needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
-    refuse_missing(needed, strict=strict)
     for entry, (exported, _) in files:
         if isinstance(entry, ModelEntry):
             _refuse_size(entry, exported.report)
+    needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
+    refuse_missing(needed, strict=strict)
     models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
 
