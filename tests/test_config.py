@@ -110,9 +110,17 @@ def test_a_profile_sets_what_is_not_given(read):
     assert fast.bounces == 7
 
 
-def test_a_resolved_config_reads_back_as_itself(read):
-    config = read(MINIMAL + "[light]\nhdris = ['noon', { name = 'dusk*', weight = 2 }]\n[camera]\nfov_x_deg = 50\n")
-    assert config.camera.fov_x_deg == (50.0, 50.0)
+CALIBRATED = """
+intrinsics = { fx = 900.0, fy = 900.0, cx = 960.0, cy = 540.0 }
+distortion = { k1 = -0.1 }
+[sensor]
+preset = "phone"
+"""
+
+
+@pytest.mark.parametrize("camera", ["fov_x_deg = 50\n", CALIBRATED])
+def test_a_resolved_config_reads_back_as_itself(read, camera):
+    config = read(MINIMAL + "[light]\nhdris = ['noon', { name = 'dusk*', weight = 2 }]\n[camera]\n" + camera)
     assert parse_config(config.model_dump(mode="json")).model_dump() == config.model_dump()
     assert pickle.loads(pickle.dumps(config)) == config
     assert pickle.loads(pickle.dumps(config)).path == config.path

@@ -441,7 +441,7 @@ class Config(Section):
     budget: BudgetSection
     light: LightSection = LightSection()
     weather: WeatherSection = WeatherSection()
-    sensor: SensorSection = Field(default=SensorSection(), exclude_if=is_absent)
+    sensor: SensorSection = Field(default=SensorSection(), exclude_if=SensorSection().__eq__)
     render: RenderSection = RenderSection()
 
     @model_validator(mode="after")

@@ -41,8 +41,8 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
 
 
 def is_absent(value: Any) -> bool:
-    """Whether a key or section isn't given: plans made before it existed don't have it either."""
-    return value is None or value == (0.0, 0.0) or (isinstance(value, Section) and value == type(value)())
+    """Whether a key isn't given: plans made before it existed don't have it either."""
+    return value is None or value == (0.0, 0.0)
 
 
 def are_numbers(values: Sequence[Any]) -> bool:
