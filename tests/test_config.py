@@ -112,7 +112,7 @@ def test_a_profile_sets_what_is_not_given(read):
 
 CALIBRATED = """
 intrinsics = { fx = 900.0, fy = 900.0, cx = 960.0, cy = 540.0 }
-distortion = { k1 = -0.1 }
+distortion = { k1 = -0.05 }
 [sensor]
 preset = "phone"
 """
