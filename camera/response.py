@@ -10,7 +10,6 @@ Bradford, 1985: the cone responses that white balance scales.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
@@ -34,7 +33,7 @@ _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 20
 _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ
 
 
-def displayed(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+def displayed(radiance: np.ndarray) -> np.ndarray:
     """Levels from 0 to 255 that linear Rec. 709 radiance has in a picture.
 
     Examples
@@ -49,7 +48,7 @@ def displayed(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     return 255.0 * srgb_from_linear(linear)
 
 
-def white_balance(offset_k: float) -> Float[np.ndarray, "3 3"]:
+def white_balance(offset_k: float) -> np.ndarray:
     """What a camera multiplies linear Rec. 709 by if it takes daylight for so many kelvin cooler than it is.
 
     Parameters
@@ -70,7 +69,7 @@ def white_balance(offset_k: float) -> Float[np.ndarray, "3 3"]:
     return np.linalg.inv(_CONES) @ np.diag(wanted / seen) @ _CONES
 
 
-def _daylight(kelvin: float) -> Float[np.ndarray, "3"]:
+def _daylight(kelvin: float) -> np.ndarray:
     """XYZ of daylight of a colour temperature from 4000 to 25000 K, of luminance 1."""
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
@@ -79,7 +78,7 @@ def _daylight(kelvin: float) -> Float[np.ndarray, "3"]:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def off_daylight(light: Float[np.ndarray, "3"], *, warmest: float = 2000.0) -> float:
+def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     """Return how far a light's color is from sunsets and daylight: CIE 1976 u'v', 0 for one of 2000 to 25000 K.
 
     Parameters
@@ -104,13 +103,13 @@ def off_daylight(light: Float[np.ndarray, "3"], *, warmest: float = 2000.0) -> f
     return float(np.linalg.norm(start + share[:, None] * along - place, axis=1).min())
 
 
-def _uv(xyz: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
+def _uv(xyz: np.ndarray) -> np.ndarray:
     """CIE 1976 chromaticity."""
     x, y, z = xyz
     return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
 
 
-def metered(radiance: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+def metered(radiance: np.ndarray) -> np.ndarray:
     """Exposures in EV at which the luminance of these colours is `CARD` in a picture; of black the largest there is.
 
     Parameters

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +50,7 @@ class Sensor:
             if not low <= getattr(self, key) <= high:
                 raise ValueError(f"sensor.{key}: expected {low:g} to {high:g}, got {getattr(self, key)!r}")
 
-    def falloff(
-        self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."], corner: float
-    ) -> Float[np.ndarray, "..."]:
+    def falloff(self, x: np.ndarray, y: np.ndarray, corner: float) -> np.ndarray:
         """Return the share of light that arrives at (x, y) from the axis: the fourth power of a cosine.
 
         Parameters

@@ -149,16 +149,20 @@ class CocoDataset:
         runs = self._document.runs.values()
         return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
 
-    def add_categories(self, records: Iterable[Mapping[str, Any]]) -> None:
+    def add_categories(self, records: Iterable[Mapping[str, Any]], *, keypoints: bool = False) -> None:
         """Give an id to each category whose name is new here; its other fields stay as they are.
 
         Parameters
         ----------
         records
             COCO categories, in the order in which they get ids.
+        keypoints
+            Refuse a category that's here already with other keypoints, or without.
         """
         categories: list[dict[str, Any]] = []
         for record in records:
+            if keypoints and record.get("keypoints") and record["name"] in self._document.category_ids:
+                self._check_keypoints(record["name"], record["keypoints"])
             self._category_id(record, categories)
         if categories:
             self._write({"categories": categories})
@@ -314,10 +318,8 @@ class CocoDataset:
         self._document.apply(line)
 
     def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:
-        name, keypoints = category["name"], category.get("keypoints")
+        name = category["name"]
         if name in (known := self._document.category_ids):
-            if keypoints is not None:
-                self._check_keypoints(name, keypoints)
             return known[name]
         for record in new:
             if record["name"] == name:

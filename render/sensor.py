@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
 
 from hulldown.camera.sensor import Sensor
 
@@ -24,7 +23,7 @@ BAND = 64  # rows that are worked on at a time: what fits a processor's cache, a
 _TAPER = 4.0  # pixels in which an interpolation kernel falls to 0
 _FREQUENCIES, _STEPS = 128, 256  # of the sum that is a kernel, and per pixel of its table
 
-Pixels = Float[np.ndarray, "h w 3"]
+Pixels = np.ndarray
 
 
 def develop(
@@ -36,7 +35,7 @@ def develop(
     seed: int,
     view: Callable[[Pixels], Pixels],
     threads: int,
-) -> UInt8[np.ndarray, "h w 3"]:
+) -> np.ndarray:
     """Return the picture that a camera makes of light.
 
     Parameters
@@ -94,7 +93,7 @@ def read_out(light: Pixels, sensor: Sensor, rng: np.random.Generator) -> Pixels:
     return electrons
 
 
-def sharpened(shown: Pixels, band: slice, amount: float) -> Float[np.ndarray, "b w 3"]:
+def sharpened(shown: Pixels, band: slice, amount: float) -> np.ndarray:
     """Return a band of a picture with its difference from a blurred copy added: an unsharp mask of 3 x 3 pixels."""
     here = shown[band]
     if not amount:
@@ -123,8 +122,8 @@ class Lens:
     sensor: Sensor
     rows: list[list[Block]]
     columns: list[list[Block]]
-    y: Float[np.ndarray, " h"]
-    x: Float[np.ndarray, " w"]
+    y: np.ndarray
+    x: np.ndarray
 
     @classmethod
     def of(cls, sensor: Sensor, width: int, height: int, axis: tuple[float, float]) -> Lens:
@@ -142,7 +141,7 @@ class Lens:
         )
         return cls(sensor, rows, columns, y, x)
 
-    def through(self, radiance: Pixels, band: slice) -> Float[np.ndarray, "b w 3"]:
+    def through(self, radiance: Pixels, band: slice) -> np.ndarray:
         """Return the light of a band of rows behind the lens: blurred, each color displaced, dimmed by cos^4."""
         light = self.sensor.falloff(self.x, self.y[band, None], math.hypot(len(self.x), len(self.y)) / 2.0)
         if not self.rows:
@@ -165,7 +164,7 @@ class Block:
 
     outputs: slice
     inputs: slice
-    weights: Float[np.ndarray, "o i"]
+    weights: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -176,7 +175,7 @@ class Kernel:
     """
 
     reach: int
-    table: Float[np.ndarray, " t"]
+    table: np.ndarray
 
     @classmethod
     def of(cls, sigma: float) -> Kernel:
@@ -189,7 +188,7 @@ class Kernel:
         taper = np.cos(np.pi / 2.0 * np.clip((x - flat) / _TAPER, 0.0, 1.0)) ** 2
         return cls(reach, table * taper / _FREQUENCIES)
 
-    def __call__(self, x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    def __call__(self, x: np.ndarray) -> np.ndarray:
         """Weights at distances in pixels."""
         return np.interp(np.abs(x), np.arange(len(self.table)) / _STEPS, self.table)
 

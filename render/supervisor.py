@@ -305,7 +305,7 @@ def render_plan(
         interrupted = False
         session: Session | None = None
         try:
-            dataset.add_categories(categories)
+            dataset.add_categories(categories, keypoints=True)
             remaining = Remaining(outline, dataset, wanted, share=part.share)
             session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=tell)
             with engine.pool(confined(folder, LOGS_NAME), assets, session, stopping) as pool:

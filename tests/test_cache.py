@@ -239,7 +239,7 @@ def test_a_failed_export_leaves_nothing_behind(
     assert read()
 
 
-VEHICLES = [{"path": "b.blend", "category": "truck"}, {"path": "a.blend", "category": "tank", "name": "T"}]
+VEHICLES = [{"path": "b.blend", "category": "small"}, {"path": "a.blend", "category": "large", "name": "T"}]
 
 
 def config_in(folder: Path, *, vehicles: Sequence[dict] = VEHICLES) -> Config:
@@ -255,7 +255,7 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assets = load_assets(config_in(tmp_path), warn=said.append)
     assert list(assets.vehicles) == ["b", "T"], "in the order of the config"
     assert assets.vehicles["T"].name == "T", "called as in the config, whatever the cache calls it"
-    assert assets.categories == {"b": "truck", "T": "tank"}
+    assert assets.categories == {"b": "small", "T": "large"}
     assert list(assets.sceneries) == ["field"]
     assert assets.hdris == ("sky",)
     assert assets.vehicle_files["T"].path == "a.blend"
@@ -272,8 +272,8 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
     exporter.parts = ("hull", "turret", "gun")
     load_assets(config_in(tmp_path))
     vehicles = [
-        {"path": "a.blend", "category": "tank", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
-        {"path": "b.blend", "category": "tank", "gun_limits_deg": [-10, 60]},
+        {"path": "a.blend", "category": "large", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
+        {"path": "b.blend", "category": "large", "gun_limits_deg": [-10, 60]},
     ]
     assets = load_assets(config_in(tmp_path, vehicles=vehicles))
     assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
@@ -290,10 +290,12 @@ def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_
 
 def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> None:
     exporter.missing = (Missing("/x/gone.png", ("Hull", "Skirt")), Missing("/x/more.png", ()))
-    load_assets(config_in(tmp_path))
-    with pytest.raises(AssetError) as caught:
-        load_assets(config_in(tmp_path), strict=True)
-    assert "b.blend: /x/gone.png is missing, used by Hull, Skirt (and 1 more)" in str(caught.value)
+    allowed = [{**vehicle, "allow_missing": True} for vehicle in VEHICLES]
+    load_assets(config_in(tmp_path, vehicles=allowed))
+    for vehicles, strict in ((allowed, True), (VEHICLES, False)):
+        with pytest.raises(AssetError) as caught:
+            load_assets(config_in(tmp_path, vehicles=vehicles), strict=strict)
+        assert "b.blend: /x/gone.png is missing, used by Hull, Skirt (and 1 more)" in str(caught.value)
 
 
 def planned(folder: Path, **assets_section: str) -> Plan:

@@ -103,7 +103,7 @@ def test_small_weights_of_wrong_shapes_are_one_line(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", os.urandom(300)])
 def test_bytes_that_are_no_checkpoint_are_one_line(tmp_path, content):
     (tmp_path / "weights.pth").write_bytes(content)
-    with pytest.raises(HulldownError, match=r"weights\.pth: is no weights file"):
+    with pytest.raises(HulldownError, match=r"weights\.pth: is .* not the weights of a detector"):
         load_detector(tmp_path / "weights.pth", "cpu")
 
 

@@ -146,11 +146,11 @@ def test_verify_finds_keypoints_that_are_none(dataset, change, problem):
 
 def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
     with CocoDataset.open(dataset) as again, pytest.raises(DatasetError, match="'tank' has the keypoints"):
-        again.add_categories([{"name": "tank", "keypoints": ["muzzle"]}])
+        again.add_categories([{"name": "tank", "keypoints": ["muzzle"]}], keypoints=True)
     with CocoDataset.open(tmp_path / "plain", categories=["tank"]):
         pass
     with CocoDataset.open(tmp_path / "plain") as plain, pytest.raises(DatasetError, match="'tank' has no keypoints"):
-        plain.add_categories([{"name": "tank", "keypoints": ["muzzle"]}])
+        plain.add_categories([{"name": "tank", "keypoints": ["muzzle"]}], keypoints=True)
     with pytest.raises(DatasetError, match="its categories have no keypoints"):
         export(tmp_path / "plain", tmp_path / "out", layout="yolo-pose")
 

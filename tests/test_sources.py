@@ -163,10 +163,10 @@ def test_a_picture_that_cannot_be_used_is_named_before_training(tmp_path, spoil,
         ({"model": "huge"}, r"model = 'huge': expected 'small', 'nano'"),
         ({"budget": 0}, r"budget = 0: expected greater than or equal to 1"),
         ({"model": "nano", "resolution": 100, "weights": "none"}, r"expected a multiple of 32 for nano; take 96"),
-        ({"model": "nano", "weights": "nowhere.pth"}, r"nowhere\.pth: no such file"),
+        ({"model": "nano", "weights": "nowhere.pth"}, r"nowhere\.pth: no such run"),
         ({"shares": {"real": 0.5, "made": 0.5}}, r"shares\.made: no source has this name; there are real"),
         ({"augmentation": {"sheer": {}}}, r"unknown key augmentation\.sheer"),
-        ({"weights": "some.pth"}, "weights: small starts from random ones"),
+        ({"weights": "some.pth"}, "some.pth: no such run"),
     ],
 )
 def test_a_wrong_setting_is_named_before_anything_is_written(tmp_path, changes, message):
