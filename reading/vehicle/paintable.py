@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from hulldown.assets.naming import NOT_PAINT, PAINT, says
 
@@ -49,15 +48,13 @@ class MaterialRow:
         return DARK_SHARES[0] <= self.dark <= DARK_SHARES[1]
 
 
-def is_dark(colour: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+def is_dark(colour: np.ndarray) -> np.ndarray:
     """Whether linear colors are those of rubber or glass: dark, and neutral or bluish."""
     low, high = colour.min(axis=-1), colour.max(axis=-1)
     return (high < DARK) & ((high - low < NEUTRAL * high) | (colour[..., 2] >= colour[..., 0]))
 
 
-def parts_left_alone(
-    names: Sequence[str], areas: Float[np.ndarray, " n"], materials: Sequence[int]
-) -> Bool[np.ndarray, " n"]:
+def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequence[int]) -> np.ndarray:
     """Whether each part of a vehicle is a wheel, a window, or the like by its name.
 
     Parameters
