@@ -60,7 +60,9 @@ def dataset(tmp_path_factory):
         if render:
             image |= {"scenery": "hills", "position": i // 3, "shot": i % 3, "fov_x_deg": 50.0}
         if i < 3:
-            image |= {"K": [[90.0, 0.0, 20.0], [0.0, 91.0, 15.0], [0.0, 0.0, 1.0]]}
+            image |= {"K": [[90.0, 0.0, 20.0], [0.0, 91.0, 15.0], [0.0, 0.0, 1.0]], "fov_x_deg": None}
+        if i == 35:
+            image |= {"K": [90.0, 0.0, 20.0], "fov_x_deg": 50.0}  # not as hulldown has it
         images.append(image)
         if i % 10 == 4:
             continue

@@ -47,10 +47,10 @@ def write(shares: Shares, out: Path) -> None:
                 item.link(pictures, stem + Path(item.name).suffix)
                 lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-                if not 0.0 < number_of(item.image.get("fov_x_deg")) < 180.0:
+                if (calibration := _calibration(item.image)) is None:
                     without += 1
                 else:
-                    (cameras / f"{stem}.txt").write_text(_calibration(item.image), encoding="utf-8")
+                    (cameras / f"{stem}.txt").write_text(calibration, encoding="utf-8")
                     curved += any(item.image.get("dist") or ())
                 stems.write(f"{stem}\n")
     if without:
@@ -88,9 +88,12 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
     )
 
 
-def _calibration(image: Mapping[str, Any]) -> str:
-    """Return the cameras' matrices."""
-    matrix = np.column_stack([Intrinsics.of_record(image).matrix, np.zeros(3)])
+def _calibration(image: Mapping[str, Any]) -> str | None:
+    """Return the cameras' matrices; None if the record's camera can't be used."""
+    try:
+        matrix = np.column_stack([Intrinsics.of_record(image).matrix, np.zeros(3)])
+    except (KeyError, TypeError, ValueError):
+        return None
     camera = " ".join(f"{each:.9g}" for each in matrix.ravel())
     lines = [f"P{i}: {camera}" for i in range(4)]
     lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]
