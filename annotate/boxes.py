@@ -56,13 +56,13 @@ def surface_box(
     Parameters
     ----------
     vertices_world
-        (v, 3) metres.
+        (v, 3) meters.
     faces
         (f, 3) vertex indices.
     camera
         What it is seen by.
     frame
-        Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR` metres).
+        Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR` meters).
 
     Returns
     -------

@@ -118,7 +118,7 @@ class _Bounds:
 
     def __init__(self, low: Float[np.ndarray, "3 k"], high: Float[np.ndarray, "3 k"], counts: list[int]) -> None:
         self.ends = np.cumsum([0, *counts])
-        self._centre = (low + high) / 2.0
+        self._center = (low + high) / 2.0
         self._half = (high - low) / 2.0
         self._size = np.abs([low, high]).max(initial=0.0)
 
@@ -156,7 +156,7 @@ class _Bounds:
         self, camera_from_parts: Float[np.ndarray, "p 3 4"]
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
         """Lowest and highest corner at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
-        boxes = self._centre[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
+        boxes = self._center[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
         places = [slice(8 * int(a), 8 * int(b)) for a, b in pairwise(self.ends)]
         x, y, z = move(boxes.reshape(3, -1), places, camera_from_parts[None]).reshape(3, -1, 8)
         z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
@@ -180,14 +180,14 @@ class _Bounds:
             turned, apart = normals @ pose[:, :3], normals @ pose[:, 3] + offsets
             rounding = np.abs(normals) @ (self._size + np.abs(pose[:, 3])) + np.abs(offsets)
             # Not a matrix product: one this small and wide is handed to threads, which cost more than they save.
-            greatest[:, place] = np.einsum("hj,jm->hm", turned, self._centre[:, which[place]])
+            greatest[:, place] = np.einsum("hj,jm->hm", turned, self._center[:, which[place]])
             greatest[:, place] += np.einsum("hj,jm->hm", np.abs(turned), self._half[:, which[place]])
             greatest[:, place] += (apart + SLACK * rounding)[:, None]
         return greatest
 
 
 def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k leaf 3"]:
-    """Faces in groups of neighbours; the last group is filled up with its last face."""
+    """Faces in groups of neighbors; the last group is filled up with its last face."""
     if not len(faces):
         return np.empty((0, LEAF, 3), dtype=np.int64)
     order = KDTree(vertices[:, faces].mean(axis=2).T, leafsize=LEAF).indices

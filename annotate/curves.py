@@ -52,7 +52,7 @@ class CurvedView:
 
     def pixels(self, unit: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Pixels of points at unit depth, in the image or not."""
-        return distorted(unit, self.lens.distortion) * self.lens.focal + self.lens.centre
+        return distorted(unit, self.lens.distortion) * self.lens.focal + self.lens.center
 
     def seen(self, points: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "4"]:
         """Extremes of the points that are seen, in the camera's frame."""

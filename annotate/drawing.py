@@ -12,15 +12,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hulldown.annotate.masks import decode
 
-# Okabe and Ito, Color Universal Design, 2008: told apart by colour-blind readers too. Black is left out.
+# Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
 BACKGROUND = (24, 26, 30)
 INK = (236, 236, 236)
 IGNORED = (170, 170, 170)
 
 
-def colour_of(category_id: int) -> tuple[int, int, int]:
-    """The colour of a category, the same in every picture."""
+def color_of(category_id: int) -> tuple[int, int, int]:
+    """The color of a category, the same in every picture."""
     return PALETTE[(category_id - 1) % len(PALETTE)]
 
 
@@ -52,29 +52,29 @@ def draw(
         for annotation in annotations:
             if annotation.get("segmentation"):
                 mask = decode(annotation["segmentation"], picture.width, picture.height)
-                picture = _tinted(picture, mask, _colour(annotation))
+                picture = _tinted(picture, mask, _color(annotation))
     pen = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
     font = ImageFont.load_default(max(10, picture.height // 36))
     for annotation in annotations:
-        colour = _colour(annotation)
+        color = _color(annotation)
         left, top, right, bottom = _corners(annotation["bbox"], line)
         left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
         corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
-        pen.rectangle(corners, outline=colour, width=line)
+        pen.rectangle(corners, outline=color, width=line)
         points = annotation.get("keypoints") or ()
         for x, y, v in zip(points[::3], points[1::3], points[2::3], strict=False):
             if v:
                 around = (x - 2 * line, y - 2 * line, x + 2 * line, y + 2 * line)
-                pen.ellipse(around, fill=colour if v > 1 else None, outline=(0, 0, 0) if v > 1 else colour, width=line)
+                pen.ellipse(around, fill=color if v > 1 else None, outline=(0, 0, 0) if v > 1 else color, width=line)
         if not annotation.get("iscrowd"):
             name, score = names.get(annotation["category_id"], "?"), annotation.get("score")
-            _label(pen, corners, name if score is None else f"{name} {score:.2f}", colour, font, picture.size)
+            _label(pen, corners, name if score is None else f"{name} {score:.2f}", color, font, picture.size)
     return picture
 
 
-def _colour(annotation: Mapping[str, Any]) -> tuple[int, int, int]:
-    return IGNORED if annotation.get("iscrowd") else colour_of(annotation["category_id"])
+def _color(annotation: Mapping[str, Any]) -> tuple[int, int, int]:
+    return IGNORED if annotation.get("iscrowd") else color_of(annotation["category_id"])
 
 
 def contact_sheet(
@@ -145,7 +145,7 @@ def _label(
     pen: ImageDraw.ImageDraw,
     corners: tuple[int, int, int, int],
     text: str,
-    colour: tuple[int, int, int],
+    color: tuple[int, int, int],
     font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
     size: tuple[int, int],
 ) -> None:
@@ -157,12 +157,12 @@ def _label(
     y = corners[1] - height + 1
     if y < 0:
         y = corners[3] if corners[3] + height <= size[1] else max(corners[1], 0)
-    pen.rectangle((x, y, x + width - 1, y + height - 1), fill=colour)
-    dark = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2] > 110
+    pen.rectangle((x, y, x + width - 1, y + height - 1), fill=color)
+    dark = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] > 110
     pen.text((x + pad - left, y + pad - top), text, fill=(0, 0, 0) if dark else (255, 255, 255), font=font)
 
 
-def _tinted(picture: Image.Image, mask: Bool[np.ndarray, "h w"], colour: tuple[int, int, int]) -> Image.Image:
+def _tinted(picture: Image.Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image.Image:
     pixels = np.asarray(picture).astype(np.float32)
-    pixels[mask] = 0.6 * pixels[mask] + 0.4 * np.array(colour, dtype=np.float32)
+    pixels[mask] = 0.6 * pixels[mask] + 0.4 * np.array(color, dtype=np.float32)
     return Image.fromarray(pixels.round().astype(np.uint8))

@@ -94,15 +94,15 @@ def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -
 def seen_from(
     world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Distance in metres, elevation and azimuth in degrees at which cameras stand, seen from targets.
+    """Distance in meters, elevation and azimuth in degrees at which cameras stand, seen from targets.
 
-    From the target's origin, the centre of its underside: where its centre is, records do not say. Azimuth is 0 in
+    From the target's origin, the center of its underside: where its center is, records do not say. Azimuth is 0 in
     front of the target and positive to its left; elevation is above the horizon.
     """
-    towards = world_from_camera[:, :3, 3] - world_from_vehicle[:, :3, 3]
-    distance = np.linalg.norm(towards, axis=1)
-    forward, left = (np.einsum("ni,ni->n", towards, world_from_vehicle[:, :3, axis]) for axis in (0, 1))
-    elevation = np.degrees(np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1])))
+    toward = world_from_camera[:, :3, 3] - world_from_vehicle[:, :3, 3]
+    distance = np.linalg.norm(toward, axis=1)
+    forward, left = (np.einsum("ni,ni->n", toward, world_from_vehicle[:, :3, axis]) for axis in (0, 1))
+    elevation = np.degrees(np.arctan2(toward[:, 2], np.hypot(toward[:, 0], toward[:, 1])))
     return distance, elevation, np.degrees(np.arctan2(left, forward))
 
 
@@ -130,10 +130,10 @@ def weather_of(value: Any) -> str | None:
     if not isinstance(value, Mapping):
         return None
     kind = value.get("kind") or value.get("type")
-    metres = number(value.get("visibility_m"))
-    if math.isnan(metres):
+    meters = number(value.get("visibility_m"))
+    if math.isnan(meters):
         return str(kind) if kind else None
-    return f"{kind or 'fog'}, " + ("under 500 m" if metres < 500 else "500 m to 2 km" if metres < 2000 else "over 2 km")
+    return f"{kind or 'fog'}, " + ("under 500 m" if meters < 500 else "500 m to 2 km" if meters < 2000 else "over 2 km")
 
 
 def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:

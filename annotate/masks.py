@@ -28,7 +28,7 @@ FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 def vehicle_mask(
     vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: World | None = None
 ) -> Bool[np.ndarray, "h w"]:
-    """The pixels whose centre shows the vehicle.
+    """The pixels whose center shows the vehicle.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def vehicle_mask(
     camera
         What sees it; nothing nearer than `NEAR` is seen.
     xywh
-        The vehicle's box in the image: only pixels with their centre in it are looked at. None: all pixels.
+        The vehicle's box in the image: only pixels with their center in it are looked at. None: all pixels.
     world
         What may hide the vehicle: ground, obstacles and other vehicles. None: the mask is the whole silhouette in the
         image.
@@ -109,7 +109,7 @@ def show_pixels(
 
 
 def _pixels(camera: Camera, xywh: ArrayLike | None) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Rows and columns of the pixels whose centre is in a box; None: of all."""
+    """Rows and columns of the pixels whose center is in a box; None: of all."""
     width, height = camera.intrinsics.width, camera.intrinsics.height
     box = np.array([0.0, 0.0, width, height]) if xywh is None else checked(xywh, "xywh", (4,))
     first = np.clip(np.ceil(box[:2] - 0.5), 0, [width, height]).astype(int)

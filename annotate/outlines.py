@@ -18,7 +18,7 @@ Ring = Float[np.ndarray, "_ 2"]
 def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
     """A COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
 
-    The outline runs half way between the centres of pixels in the mask and out of it.
+    The outline runs half way between the centers of pixels in the mask and out of it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def simplified(ring: Ring, within: float) -> Ring:
     References
     ----------
     Douglas and Peucker, Algorithms for the reduction of the number of points required to represent a digitized line,
-    Cartographica 1973; begun here at the corner farthest from the centre and the one farthest from that.
+    Cartographica 1973; begun here at the corner farthest from the center and the one farthest from that.
     """
     first = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
     ring = np.roll(ring, -first, axis=0)
@@ -118,7 +118,7 @@ def _pieces(mask: Bool[np.ndarray, "h w"]) -> list[list[Ring]]:
     generator = contourpy.contour_generator(z=framed, fill_type=contourpy.FillType.OuterOffset)
     found = []
     for points, offsets in zip(*generator.filled(0.5, np.inf), strict=True):
-        # Each ring ends with its first corner; the frame moved all by one, and centres are at one half.
+        # Each ring ends with its first corner; the frame moved all by one, and centers are at one half.
         rings = [points[start : end - 1] + np.array([left - 0.5, top - 0.5]) for start, end in pairwise(offsets)]
         found.append(rings)
     return found

@@ -58,7 +58,7 @@ class Photographs:
         return self.xywh[:, 3]
 
     @property
-    def centre(self) -> Float[np.ndarray, "n 2"]:
+    def center(self) -> Float[np.ndarray, "n 2"]:
         """Center of each box relative to its picture."""
         return self.xywh[:, :2] + self.xywh[:, 2:] / 2
 

@@ -13,14 +13,14 @@ from hulldown.geometry.transforms import apply
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scenery:
-    """A scenery relative to its origin, z up, metres.
+    """A scenery relative to its origin, z up, meters.
 
     Parameters
     ----------
     name
         The scenery's name, unique in a config.
     origin
-        (3,) what was subtracted from the file's coordinates, in metres; everything else here is relative to it.
+        (3,) what was subtracted from the file's coordinates, in meters; everything else here is relative to it.
     ground
         All ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z.
     ground_names
@@ -42,7 +42,7 @@ class Scenery:
     removed_names
         Objects of the file that the config drops; they are not rendered.
     scenery_from_file
-        (4, 4) affine: from the file's world coordinates to metres, z up, relative to `origin`.
+        (4, 4) affine: from the file's world coordinates to meters, z up, relative to `origin`.
     crs
         The coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none.
     """

@@ -37,7 +37,7 @@ EVEN = SkyLight()  # of radiance 1 everywhere
 def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
     """Irradiance of level ground under an equirectangular picture: the integral of what it is, small suns included.
 
-    Between the centres of its pixels a picture is linear, as it is rendered; the integral is in closed form.
+    Between the centers of its pixels a picture is linear, as it is rendered; the integral is in closed form.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3
 def row_weights(height: int) -> Float[np.ndarray, " h"]:
     """What a row of an equirectangular picture, the lowest first, adds to the light on level ground, per radian.
 
-    The integral of sin(e) cos(e) above the horizon times the row's hat function, which is 1 at its centre and 0 at
-    those of its neighbours; the last row goes on to the zenith.
+    The integral of sin(e) cos(e) above the horizon times the row's hat function, which is 1 at its center and 0 at
+    those of its neighbors; the last row goes on to the zenith.
     """
     step = math.pi / height
-    centre = (np.arange(height) + 0.5) * step - math.pi / 2.0
+    center = (np.arange(height) + 0.5) * step - math.pi / 2.0
 
     def integral(low: Float[np.ndarray, " h"], high: Float[np.ndarray, " h"], slope: float) -> Float[np.ndarray, " h"]:
         low, high = (np.clip(end, 0.0, math.pi / 2.0) for end in (low, high))
         at = [(-np.cos(2.0 * e) / 4.0, np.sin(2.0 * e) / 8.0 - e * np.cos(2.0 * e) / 4.0) for e in (low, high)]
         constant, linear = (end - start for start, end in zip(*at, strict=True))
-        return np.asarray((1.0 - slope * centre) * constant + slope * linear)
+        return np.asarray((1.0 - slope * center) * constant + slope * linear)
 
-    weights = integral(centre - step, centre, 1.0 / step) + integral(centre, centre + step, -1.0 / step)
-    weights[-1] += 0.5 - weights.sum()  # above its centre, where it has no neighbour
+    weights = integral(center - step, center, 1.0 / step) + integral(center, center + step, -1.0 / step)
+    weights[-1] += 0.5 - weights.sum()  # above its center, where it has no neighbor
     return weights

@@ -20,7 +20,7 @@ HULL = 0  # the part that stands on the ground and turns about nothing
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleShape:
-    """A vehicle at rest in its own frame: x forward, y left, z up, metres, origin at the centre of its underside.
+    """A vehicle at rest in its own frame: x forward, y left, z up, meters, origin at the center of its underside.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class VehicleShape:
         (p, 2) lowest and highest angle in radians; zeros for the hull.
     vehicle_from_file
         (4, 4) affine: from the world coordinates of the file it was read from to the vehicle frame
-        (scale to metres, up and forward axis, origin), so that the renderer can place the file's own objects.
+        (scale to meters, up and forward axis, origin), so that the renderer can place the file's own objects.
     underside
         (a, b) heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known.
     keypoint_names, keypoints, keypoint_part

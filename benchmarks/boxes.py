@@ -85,10 +85,10 @@ def plots(results: dict, folder: Path) -> list[Path]:
             error = max(results["errors"][kind][name]["p95"], 1e-10)
             right.plot(times[largest][kind][name], error, marker, color=f"C{[*PEERS, *OURS].index(name)}")
     for kind, marker in zip(KINDS, "osD", strict=True):
-        right.plot([], [], marker, color="grey", label=kind)
-    right.axhline(1e-6, color="grey", linewidth=0.8)
+        right.plot([], [], marker, color="gray", label=kind)
+    right.axhline(1e-6, color="gray", linewidth=0.8)
     right.set(xscale="log", yscale="log", xlabel="microseconds a box", ylabel="95 % error, pixels")
-    right.set_title(f"Error against cost, {int(largest):,} vertices; colours as left")
+    right.set_title(f"Error against cost, {int(largest):,} vertices; colors as left")
     right.legend(fontsize=7)
     path = folder / "boxes.png"
     figure.savefig(path, dpi=120)

@@ -32,14 +32,14 @@ ROOT = Path(__file__).parents[1]
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
 SIZE = 0.03  # a length may be off by this share
 ANGLE = 3.0  # degrees, up and forward
-PIVOT = {"turret": 0.15, "gun": 0.3}  # metres across the axis
+PIVOT = {"turret": 0.15, "gun": 0.3}  # meters across the axis
 FACES = 0.02  # share of a part's triangles that may be in another
 KEYS = ("scale", "up", "forward", "drop", "keep", "turret", "gun", "turret_pivot", "gun_pivot")
 
 
 @dataclass(slots=True)
 class Verdict:
-    """What is wrong with a file as it was read: key to set -> what is wrong; the doubts; errors of pivots in metres."""
+    """What is wrong with a file as it was read: key to set -> what is wrong; the doubts; errors of pivots in meters."""
 
     wrong: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)

@@ -22,7 +22,7 @@ from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.options import Options
-from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
+from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 
 def main() -> None:
@@ -36,8 +36,8 @@ def main() -> None:
         world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)
         _write(model, case, path)
         opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]))
-        metres = metres_from_file(opened.unit, opened.up)
-        drawn = evaluate(bpy.context.scene, metres_from_file=metres, duplicates=opened.duplicates)
+        meters = meters_from_file(opened.unit, opened.up)
+        drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
         points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
         truth = Truth({t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0))
         (folder / f"{number:04d}.pickle").write_bytes(pickle.dumps((case, truth, opened, drawn)))
@@ -48,12 +48,12 @@ def main() -> None:
 def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
     opened = open_file(path, "blend")
-    metres = metres_from_file(opened.unit, "z")
-    drawn = evaluate(bpy.context.scene, metres_from_file=metres, duplicates=opened.duplicates)
+    meters = meters_from_file(opened.unit, "z")
+    drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
     upright = stand_upright(drawn, unit=opened.unit, said="z", up="z")
     built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
     names = built.shape.part_names
-    shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(metres))
+    shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(meters))
     pivots = [
         apply(shift, built.shape.part_pivot[names.index(p)][None])[0] if p in names else None for p in ("turret", "gun")
     ]
@@ -62,7 +62,7 @@ def _base(path: Path) -> Model:
     part_at = {p: i for i, p in enumerate(("hull", "turret", "gun"))}
     for link, part in _carriers(drawn, built, names):
         node[link.name] = len(things)
-        origin = apply(metres, link.pose[:3, 3][None])[0]
+        origin = apply(meters, link.pose[:3, 3][None])[0]
         things.append(Thing(link.name, part_at[part], np.empty((0, 3)), np.empty((0, 3), int), origin))
     if len(things) == 2:
         things[1] = Thing(**{f: getattr(things[1], f) for f in Thing.__slots__} | {"parent": 0})
@@ -71,7 +71,7 @@ def _base(path: Path) -> Model:
             continue
         mesh, index = drawn.meshes[piece.mesh], part_at[names[part]]
         parent = next((i for i, t in enumerate(things) if t.part == index and not len(t.faces)), -1) if index else -1
-        vertices = apply(metres @ piece.pose, mesh.vertices)
+        vertices = apply(meters @ piece.pose, mesh.vertices)
         if piece.name in node:  # the turret that is itself a mesh
             i = node[piece.name]
             things[i] = Thing(piece.name, index, vertices, mesh.faces, things[i].origin, things[i].parent)

@@ -20,29 +20,29 @@ PARTS = ("hull", "turret", "gun")
 
 # A word for turret, for gun, and for whatever else there is, by language.
 LANGUAGES = {
-    "german": ("Turm", "Kanone", {"Barrel": "Rohr", "Hull": "Wanne", "Tyre": "Reifen", "Cab": "Fahrerhaus"}, "Teil"),
+    "german": ("Turm", "Kanone", {"Barrel": "Rohr", "Hull": "Wanne", "Tire": "Reifen", "Cab": "Fahrerhaus"}, "Teil"),
     "french": (
         "Tourelle",
         "Canon",
-        {"Barrel": "Tube_canon", "Hull": "Caisse", "Tyre": "Pneu", "Cab": "Cabine"},
+        {"Barrel": "Tube_canon", "Hull": "Caisse", "Tire": "Pneu", "Cab": "Cabine"},
         "Piece",
     ),
-    "russian": ("bashnya", "pushka", {"Barrel": "stvol", "Hull": "korpus", "Tyre": "koleso", "Cab": "kabina"}, "detal"),
+    "russian": ("bashnya", "pushka", {"Barrel": "stvol", "Hull": "korpus", "Tire": "koleso", "Cab": "kabina"}, "detal"),
     "dutch": (
         "koepel",
         "kanon",
-        {"Barrel": "kanonsloop", "Hull": "romp", "Tyre": "band", "Cab": "cabine"},
+        {"Barrel": "kanonsloop", "Hull": "romp", "Tire": "band", "Cab": "cabine"},
         "onderdeel",
     ),
-    "italian": ("torretta", "cannone", {"Barrel": "canna", "Hull": "scafo", "Tyre": "gomma", "Cab": "cabina"}, "pezzo"),
+    "italian": ("torretta", "cannone", {"Barrel": "canna", "Hull": "scafo", "Tire": "gomma", "Cab": "cabina"}, "pezzo"),
     "spanish": (
         "torreta",
         "cañon",
-        {"Barrel": "tubo_cañon", "Hull": "casco", "Tyre": "rueda", "Cab": "cabina"},
+        {"Barrel": "tubo_cañon", "Hull": "casco", "Tire": "rueda", "Cab": "cabina"},
         "pieza",
     ),
-    "polish": ("wieza", "armata", {"Barrel": "lufa", "Hull": "kadlub", "Tyre": "opona", "Cab": "szoferka"}, "czesc"),
-    "hungarian": ("torony", "löveg", {"Barrel": "cső", "Hull": "test", "Tyre": "kerék", "Cab": "fülke"}, "elem"),
+    "polish": ("wieza", "armata", {"Barrel": "lufa", "Hull": "kadlub", "Tire": "opona", "Cab": "szoferka"}, "czesc"),
+    "hungarian": ("torony", "löveg", {"Barrel": "cső", "Hull": "test", "Tire": "kerék", "Cab": "fülke"}, "elem"),
 }
 NAMES = ("as built", "as built", "one word", "camel", "exporter", "german", "french", "russian", "numbered", "drums")
 SECOND_NAMES = ("dutch", "italian", "hungarian", "letters", "shouted", "misspelt")
@@ -96,11 +96,11 @@ class Truth:
     part_of
         Object name -> 0 hull, 1 turret, 2 gun, 3 no vehicle.
     pivots
-        Of turret and gun in the vehicle's frame (x forward, z up, origin as modelled); None for what cannot turn.
+        Of turret and gun in the vehicle's frame (x forward, z up, origin as modeled); None for what cannot turn.
     file_from_vehicle
         (4, 4) from that frame to the world of the file as Blender reads it.
     size
-        Length, width, height in metres.
+        Length, width, height in meters.
     """
 
     part_of: dict[str, int]

@@ -26,7 +26,7 @@ class Thing:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Model:
-    """A vehicle as objects, x forward, z up, metres; and the pivots of its turret and gun (None for none)."""
+    """A vehicle as objects, x forward, z up, meters; and the pivots of its turret and gun (None for none)."""
 
     things: tuple[Thing, ...]
     pivots: tuple[Float[np.ndarray, "3"] | None, Float[np.ndarray, "3"] | None]

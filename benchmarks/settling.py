@@ -25,8 +25,8 @@ SIZE = np.array([7.0, 3.5, 2.5])
 RULES = ("averaged", "least_squares", "support")
 DEFAULT = ("support", 5)
 SHOWN = (5, 9, 21)  # rays a side in the table; the plot shows all
-TRUTH_CELL = 0.1  # metres between the samples of the reference
-UNSURE = 0.2  # metres: a centre of gravity nearer to the edge of its contact triangle may tip either way
+TRUTH_CELL = 0.1  # meters between the samples of the reference
+UNSURE = 0.2  # meters: a center of gravity nearer to the edge of its contact triangle may tip either way
 
 
 def run(quick: bool) -> dict[str, Any]:

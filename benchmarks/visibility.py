@@ -24,7 +24,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
-SIZE = 600.0  # metres of ground to each side of the middle
+SIZE = 600.0  # meters of ground to each side of the middle
 
 
 class Woods:
@@ -45,9 +45,9 @@ class Woods:
         self.articulation = [{"turret": float(a), "gun": 0.1} for a in rng.uniform(-3, 3, n)]
         spot = rng.uniform(-0.8 * SIZE, 0.8 * SIZE, (n, 2))
         self.world_from_vehicle = rigid(rotation_z(rng.uniform(0, 6, n)), np.c_[spot, _height(*spot.T)])
-        centre = self.world_from_vehicle[:, :3, 3] + [0, 0, 1.0]
+        center = self.world_from_vehicle[:, :3, 3] + [0, 0, 1.0]
         poses = camera_pose(
-            centre,
+            center,
             rng.uniform(15, 120, n),
             draw_azimuth(n, rng=rng),
             draw_elevation(n, (math.radians(3), math.radians(35)), rng=rng),

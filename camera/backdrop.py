@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-HIGH = math.radians(15.0)  # horizons above it are streets, woods and rooms: their colours would be streaks below
+HIGH = math.radians(15.0)  # horizons above it are streets, woods and rooms: their colors would be streaks below
 FADE = math.radians(10.0)  # above such a horizon, over which the HDRI comes in
 
 
-def even_colour(sky: np.ndarray, horizon: float) -> np.ndarray:
+def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
     """Radiance (3,) of what is seen below a high horizon: the median around, by channel, of the HDRI where it comes in.
 
     Parameters
@@ -30,6 +30,6 @@ def even_colour(sky: np.ndarray, horizon: float) -> np.ndarray:
 
 
 def fade(horizon: float) -> tuple[float, float]:
-    """Sines of the elevations between which, linearly in the sine, the even colour gives way to the HDRI."""
+    """Sines of the elevations between which, linearly in the sine, the even color gives way to the HDRI."""
     high = math.sin(min(horizon + FADE, math.pi / 2.0))
     return min(math.sin(horizon), high - 1e-3), high

@@ -38,7 +38,7 @@ def passed_in_beams(
     which
         (k,) ascending indices of the rays that are asked for.
     reach
-        (k,) how far each looks, in metres from the near plane.
+        (k,) how far each looks, in meters from the near plane.
     """
     n, r = len(world_from_camera), camera_rays.count
     passed = np.ones(len(which))

@@ -61,20 +61,20 @@ class CameraRoom:
         position
             (n, 3) world.
         ground_clearance
-            Least height in metres above the topmost ground at that (x, y): under a bridge of ground is below it. The
+            Least height in meters above the topmost ground at that (x, y): under a bridge of ground is below it. The
             same above the topmost water, and there at least twice the distance of the near plane, which then stays dry.
         obstacle_clearance
-            Half the side in metres of the upright cube about the camera that no obstacle's surface may touch: no
+            Half the side in meters of the upright cube about the camera that no obstacle's surface may touch: no
             surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
         vehicles
             Vehicles, in a pose for each place, in one for all, or in several with the place of each.
         vehicle_clearance
-            Least distance in metres to the bounding boxes of their parts; never inside one.
+            Least distance in meters to the bounding boxes of their parts; never inside one.
         """
         place = checked(position, "position", ("n", 3))
-        for name, metres in (("obstacle_clearance", obstacle_clearance), ("vehicle_clearance", vehicle_clearance)):
-            if not metres >= 0.0:
-                raise ValueError(f"{name}: expected metres of 0 or more, got {metres}")
+        for name, meters in (("obstacle_clearance", obstacle_clearance), ("vehicle_clearance", vehicle_clearance)):
+            if not meters >= 0.0:
+                raise ValueError(f"{name}: expected meters of 0 or more, got {meters}")
         n = len(place)
         rejection = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:

@@ -10,9 +10,9 @@ import numpy as np
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
 FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
-FOG_SIDE = 2000.0  # metres, at most: what an HDRI shows on the horizon is seldom farther away
+FOG_SIDE = 2000.0  # meters, at most: what an HDRI shows on the horizon is seldom farther away
 FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
-FOG_TOP = 300.0  # metres, at most: haze of kilometres leaves the zenith blue
+FOG_TOP = 300.0  # meters, at most: haze of kilometers leaves the zenith blue
 DUST_LAYERS = 2  # of equal extinction, whose tops follow an exponential decay with height
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
@@ -20,7 +20,7 @@ DUST_ALBEDO = (0.56, 0.42, 0.34)
 
 
 def extinction(visibility_m: float) -> float:
-    """Extinction in 1/m of air through which one sees so many metres.
+    """Extinction in 1/m of air through which one sees so many meters.
 
     References
     ----------
@@ -42,7 +42,7 @@ class AirLayer(NamedTuple):
     extinction
         In 1/m.
     above, reach
-        Metres from the camera to its top, and to its sides and bottom.
+        Meters from the camera to its top, and to its sides and bottom.
     """
 
     extinction: float

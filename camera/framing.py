@@ -1,4 +1,4 @@
-"""Turning a camera so that its target is off-centre, wholly in the frame or cut on purpose (paper 2.1.6)."""
+"""Turning a camera so that its target is off-center, wholly in the frame or cut on purpose (paper 2.1.6)."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def frame_target(
     roll
         () or (n,) radians; see `turned`.
     spread
-        0 to 1: how much of the room on either side of the middle is used. 0 centres the box.
+        0 to 1: how much of the room on either side of the middle is used. 0 centers the box.
     truncated
         Least and largest share of the box's area to be cut off, within 0 to 1.
 
@@ -157,7 +157,7 @@ def frame_target(
     lens = lenses(intrinsics)
     size = np.broadcast_to(lens.size, (n, 2))
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
-    first = turned(poses, lens, lens.centre, rolls) if rolls.any() else poses
+    first = turned(poses, lens, lens.center, rolls) if rolls.any() else poses
     box = _box(first, points, lens)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
@@ -201,7 +201,7 @@ def place_boxes(
     points = checked(points_world, "points_world", ("n", "k", 3))
     lens = lenses(intrinsics)
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(poses),))
-    first = turned(poses, lens, lens.centre, rolls) if rolls.any() else poses
+    first = turned(poses, lens, lens.center, rolls) if rolls.any() else poses
     size = np.broadcast_to(lens.size, (len(poses), 2))
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
@@ -228,7 +228,7 @@ def _turned_until(
     n, (first, box) = len(poses), start
     known = np.isfinite(box).all(axis=(1, 2))
     size = np.broadcast_to(lens.size, (n, 2))
-    best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.centre, (n, 2))), box
+    best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2))), box
     best_miss = np.full(n, np.inf)
     # Cameras that have their place are done, whatever the others still need: answers do not depend on company.
     todo = np.flatnonzero(known)

@@ -20,27 +20,27 @@ class Frustum:
 
     Parameters
     ----------
-    focal, centre, size
+    focal, center, size
         Focal lengths, principal point, and image size in pixels.
     frame
         Whether the image's edges are among the half-spaces, or the near plane alone.
     """
 
     focal: tuple[float, float]
-    centre: tuple[float, float]
+    center: tuple[float, float]
     size: tuple[float, float]
     frame: bool
 
     @classmethod
     def of(cls, lens: Lenses, *, frame: bool) -> Frustum:
         """The frustum of one camera."""
-        focal, centre, size = (tuple(each.tolist()) for each in (lens.focal, lens.centre, lens.size))
-        return cls(focal, centre, size, frame)
+        focal, center, size = (tuple(each.tolist()) for each in (lens.focal, lens.center, lens.size))
+        return cls(focal, center, size, frame)
 
     @property
     def _sides(self) -> tuple[float, float, float, float]:
         """Pixels from the principal point to the left, right, upper, and lower side of the image."""
-        (cx, cy), (width, height) = self.centre, self.size
+        (cx, cy), (width, height) = self.center, self.size
         return cx, width - cx, cy, height - cy
 
     @property
@@ -83,8 +83,8 @@ class Frustum:
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
         """Continuous pixels of points inside the frustum; rounding does not take them out of the image."""
         x, y, z = points
-        u = x / z * self.focal[0] + self.centre[0]
-        v = y / z * self.focal[1] + self.centre[1]
+        u = x / z * self.focal[0] + self.center[0]
+        v = y / z * self.focal[1] + self.center[1]
         if self.frame:
             np.clip(u, 0.0, self.size[0], out=u)
             np.clip(v, 0.0, self.size[1], out=v)
@@ -95,7 +95,7 @@ class Frustum:
 
         Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
         """
-        (fx, fy), (cx, cy), (width, height) = self.focal, self.centre, self.size
+        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
         u0, v0, u1, v1 = [width, height, 0.0, 0.0] if np.isinf(box).any() else box.tolist()
         rows = np.array(
             [[-fx, 0.0, u0 - cx, 0.0], [0.0, -fy, v0 - cy, 0.0], [fx, 0.0, cx - u1, 0.0], [0.0, fy, cy - v1, 0.0]]

@@ -164,7 +164,7 @@ class Intrinsics:
         return (self.f_px,) * 2 if self.pinhole is None else self.pinhole[:2]
 
     @property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """(2,) the principal point in pixels."""
         if self.pinhole is not None:
             return np.array(self.pinhole[2:])
@@ -173,7 +173,7 @@ class Intrinsics:
     @property
     def matrix(self) -> np.ndarray:
         """K (3, 3): takes camera coordinates (x right, y down, z forward) to homogeneous pixels before distortion."""
-        (fx, fy), (cx, cy) = self.focal, self.centre
+        (fx, fy), (cx, cy) = self.focal, self.center
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
@@ -182,13 +182,13 @@ class Intrinsics:
         Parameters
         ----------
         size
-            (...) metres, positive; the paper takes the smallest dimension of the vehicle's bounding box.
+            (...) meters, positive; the paper takes the smallest dimension of the vehicle's bounding box.
         target_fraction
             (...) share of the image height, positive; may exceed 1.
 
         Returns
         -------
-        (...) metres along the optical axis; the leading axes broadcast.
+        (...) meters along the optical axis; the leading axes broadcast.
         """
         from hulldown.camera.lenses import lenses  # needs more than numpy
 

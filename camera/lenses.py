@@ -25,7 +25,7 @@ class Lenses:
     ----------
     focal
         (2,) or (m, 2) focal lengths fx and fy in pixels.
-    centre
+    center
         (2,) or (m, 2) principal point in pixels.
     size
         (2,) or (m, 2) width and height in pixels.
@@ -34,7 +34,7 @@ class Lenses:
     """
 
     focal: Float[np.ndarray, "... 2"]
-    centre: Float[np.ndarray, "... 2"]
+    center: Float[np.ndarray, "... 2"]
     size: Float[np.ndarray, "... 2"]
     distortion: Float[np.ndarray, "... 5"]
 
@@ -42,7 +42,7 @@ class Lenses:
         """Those of some of the cameras; the same where one stands for all."""
         if self.focal.ndim == 1:
             return self
-        return Lenses(self.focal[index], self.centre[index], self.size[index], self.distortion[index])
+        return Lenses(self.focal[index], self.center[index], self.size[index], self.distortion[index])
 
     def spread(self, n: int) -> Lenses:
         """One for each of n cameras."""
@@ -50,7 +50,7 @@ class Lenses:
 
     @property
     def _fields(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        return self.focal, self.centre, self.size, self.distortion
+        return self.focal, self.center, self.size, self.distortion
 
     @classmethod
     def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
@@ -68,8 +68,8 @@ class Lenses:
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
-        metres, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
-        return np.asarray(metres * self.focal[..., 1] / (self.size[..., 1] * fraction))
+        meters, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
+        return np.asarray(meters * self.focal[..., 1] / (self.size[..., 1] * fraction))
 
     @property
     def distorted(self) -> bool:
@@ -86,7 +86,7 @@ class Lenses:
     @property
     def window(self) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "... 2"]]:
         """Lowest and highest corner of the image at unit depth: of the smallest rectangle that holds it."""
-        low, high = -self.centre / self.focal, (self.size - self.centre) / self.focal
+        low, high = -self.center / self.focal, (self.size - self.center) / self.focal
         if not self.distorted:
             return low, high
         each = [
@@ -101,10 +101,10 @@ class Lenses:
     @property
     def fov_x_deg(self) -> Float[np.ndarray, "..."]:
         """Horizontal field of view in degrees, at the height of the principal point."""
-        fx, left = self.focal[..., 0], self.centre[..., 0]
+        fx, left = self.focal[..., 0], self.center[..., 0]
         right = self.size[..., 0] - left
         if self.distorted:
-            ends = np.stack([self.centre, self.centre], -2)
+            ends = np.stack([self.center, self.center], -2)
             ends[..., 0] = np.stack([np.zeros_like(left), self.size[..., 0]], -1)
             at = self.at_unit_depth(ends)[..., 0]
             left, right = -at[..., 0] * fx, at[..., 1] * fx
@@ -117,11 +117,11 @@ class Lenses:
         """
         if self.distorted:
             unit = distorted(unit, self.distortion[..., None, :], self.radius[..., None])
-        return unit * self.focal[..., None, :] + self.centre[..., None, :]
+        return unit * self.focal[..., None, :] + self.center[..., None, :]
 
     def at_unit_depth(self, pixels: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... n 2"]:
         """Points (x / z, y / z) of the plane at unit depth that project to these pixels; nan where there are none."""
-        unit = (pixels - self.centre[..., None, :]) / self.focal[..., None, :]
+        unit = (pixels - self.center[..., None, :]) / self.focal[..., None, :]
         if self.distorted:
             unit = undistorted(unit, self.distortion[..., None, :], self.radius[..., None])
         return unit
@@ -152,7 +152,7 @@ class Lenses:
             low, high = self.window
             half = np.maximum(-low[..., 0], high[..., 0])
             return np.asarray(half / hypot(half, 1.0))
-        half = np.maximum(self.centre[..., 0], self.size[..., 0] - self.centre[..., 0])
+        half = np.maximum(self.center[..., 0], self.size[..., 0] - self.center[..., 0])
         return np.asarray(half / hypot(half, self.focal[..., 0]))
 
 
@@ -165,7 +165,7 @@ def lenses(intrinsics: Optics) -> Lenses:
         return intrinsics
     if isinstance(intrinsics, Intrinsics):
         return Lenses(*(each[0] for each in lenses([intrinsics])._fields))
-    columns = [(i.focal, i.centre, (i.width, i.height), i.distortion) for i in intrinsics]
+    columns = [(i.focal, i.center, (i.width, i.height), i.distortion) for i in intrinsics]
     return Lenses(
         *(
             np.array([row[k] for row in columns], dtype=np.float64).reshape(-1, width)

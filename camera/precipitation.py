@@ -1,6 +1,6 @@
 """Rain and snow near the camera: which drops and flakes are in view, and the quads that show them with their motion.
 
-Needs numpy only, as it runs in Blender too. Diameters are in metres, positions relative to the eye.
+Needs numpy only, as it runs in Blender too. Diameters are in meters, positions relative to the eye.
 
 References
 ----------
@@ -29,7 +29,7 @@ SNOW_MM = (0.5, 8.0)
 FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
 CLASSES = 100  # of diameters
 FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
-NEAREST, FARTHEST = 0.4, 10.0  # metres from the camera; what is farther is in the veil alone
+NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; what is farther is in the veil alone
 FAINTEST = 0.01  # the least opacity that a drop is drawn for; what hides less is in the veil alone
 MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
 MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
@@ -45,9 +45,9 @@ class Sizes:
     Parameters
     ----------
     edges
-        (k + 1,) the classes' bounds: diameters in metres.
+        (k + 1,) the classes' bounds: diameters in meters.
     number
-        (k,) in a cubic metre of air.
+        (k,) in a cubic meter of air.
     fall
         (k,) speed downwards, m/s.
     flutter
@@ -88,15 +88,15 @@ class Drops:
 
     Parameters
     ----------
-    centres
-        (n, 3) relative to the eye, along the scenery's axes, metres.
+    centers
+        (n, 3) relative to the eye, along the scenery's axes, meters.
     diameters
-        (n,) metres.
+        (n,) meters.
     velocities
         (n, 3) m/s.
     """
 
-    centres: np.ndarray
+    centers: np.ndarray
     diameters: np.ndarray
     velocities: np.ndarray
 
@@ -108,9 +108,9 @@ class Streaks:
     Parameters
     ----------
     vertices
-        (n, 4, 3) corners in turn, relative to the eye, metres.
+        (n, 4, 3) corners in turn, relative to the eye, meters.
     profile
-        (n, 4, 3) at each corner, in radii of the disc: the place across the motion and along it from the quad's centre,
+        (n, 4, 3) at each corner, in radii of the disc: the place across the motion and along it from the quad's center,
         and half of the way that the disc goes.
     gain
         (n,) factor on the opacity, of discs that are drawn wider than they are.
@@ -187,10 +187,10 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: 
     near, far = (NEAREST + behind) ** 3, (reach[of] + behind) ** 3
     depth = np.cbrt(near + u[:, 0] * (far - near))
     sides = (2.0 * u[:, 1:3] - 1.0) * depth[:, None] * np.array(view.half)
-    centres = np.column_stack([sides, depth - behind]) @ view.axes.T
+    centers = np.column_stack([sides, depth - behind]) @ view.axes.T
     velocities = rng.normal(size=(len(of), 3)) * sizes.flutter
     velocities += np.column_stack([np.full((len(of), 2), wind_m_s), -sizes.fall[of]])
-    return Drops(centres, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
+    return Drops(centers, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
 
 
 def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
@@ -222,12 +222,12 @@ def streaks(drops: Drops, view: View) -> Streaks:
     A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The
     disc that `opacity` moves has the drop's area and, as a streak, its width at half of its darkness.
     """
-    distance = np.linalg.norm(drops.centres, axis=1, keepdims=True)
-    towards = drops.centres / distance
-    across = np.cross(towards, drops.velocities)
+    distance = np.linalg.norm(drops.centers, axis=1, keepdims=True)
+    toward = drops.centers / distance
+    across = np.cross(toward, drops.velocities)
     speed = np.linalg.norm(across, axis=1, keepdims=True)
-    across = np.where(speed > 1e-6, across / np.maximum(speed, 1e-6), np.cross(towards, view.axes[:, 1]))
-    along = np.cross(across, towards)
+    across = np.where(speed > 1e-6, across / np.maximum(speed, 1e-6), np.cross(toward, view.axes[:, 1]))
+    along = np.cross(across, toward)
     radius = drops.diameters[:, None] / math.sqrt(2.0)
     wide = np.maximum(radius, WIDEST * view.pixel * distance)
     way = np.maximum(speed * view.exposure_s / 2.0 / wide, 1e-3)
@@ -235,13 +235,13 @@ def streaks(drops: Drops, view: View) -> Streaks:
     v = np.array([-1.0, -1.0, 1.0, 1.0]) * (way + 1.0)
     offset = u[..., None] * across[:, None] + v[..., None] * along[:, None]
     profile = np.stack([u, v, np.broadcast_to(way, u.shape)], axis=2)
-    return Streaks(drops.centres[:, None] + wide[:, None] * offset, profile, ((radius / wide) ** 2)[:, 0])
+    return Streaks(drops.centers[:, None] + wide[:, None] * offset, profile, ((radius / wide) ** 2)[:, 0])
 
 
 def opacity(profile: np.ndarray) -> np.ndarray:
     """How much of what is behind it a moving disc hides on average: the law that the material of streaks follows.
 
-    At rest it hides ``1 - r^2`` at `r` radii from its centre, which is as much in all as a hard disc of half its area.
+    At rest it hides ``1 - r^2`` at `r` radii from its center, which is as much in all as a hard disc of half its area.
 
     Parameters
     ----------

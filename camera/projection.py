@@ -14,14 +14,14 @@ from hulldown.camera.lenses import Optics, lenses
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid, rotate
 
-NEAR = 0.1  # metres along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
+NEAR = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
 
 
 class Projected(NamedTuple):
     """Where points fall in the image."""
 
     pixels: Float[np.ndarray, "... n 2"]  # continuous, may lie outside the image; nan where depth <= 0
-    depth: Float[np.ndarray, "... n"]  # metres along the optical axis; negative behind the camera
+    depth: Float[np.ndarray, "... n"]  # meters along the optical axis; negative behind the camera
 
 
 def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
@@ -34,7 +34,7 @@ def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: Arra
     world_from_camera
         (..., 4, 4) rigid poses: x right, y down, z forward.
     points_world
-        (..., n, 3) metres; leading axes broadcast against those of the poses.
+        (..., n, 3) meters; leading axes broadcast against those of the poses.
 
     Returns
     -------
@@ -116,7 +116,7 @@ class Camera:
         return project(self.intrinsics, self.world_from_camera, points_world)
 
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float[np.ndarray, "n 3"]:
-        """World points seen at `pixels` (n, 2) at `depth` (n,) metres along the optical axis."""
+        """World points seen at `pixels` (n, 2) at `depth` (n,) meters along the optical axis."""
         z = checked(depth, "depth", ("n",), finite=False)
         return apply(self.world_from_camera, directions(self.intrinsics, pixels) * z[:, None])
 

@@ -1,9 +1,9 @@
-"""What a camera makes of light: white balance, Blender's view transform, and the exposure at which a card is mid-grey.
+"""What a camera makes of light: white balance, Blender's view transform, and the exposure at which a card is mid-gray.
 
 References
 ----------
 T. Sobotka, AgX, https://github.com/sobotka/AgX, 2022; in Blender since 4.0 with matrices and a curve of its own.
-CIE 15, Colorimetry, 2004: the daylight locus. K. M. Lam, Metamerism and colour constancy, PhD thesis, University of
+CIE 15, Colorimetry, 2004: the daylight locus. K. M. Lam, Metamerism and color constancy, PhD thesis, University of
 Bradford, 1985: the cone responses that white balance scales.
 """
 
@@ -13,13 +13,13 @@ import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
-ALBEDO = 0.18  # of the grey card
+ALBEDO = 0.18  # of the gray card
 CARD = 117.64  # of 255: what a neutral radiance of 0.18 has in a picture of Blender 5.0; 118 in whole levels
 NEUTRAL_K = 6500.0  # the light that Blender's white balance leaves white
 COOLEST, WARMEST = -2500.0, 13500.0  # offsets in kelvin that the daylight locus reaches
 FARTHEST_EV = 32.0  # what Blender's view settings allow
 
-# Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colours that Blender 5.0 has
+# Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colors that Blender 5.0 has
 # transformed, from 2^-9 to 2^6 and up to saturated; on 3144 others the largest error of a channel is 1.5 of 255 in the
 # mean, below 4.5 for 99 %.
 _IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.07342, 0.14333, 0.59868]])
@@ -70,7 +70,7 @@ def white_balance(offset_k: float) -> np.ndarray:
 
 
 def _daylight(kelvin: float) -> np.ndarray:
-    """XYZ of daylight of a colour temperature from 4000 to 25000 K, of luminance 1."""
+    """XYZ of daylight of a color temperature from 4000 to 25000 K, of luminance 1."""
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
@@ -110,12 +110,12 @@ def _uv(xyz: np.ndarray) -> np.ndarray:
 
 
 def metered(radiance: np.ndarray) -> np.ndarray:
-    """Exposures in EV at which the luminance of these colours is `CARD` in a picture; of black the largest there is.
+    """Exposures in EV at which the luminance of these colors is `CARD` in a picture; of black the largest there is.
 
     Parameters
     ----------
     radiance
-        Linear Rec. 709 of grey cards.
+        Linear Rec. 709 of gray cards.
     """
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
     for _ in range(_HALVINGS):

@@ -16,32 +16,32 @@ from hulldown.geometry.uniform import UniformNumbers
 
 
 def camera_pose(
-    centre: ArrayLike, distance: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike
+    center: ArrayLike, distance: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike
 ) -> Float[np.ndarray, "... 4 4"]:
-    """Pose of a camera on the shell that looks at the centre, its horizon level.
+    """Pose of a camera on the shell that looks at the center, its horizon level.
 
     Straight above and straight below need no up vector: the image's right is always (-sin azimuth, cos azimuth, 0),
     so the pose is a continuous function of both angles, poles included.
 
     Parameters
     ----------
-    centre
-        (..., 3) world point looked at; it projects to the image's centre at depth `distance`.
+    center
+        (..., 3) world point looked at; it projects to the image's center at depth `distance`.
     distance
-        (...) metres, positive.
+        (...) meters, positive.
     azimuth
-        (...) radians counter-clockwise from +x, of the camera as seen from the centre.
+        (...) radians counter-clockwise from +x, of the camera as seen from the center.
     elevation
-        (...) radians above the horizontal plane through the centre, from -pi/2 to pi/2.
+        (...) radians above the horizontal plane through the center, from -pi/2 to pi/2.
 
     Returns
     -------
     (..., 4, 4) world_from_camera; all leading axes broadcast.
     """
-    c = checked(centre, "centre", ("...", 3))
+    c = checked(center, "center", ("...", 3))
     d = checked(distance, "distance", ("...",))
     if (d <= 0.0).any():
-        raise ValueError(f"distance: expected positive metres, got {float(d.min())}")
+        raise ValueError(f"distance: expected positive meters, got {float(d.min())}")
     outward, rotation = shell_axes(azimuth, elevation)
     return rigid(rotation, c + d[..., None] * outward)
 
@@ -49,7 +49,7 @@ def camera_pose(
 def shell_axes(
     azimuth: ArrayLike, elevation: ArrayLike
 ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
-    """Unit direction from the centre to the camera, and the camera's axes (right, down, forward) as columns."""
+    """Unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
     a = checked(azimuth, "azimuth", ("...",))
     e = checked(elevation, "elevation", ("...",))
     if (np.abs(e) > math.pi / 2).any():
@@ -82,7 +82,7 @@ def draw_elevation(
         Source of randomness.
     uniform_in
         ``"angle"``, as in the paper: every degree of elevation is as likely as any other. The rings of equal elevation
-        shrink towards the pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees
+        shrink toward the pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees
         but is 1.5 % of the dome. ``"sphere"``: uniform on the shell's area, which is
         uniform in sin(elevation) (Archimedes).
     """

@@ -39,26 +39,26 @@ def solve_distance(
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
     *,
-    centre: ArrayLike,
+    center: ArrayLike,
     pixels: ArrayLike,
     measure: Measure = "height",
 ) -> Float[np.ndarray, " m"]:
-    """Distance from the centre at which the points' projected box has exactly the wanted size.
+    """Distance from the center at which the points' projected box has exactly the wanted size.
 
-    The camera keeps its rotation and moves on the line through `centre` and where it is now, so that the centre keeps
+    The camera keeps its rotation and moves on the line through `center` and where it is now, so that the center keeps
     its pixel, in the middle of the frame or off it. Along that line a vertex moves on a hyperbola of the distance, away
-    from the centre's pixel; each side of the box is the outermost of them, and the size falls steadily with distance if
-    the centre lies inside the points' hull. With a distorting lens, that distance is where a search by secants begins.
+    from the center's pixel; each side of the box is the outermost of them, and the size falls steadily with distance if
+    the center lies inside the points' hull. With a distorting lens, that distance is where a search by secants begins.
 
     Parameters
     ----------
     intrinsics
         One, or one for each pose.
     world_from_camera
-        (m, 4, 4) poses with the centre in front of them.
+        (m, 4, 4) poses with the center in front of them.
     points_world
         (m, n, 3) or (1, n, 3) points, such as the vertices of the posed vehicle's convex hull.
-    centre
+    center
         (3,) or (m, 3) world point.
     pixels
         () or (m,) wanted size, positive: of the height, width or diagonal in pixels, of the area in square pixels.
@@ -67,14 +67,14 @@ def solve_distance(
 
     Returns
     -------
-    (m,) metres; nan where no distance with all points in front of the camera gives that size.
+    (m,) meters; nan where no distance with all points in front of the camera gives that size.
     """
     if measure not in get_args(Measure):
         raise ValueError(f"measure: expected one of {', '.join(get_args(Measure))}, got {measure!r}")
     poses = checked(world_from_camera, "world_from_camera", ("m", 4, 4))
     points = checked(points_world, "points_world", ("k", "n", 3))
     m = len(poses)
-    middle = np.broadcast_to(checked(centre, "centre", ("...", 3)), (m, 3))
+    middle = np.broadcast_to(checked(center, "center", ("...", 3)), (m, 3))
     wanted = np.broadcast_to(checked(pixels, "pixels", ("...",)), (m,))
     if (wanted <= 0.0).any():
         raise ValueError(f"pixels: expected positive sizes, got {float(wanted.min())}")
@@ -83,11 +83,11 @@ def solve_distance(
     camera_axes = np.swapaxes(poses[:, :3, :3], -1, -2)
     ray = rotate(camera_axes, (middle - poses[:, :3, 3])[:, None])[:, 0]
     if (ray[:, 2] <= 0.0).any():
-        raise ValueError("centre: expected a point in front of every camera")
+        raise ValueError("center: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     local = rotate(camera_axes, points - middle[:, None])
     lens = lenses(intrinsics)
-    # At distance D the pixel of a point is off the centre's by f * aside / (D * ray_z + depth).
+    # At distance D the pixel of a point is off the center's by f * aside / (D * ray_z + depth).
     aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * lens.focal[..., None, :]
     target = np.sqrt(wanted) if measure == "area" else wanted
     distance = _solve(aside, local[..., 2], target, measure) / ray[:, 2]
@@ -143,7 +143,7 @@ def _solve(
     target: Float[np.ndarray, " m"],
     measure: Measure,
 ) -> Float[np.ndarray, " m"]:
-    """Depth of the centre at which the box around aside / (x + depth) measures `target`."""
+    """Depth of the center at which the box around aside / (x + depth) measures `target`."""
     nearest = -depth.min(axis=1)
     widest = np.abs(aside).max(axis=(1, 2))
     scale = np.maximum(np.abs(depth).max(axis=1), 1e-9)

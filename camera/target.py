@@ -218,9 +218,9 @@ def _into(
     Those that cross a sphere around it, with room for rounding.
     """
     low, high = part.hull.min(axis=0), part.hull.max(axis=0)
-    to_centre = apply(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
-    away = np.einsum("ij,ij->i", to_centre, to_centre)
-    ahead = np.einsum("ij,ij->i", to_centre, along)
+    to_center = apply(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
+    away = np.einsum("ij,ij->i", to_center, to_center)
+    ahead = np.einsum("ij,ij->i", to_center, along)
     room = 1.00001 * ((high - low) ** 2).sum() / 4 + 1e-12 * away
     aside = (away - room) * np.einsum("ij,ij->i", along, along) <= ahead**2
     some = np.flatnonzero((away <= room) | ((ahead > 0.0) & aside))
@@ -251,7 +251,7 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
 
 
 def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> TargetPart:
-    # Only the vertices that the faces use: others would move the centre that rays are traced about.
+    # Only the vertices that the faces use: others would move the center that rays are traced about.
     part = replace(mesh.of_faces(face), name=name)
     hull = part.vertices[extreme_points(part.vertices)]
     return TargetPart(index, caster_of(part), face, hull, points_around(hull))

@@ -19,7 +19,7 @@ from hulldown.camera.world import BATCH, World
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid
 
-# What touches the target does not hide it: float32 rays of a few hundred metres are good to a tenth of this.
+# What touches the target does not hide it: float32 rays of a few hundred meters are good to a tenth of this.
 TOUCHING = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 BLOCK = 1 << 18

@@ -67,7 +67,7 @@ def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.nda
     visibility_m
         Meteorological visibility; nan where the air is clear.
     distance_m
-        From the camera, metres.
+        From the camera, meters.
 
     Returns
     -------

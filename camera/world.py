@@ -73,7 +73,7 @@ class WorldHits:
     Parameters
     ----------
     distance
-        (n,) metres from the origin; inf on a miss.
+        (n,) meters from the origin; inf on a miss.
     kind
         (n,) a code of `Kind`.
     which
@@ -190,13 +190,13 @@ class World:
         Parameters
         ----------
         origins
-            (n, 3) metres, in the world.
+            (n, 3) meters, in the world.
         directions
             (n, 3), of any length but zero.
         row
             (n,) ascending: the camera of each ray, which meets the vehicles of that camera. None: all are of camera 0.
         max_distance
-            How far to look, in metres; a number or (n,).
+            How far to look, in meters; a number or (n,).
         threads
             How many threads share the work.
 
@@ -237,7 +237,7 @@ class World:
         which
             (k,) ascending indices of the rays that are asked for.
         reach
-            (k,) how far each looks, in metres from the near plane.
+            (k,) how far each looks, in meters from the near plane.
         """
         passed = np.ones((len(which), len(_HIDERS)))
         if self.ground is not None:

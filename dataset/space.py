@@ -1,4 +1,4 @@
-"""Where a labelled vehicle is in its camera's frame: distance, box in space, side seen; from what rows hold."""
+"""Where a labeled vehicle is in its camera's frame: distance, box in space, side seen; from what rows hold."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hulldown.geometry.portable import arctan2
 from hulldown.geometry.small_matrices import product
 from hulldown.planning.row import PlannedVehicle, Row
 
-DIGITS = 9  # a nanometre: what is the same on every processor
+DIGITS = 9  # a nanometer: what is the same on every processor
 TOLERANCE = 1e-6
 OVERHEAD = 1e-6  # radians from straight above a vehicle, nearer than which a camera has no azimuth
 
@@ -29,9 +29,9 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
 
     Returns
     -------
-    ``distance``: metres from the camera to the centre of the box. ``azimuth_seen``: radians from straight ahead of the
+    ``distance``: meters from the camera to the center of the box. ``azimuth_seen``: radians from straight ahead of the
     vehicle to the camera, counter-clockwise from above; of a camera straight above it, to where the image's lower edge
-    is. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, metres), ``size`` (length, width, height) and
+    is. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, meters), ``size`` (length, width, height) and
     ``rotation`` (3, 3), whose columns are the vehicle's forward, left and up in the camera's frame.
     """
     low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)

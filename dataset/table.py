@@ -220,7 +220,7 @@ class Dataset:
     def labels(self) -> Columns:
         """A table of labels: columns by name, one row a label, as pandas, polars and NumPy take it.
 
-        ``image`` is the row of `of_images`. Numbers that are not known are nan, names are empty; lengths are in metres
+        ``image`` is the row of `of_images`. Numbers that are not known are nan, names are empty; lengths are in meters
         or pixels, angles in degrees.
         """
         rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]

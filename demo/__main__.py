@@ -11,13 +11,13 @@ import numpy as np
 
 from hulldown.demo import hills, skies, steppe, vehicles
 from hulldown.demo.build import BUILT
-from hulldown.demo.catalogue import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
+from hulldown.demo.catalog import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
 
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
 
 def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
-    """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbours."""
+    """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbors."""
     for k, name in enumerate(CATEGORY):
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
     for name in DISTRACTORS:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from hulldown.demo.catalogue import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
+from hulldown.demo.catalog import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.libraries import remedy_for
 
@@ -34,7 +34,7 @@ def build_demo_assets(
     Returns
     -------
     tuple of Path
-        The files of `catalogue`, in its order.
+        The files of `catalog`, in its order.
 
     Raises
     ------

@@ -25,24 +25,24 @@ from hulldown.demo.shapes import (
 
 
 def arched(
-    outline: Outline, axles: Sequence[float], *, centre: float, radius: float, sill: float
+    outline: Outline, axles: Sequence[float], *, center: float, radius: float, sill: float
 ) -> list[tuple[float | int, float | int]]:
     """A side profile (x, z), counter-clockwise from its lower rear corner, with wheel arches cut into its underside."""
-    reach = float(np.sqrt(radius**2 - (sill - centre) ** 2))
-    low = np.arcsin((sill - centre) / radius)
+    reach = float(np.sqrt(radius**2 - (sill - center) ** 2))
+    low = np.arcsin((sill - center) / radius)
     points = [outline[0]]
     for x in sorted(axles):
         points.append((x - reach, sill))
         angles = np.linspace(np.pi - low, low, 13)[1:-1]
-        points += [(x + radius * np.cos(a), centre + radius * np.sin(a)) for a in angles]
+        points += [(x + radius * np.cos(a), center + radius * np.sin(a)) for a in angles]
         points.append((x + reach, sill))
     return [*points, *outline[1:]]
 
 
 def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, radius: float, width: float) -> None:
-    """Road tyres on rims with five double spokes, the tyres standing on z = 0."""
+    """Road tires on rims with five double spokes, the tires standing on z = 0."""
     w, inner = width / 2, radius * 0.66
-    tyre = lathe(
+    tire = lathe(
         [(inner, -w * 0.9), (radius * 0.93, -w), (radius, -w * 0.7), (radius, w * 0.7), (radius * 0.93, w), (inner, w)],
         sides=36,
         hollow=True,
@@ -52,7 +52,7 @@ def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, ra
     spokes = joined(spoke.turned("y", k * 72 + side) for k in range(5) for side in (-9, 9))
     hub = lathe([(inner * 0.24, 0.0), (inner * 0.24, w * 0.86), (inner * 0.14, w * 0.9)], sides=16)
     for k, x in enumerate(axles):
-        m.add(f"Tyre_{k + 1}", tyre.moved(x, y, radius), p.rubber, bevel=0, mirror=True)
+        m.add(f"Tire_{k + 1}", tire.moved(x, y, radius), p.rubber, bevel=0, mirror=True)
         m.add(f"Rim_{k + 1}", dish.moved(x, y, radius), p.dark, bevel=0, mirror=True)
         m.add(f"Spokes_{k + 1}", (spokes + hub).moved(x, y, radius), p.steel, bevel=0, mirror=True)
     well = joined(block((x - radius - 0.06, -y + w, 0.24), (x + radius + 0.06, y - w - 0.02, 0.75)) for x in axles)
@@ -82,7 +82,7 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         (-2.24, 0.94),
         (-2.29, 0.55),
     ]
-    profile = arched(outline, axles, centre=0.32, radius=0.385, sill=0.29)
+    profile = arched(outline, axles, center=0.32, radius=0.385, sill=0.29)
     m.add("Body", slab(profile, 0.89), p.body, bevel=0.06, smooth=40)
     bonnet = slab([(1.02, 0.9), (2.08, 0.74), (1.98, 0.8), (1.06, 0.975)], 0.66)
     m.add("Bonnet", bonnet, p.body, bevel=0.04, smooth=50)
@@ -180,7 +180,7 @@ def panel_van(m: BlendModel, p: Paints) -> None:
         (-2.74, 2.36),
         (-2.78, 1.0),
     ]
-    profile = arched(outline, axles, centre=0.36, radius=0.44, sill=0.38)
+    profile = arched(outline, axles, center=0.36, radius=0.44, sill=0.38)
     m.add("Body", slab(profile, 0.99), p.body, bevel=0.08, smooth=40)
     m.add(
         "Roof_Ribs",

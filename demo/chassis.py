@@ -52,8 +52,8 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
     z = r + LINK
-    tyre = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
-    tyres = tyre + tyre.scaled(1, -1, 1)
+    tire = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
+    tires = tire + tire.scaled(1, -1, 1)
     disc = lathe(
         [
             (r * 0.02, w * 0.42),
@@ -75,7 +75,7 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
         for a in np.arange(8) * np.pi / 4
     )
     copies = (gear.wheels, gear.step)
-    m.add("Road_Tyres", tyres.moved(gear.first, gear.y, z), p.rubber, bevel=0, mirror=True, copies=copies)
+    m.add("Road_Tires", tires.moved(gear.first, gear.y, z), p.rubber, bevel=0, mirror=True, copies=copies)
     m.add("Road_Wheels", (disc + bolts).moved(gear.first, gear.y, z), p.body, bevel=0, mirror=True, copies=copies)
     ends = []
     for x, height, radius in (gear.sprocket, gear.idler):
@@ -112,9 +112,9 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
 
 
 def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, Shape]:
-    """Tyre with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
+    """Tire with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
     r, w = radius, width / 2
-    tyre = lathe(
+    tire = lathe(
         [
             (r * 0.56, -w * 0.9),
             (r * 0.85, -w),
@@ -154,16 +154,16 @@ def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, 
         )
         for a in np.arange(10) * np.pi / 5
     )
-    return tyre + blocks, rim + nuts
+    return tire + blocks, rim + nuts
 
 
 def wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
-    """Wheels on axles at the given x, the tyres standing on z = 0, with axles and springs between them."""
-    tyre, rim = road_wheel(radius, width)
+    """Wheels on axles at the given x, the tires standing on z = 0, with axles and springs between them."""
+    tire, rim = road_wheel(radius, width)
     for k, x in enumerate(at):
         # A single wheel's tread is turned so that a block is lowest: it stands on z = 0.
-        low = tyre.vertices[:, 2].min()
-        m.add(f"Tyre_{k + 1}", tyre.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
+        low = tire.vertices[:, 2].min()
+        m.add(f"Tire_{k + 1}", tire.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
         m.add(f"Rim_{k + 1}", rim.moved(x, y, -low), p.body, bevel=0, mirror=True)
     axles = joined(
         tube((x, -y, radius), (x, y, radius), 0.09)

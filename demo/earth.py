@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hulldown.demo.materials import Colour, Graph, linear
+from hulldown.demo.materials import Color, Graph, linear
 
 
 @dataclass(frozen=True)
 class Soil:
-    """Colours of a landscape's ground."""
+    """Colors of a landscape's ground."""
 
-    cover: tuple[Colour, Colour, Colour]  # lush, common, dry
-    bare: tuple[Colour, Colour]  # earth or sand, two tones
-    rock: tuple[Colour, Colour]
-    haze: Colour
+    cover: tuple[Color, Color, Color]  # lush, common, dry
+    bare: tuple[Color, Color]  # earth or sand, two tones
+    rock: tuple[Color, Color]
+    haze: Color
     bare_share: tuple[float, float]  # noise levels between which cover gives way to bare ground
     stony: float  # how much of the pebbles shows through the cover, 0 to 1
-    tufts: float  # metres of height of the finest bumps
+    tufts: float  # meters of height of the finest bumps
     clumps: float  # how much tussocks stand out of the cover, 0 to 1
 
 
@@ -39,7 +39,7 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     cover = g.mix(g.ramp(wide, 0.38, 0.62), lush, common)
     cover = g.mix(g.maths("MULTIPLY", g.ramp(middle, 0.45, 0.68), 0.75), cover, dry)
     cover = g.mix(g.maths("MULTIPLY", g.ramp(vast, 0.42, 0.6), 0.5), cover, common)
-    # Tips in the light, dark gaps between tussocks, and tussocks unlike their neighbours.
+    # Tips in the light, dark gaps between tussocks, and tussocks unlike their neighbors.
     tips = g.maths("MULTIPLY", g.ramp(small, 0.48, 0.66), 0.45 * soil.clumps)
     cover = g.shade(g.mix(tips, cover, dry), g.noise(where, 1.1, detail=2.0, rough=0.8, warp=0.5), 0.22)
     cover = g.mix(
@@ -58,20 +58,20 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     )
     pebble = g.maths("MULTIPLY", g.ramp(clod, 0.30, 0.20), g.ramp(kind, 0.52, 0.58))
     seen = g.maths("MULTIPLY", pebble, g.maths("MAXIMUM", g.maths("MULTIPLY", worn, 0.8), soil.stony))
-    colour = g.mix(seen, g.mix(worn, cover, bare), g.shade(linear(soil.rock[0]), fine, 0.4))
+    color = g.mix(seen, g.mix(worn, cover, bare), g.shade(linear(soil.rock[0]), fine, 0.4))
     steep = g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", middle, 0.16)), 0.88, 0.80)
-    colour = g.mix(steep, colour, rock)
+    color = g.mix(steep, color, rock)
     if far:
         away = g.add("VectorMath", {0: where}, operation="LENGTH").outputs["Value"]
         woods = g.maths(
             "MULTIPLY", g.ramp(g.noise(where, 0.0045, detail=8.0, rough=0.6), 0.50, 0.53), g.ramp(away, 600.0, 900.0)
         )
-        colour = g.mix(woods, colour, g.shade(g.mix(0.55, lush, "#1c2416"), g.noise(where, 0.06, detail=3.0), 0.4))
-        colour = g.mix(g.maths("MULTIPLY", g.ramp(away, 400.0, 4200.0), 0.75), colour, soil.haze)
+        color = g.mix(woods, color, g.shade(g.mix(0.55, lush, "#1c2416"), g.noise(where, 0.06, detail=3.0), 0.4))
+        color = g.mix(g.maths("MULTIPLY", g.ramp(away, 400.0, 4200.0), 0.75), color, soil.haze)
     height = g.maths("ADD", small, g.maths("MULTIPLY", fine, 0.35))
     return g.surface(
         {
-            "Base Color": colour,
+            "Base Color": color,
             "Roughness": g.maths("ADD", 0.78, g.maths("MULTIPLY", middle, 0.3)),
             "Specular IOR Level": 0.15,
             "Normal": g.bump(height, soil.tufts, 0.9),
@@ -79,8 +79,8 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     )
 
 
-def road(name: str, tones: tuple[Colour, Colour], verge: Colour, *, half: float) -> Any:
-    """A dirt road by its UV map (u metres across, v metres along): two ruts, a grown-over middle, ragged verges."""
+def road(name: str, tones: tuple[Color, Color], verge: Color, *, half: float) -> Any:
+    """A dirt road by its UV map (u meters across, v meters along): two ruts, a grown-over middle, ragged verges."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     across = g.maths("ABSOLUTE", g.add("SeparateXYZ", {0: g.add("TexCoord").outputs["UV"]}).outputs[0])
@@ -88,55 +88,55 @@ def road(name: str, tones: tuple[Colour, Colour], verge: Colour, *, half: float)
     small = g.noise(where, 4.0, detail=6.0, rough=0.7)
     fine = g.noise(where, 30.0, detail=3.0)
     ragged = g.maths("ADD", across, g.maths("MULTIPLY", g.maths("SUBTRACT", small, 0.5), 1.4))
-    colour = g.mix(g.ramp(middle, 0.35, 0.65), *tones)
+    color = g.mix(g.ramp(middle, 0.35, 0.65), *tones)
     rut = g.ramp(g.maths("ABSOLUTE", g.maths("SUBTRACT", across, 0.95)), 0.42, 0.16)
-    colour = g.mix(g.maths("MULTIPLY", rut, 0.45), colour, "#4f4232")
+    color = g.mix(g.maths("MULTIPLY", rut, 0.45), color, "#4f4232")
     grown = g.maths("MULTIPLY", g.ramp(ragged, 0.35, 0.05), g.ramp(middle, 0.4, 0.6))
     edge = g.ramp(ragged, half - 1.1, half - 0.5)
-    colour = g.mix(g.maths("MAXIMUM", g.maths("MULTIPLY", grown, 0.7), edge), colour, verge)
-    colour = g.shade(g.shade(colour, small, 0.2), fine, 0.22)
+    color = g.mix(g.maths("MAXIMUM", g.maths("MULTIPLY", grown, 0.7), edge), color, verge)
+    color = g.shade(g.shade(color, small, 0.2), fine, 0.22)
     height = g.maths("SUBTRACT", g.maths("ADD", small, g.maths("MULTIPLY", fine, 0.3)), g.maths("MULTIPLY", rut, 0.6))
     return g.surface(
-        {"Base Color": colour, "Roughness": 0.93, "Specular IOR Level": 0.2, "Normal": g.bump(height, 0.05, 0.8)}
+        {"Base Color": color, "Roughness": 0.93, "Specular IOR Level": 0.2, "Normal": g.bump(height, 0.05, 0.8)}
     )
 
 
-def stone(name: str, tones: tuple[Colour, Colour], growth: Colour) -> Any:
+def stone(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
     """Boulders, with moss or dust on what faces up; each instance a little different."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     coarse = g.noise(where, 1.2, detail=6.0, rough=0.65)
     fine = g.noise(where, 9.0, detail=5.0, rough=0.7)
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
-    colour = g.shade(g.mix(g.ramp(coarse, 0.35, 0.65), *tones), fine, 0.3)
-    colour = g.mix(g.maths("MULTIPLY", g.ramp(g.maths("ADD", up, coarse), 1.1, 1.5), 0.8), colour, growth)
+    color = g.shade(g.mix(g.ramp(coarse, 0.35, 0.65), *tones), fine, 0.3)
+    color = g.mix(g.maths("MULTIPLY", g.ramp(g.maths("ADD", up, coarse), 1.1, 1.5), 0.8), color, growth)
     return g.surface(
         {
-            "Base Color": colour,
+            "Base Color": color,
             "Roughness": 0.9,
             "Normal": g.bump(g.maths("ADD", coarse, g.maths("MULTIPLY", fine, 0.3)), 0.12, 0.8),
         }
     )
 
 
-def bark(name: str, colour: Colour) -> Any:
+def bark(name: str, color: Color) -> Any:
     """Furrowed bark."""
     g = Graph(name)
     where = g.add("Mapping", {0: g.add("TexCoord").outputs["Object"], "Scale": (9.0, 9.0, 1.6)}).outputs[0]
     furrows = g.noise(where, 1.0, detail=4.0, rough=0.6)
     return g.surface(
-        {"Base Color": g.shade(linear(colour), furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)}
+        {"Base Color": g.shade(linear(color), furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)}
     )
 
 
-def leaves(name: str, colours: tuple[Colour, Colour]) -> Any:
+def leaves(name: str, colors: tuple[Color, Color]) -> Any:
     """Leaves that let some light through, each spray and each plant of its own shade."""
     g = Graph(name)
     plant = g.add("ObjectInfo").outputs["Random"]
     spray = g.add("NewGeometry").outputs["Random Per Island"]
     tone = g.maths("ADD", g.maths("MULTIPLY", spray, 0.55), g.maths("MULTIPLY", plant, 0.45))
-    colour = g.mix(tone, *colours)
-    face = g.add("BsdfPrincipled", {"Base Color": colour, "Roughness": 0.6, "Specular IOR Level": 0.25}).outputs[0]
-    through = g.add("BsdfTranslucent", {"Color": g.mix(0.5, colour, "#8a9a3a")}).outputs[0]
+    color = g.mix(tone, *colors)
+    face = g.add("BsdfPrincipled", {"Base Color": color, "Roughness": 0.6, "Specular IOR Level": 0.25}).outputs[0]
+    through = g.add("BsdfTranslucent", {"Color": g.mix(0.5, color, "#8a9a3a")}).outputs[0]
     g.out(g.add("MixShader", {0: 0.3, 1: face, 2: through}).outputs[0])
     return g.material

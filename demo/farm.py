@@ -66,10 +66,10 @@ def bale_stack(m: BlendModel, p: Paints) -> None:
 
 
 def _wheel(m: BlendModel, p: Paints, name: str, at: tuple[float, float], radius: float, width: float) -> None:
-    """A farm wheel with slanting lugs; its tyre stands on z = 0."""
+    """A farm wheel with slanting lugs; its tire stands on z = 0."""
     x, y = at
     w = width / 2
-    tyre = lathe(
+    tire = lathe(
         [
             (radius * 0.6, -w * 0.9),
             (radius * 0.88, -w),
@@ -99,9 +99,9 @@ def _wheel(m: BlendModel, p: Paints, name: str, at: tuple[float, float], radius:
         ],
         sides=28,
     )
-    shape = tyre + lugs
+    shape = tire + lugs
     low = shape.vertices[:, 2].min()
-    m.add(f"{name}_Tyre", shape.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
+    m.add(f"{name}_Tire", shape.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
     m.add(f"{name}_Rim", rim.moved(x, y, -low), p.red, bevel=0, mirror=True)
 
 

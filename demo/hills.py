@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.demo import earth, vegetation
-from hulldown.demo.land import Land, highest, levelled, mound, patch
+from hulldown.demo.land import Land, highest, leveled, mound, patch
 from hulldown.demo.planting import Planting
 from hulldown.demo.relief import Course, Noise, sheet, smoothstep
 
@@ -33,7 +33,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
         return 5.5 * noise(x, y, 170.0, octaves=2) + 0.7 * noise(x + 90, y, 28.0, octaves=2) + 0.1 * noise(x, y, 7.0)
 
     level = course.profile(rolling)
-    meadow = levelled(rolling, course, level, reach=(4.5, 14.0))
+    meadow = leveled(rolling, course, level, reach=(4.5, 14.0))
     hill = mound((-90.0, 110.0), (115.0, 85.0), 20.0, 27.0, meadow, steep=1.9)
     knoll = mound((120.0, -110.0), (70.0, 55.0), -35.0, 15.0, meadow, steep=1.7)
     crest = mound((40.0, 150.0), (105.0, 24.0), -12.0, 4.6, meadow, steep=1.3)

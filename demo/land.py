@@ -11,8 +11,8 @@ from mathutils import Matrix
 
 from hulldown.demo.relief import Course, Height, quads, ribbon, sheet, smoothstep
 
-FAR = 4500.0  # metres to where the surroundings end, below the horizon's haze
-HIDDEN_EDGE = 4.0  # metres by which surroundings reach below the ground, that no gap shows between them
+FAR = 4500.0  # meters to where the surroundings end, below the horizon's haze
+HIDDEN_EDGE = 4.0  # meters by which surroundings reach below the ground, that no gap shows between them
 
 
 class Land:
@@ -43,7 +43,7 @@ class Land:
         return thing
 
     def road(self, name: str, course: Course, z: np.ndarray, material: Any, *, half: float) -> None:
-        """A strip with ruts in its shape and (across, along) in metres as its UV map; its edges dip into the ground."""
+        """A strip with ruts in its shape and (across, along) in meters as its UV map; its edges dip into the ground."""
         across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
         rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
         thing = self.add(name, ribbon(course, z, across, rise), material, home="Terrain")
@@ -61,7 +61,7 @@ class Land:
         mountains
             Height of what rises between the distances `rise` from the edge.
         material, rise
-            Of all sheets; in metres.
+            Of all sheets; in meters.
         """
         half = self.half
 
@@ -98,8 +98,8 @@ class Land:
         return path
 
 
-def levelled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
-    """The surface brought to the `level` of a road along its course: wholly and not at all within `reach` metres."""
+def leveled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
+    """The surface brought to the `level` of a road along its course: wholly and not at all within `reach` meters."""
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         distance, nearest = course.nearest(x, y)
@@ -115,13 +115,13 @@ def highest(*surfaces: Height) -> Height:
 
 
 def mound(
-    centre: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
+    center: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
 ) -> Height:
     """A hill over `base` that dips below it at its rim; its far side is `steep` times as steep as its near one."""
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        u, v = (x - centre[0]) * c + (y - centre[1]) * s, -(x - centre[0]) * s + (y - centre[1]) * c
+        u, v = (x - center[0]) * c + (y - center[1]) * s, -(x - center[0]) * s + (y - center[1]) * c
         v = np.where(v > 0, v * steep, v)
         rim = np.sqrt((u / half[0]) ** 2 + (v / half[1]) ** 2)
         return base(x, y) + top * smoothstep(rim, 1.0, 0.0) - 1.5 * smoothstep(rim, 0.82, 1.0)
@@ -129,7 +129,7 @@ def mound(
     return height
 
 
-def patch(centre: tuple[float, float], reach: float, height: Height, *, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """A square sheet about a centre."""
+def patch(center: tuple[float, float], reach: float, height: Height, *, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """A square sheet about a center."""
     line = np.linspace(-reach, reach, int(2 * reach / step) + 1)
-    return sheet(centre[0] + line, centre[1] + line, height)
+    return sheet(center[0] + line, center[1] + line, height)

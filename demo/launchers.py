@@ -219,7 +219,7 @@ def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
         bevel=0.02,
     )
     reflector = dish(0.9, 0.32).scaled(1, 1.25, 0.62).turned("y", -6).moved(-1.4, 0, 3.95)
-    light = materials.plain("Radar_Grey", "#8b8f86", rough=0.5)
+    light = materials.plain("Radar_Gray", "#8b8f86", rough=0.5)
     m.add("Search_Dish", reflector, light, part="turret", bevel=0, smooth=50)
     m.add("Smoke_Launchers", smoke_launchers(0.6, 0.82, 1.9, tubes=3).pair(), p.dark, part="turret", bevel=0)
     antenna(m, p, (-1.8, 0.6, 3.05), part="turret", height=0.8)

@@ -1,4 +1,4 @@
-"""A shipping container, and the burnt-out hull of an armoured vehicle."""
+"""A shipping container, and the burnt-out hull of an armored vehicle."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _plate(outline: list[tuple[float, float]], z: float, thick: float) -> Shape:
 
 
 def burnt_hull(m: BlendModel, p: Paints) -> None:
-    """The hull of a tank without its top, burnt out: hatches open, tyres gone, a track thrown, plates torn."""
+    """The hull of a tank without its top, burnt out: hatches open, tires gone, a track thrown, plates torn."""
     lower = [(-3.1, 0.62), (-2.6, 0.42), (2.6, 0.42), (3.15, 0.86), (3.0, 1.05), (-3.15, 1.1)]
     m.add("Hull", slab(lower, 1.02), p.body, bevel=0.03)
     upper = [(-3.2, 1.06), (3.05, 1.0), (3.2, 1.08), (1.75, 1.5), (-3.15, 1.52)]

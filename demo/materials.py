@@ -12,12 +12,12 @@ from PIL import Image
 
 from hulldown.geometry.color import linear_color
 
-Colour = str  # "#rrggbb" as a colour picker shows it
+Color = str  # "#rrggbb" as a color picker shows it
 
 
-def linear(colour: Colour) -> tuple[float, float, float, float]:
-    """The colour in the linear light that Cycles computes with."""
-    return *linear_color(colour), 1.0
+def linear(color: Color) -> tuple[float, float, float, float]:
+    """The color in the linear light that Cycles computes with."""
+    return *linear_color(color), 1.0
 
 
 class Graph:
@@ -49,7 +49,7 @@ class Graph:
         return self.add("TexNoise", inputs).outputs[0]
 
     def cells(self, where: Any, scale: float) -> tuple[Any, Any]:
-        """Of the plane cut into cells, `scale` a metre: the distance from a cell's middle, the cell's random number."""
+        """Of the plane cut into cells, `scale` a meter: the distance from a cell's middle, the cell's random number."""
         node = self.add("TexVoronoi", {"Vector": where, "Scale": scale}, voronoi_dimensions="2D")
         return node.outputs["Distance"], self.add("SeparateXYZ", {0: node.outputs["Color"]}).outputs[0]
 
@@ -62,20 +62,20 @@ class Graph:
         return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
 
     def mix(self, factor: Any, a: Any, b: Any, *, blend: str = "MIX") -> Any:
-        """Colour a turning into b as the factor goes from 0 to 1."""
+        """Color a turning into b as the factor goes from 0 to 1."""
         a, b = (linear(c) if isinstance(c, str) else c for c in (a, b))
         node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA", blend_type=blend)
         return node.outputs[2]
 
-    def shade(self, colour: Any, value: Any, amount: float) -> Any:
-        """The colour made darker and brighter by up to `amount` as a noise value goes about 0.5."""
+    def shade(self, color: Any, value: Any, amount: float) -> Any:
+        """The color made darker and brighter by up to `amount` as a noise value goes about 0.5."""
         factor = self.add("MapRange", {0: value, 1: 0.25, 2: 0.75, 3: 1 - amount, 4: 1 + amount}).outputs[0]
-        vector = colour[:3] if isinstance(colour, tuple) else colour
+        vector = color[:3] if isinstance(color, tuple) else color
         scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
         return scale.outputs[0]
 
     def bump(self, height: Any, distance: float, strength: float = 1.0) -> Any:
-        """A normal that leans as a height field of `distance` metres would."""
+        """A normal that leans as a height field of `distance` meters would."""
         return self.add("Bump", {"Height": height, "Distance": distance, "Strength": strength}).outputs[0]
 
     def surface(self, inputs: Mapping[Any, Any]) -> bpy.types.Material:
@@ -89,14 +89,14 @@ class Graph:
         self.add("OutputMaterial", {"Surface": shader})
 
 
-def plain(name: str, colour: Colour, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
-    """One colour with slight fine variation: rubber, steel, canvas, wood, lamps."""
+def plain(name: str, color: Color, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
+    """One color with slight fine variation: rubber, steel, canvas, wood, lamps."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     value = g.noise(where, 6.0, detail=4.0)
     return g.surface(
         {
-            "Base Color": g.shade(linear(colour), value, mottle),
+            "Base Color": g.shade(linear(color), value, mottle),
             "Roughness": g.maths("ADD", rough - 0.08, g.maths("MULTIPLY", value, 0.16)),
             "Metallic": metal,
         }
@@ -109,27 +109,27 @@ def glass(name: str = "Glass") -> Any:
     return g.surface({"Base Color": linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
 
 
-def camouflage(name: str, colours: Sequence[Colour], *, dust: Colour, unit: float = 1.0, size: float = 1.0) -> Any:
-    """Paint in two or three colours in soft-edged patches metres wide, with wear, and dust on the lower hull.
+def camouflage(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
+    """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull.
 
-    `unit` is how many file units make a metre; patches are placed in the object's own coordinates.
+    `unit` is how many file units make a meter; patches are placed in the object's own coordinates.
     """
     g = Graph(name)
-    where = _metres(g, unit)
+    where = _meters(g, unit)
     first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)
-    colour: Any = linear(colours[0])
+    color: Any = linear(colors[0])
     edges = [(0.53, 0.555), (0.585, 0.61)]
-    for k, paint in enumerate(colours[1:]):
+    for k, paint in enumerate(colors[1:]):
         offset = g.add("VectorMath", {0: where, 1: (37.0 * k, 11.0 * k, 5.0)}).outputs[0]
         patch = g.ramp(first if k == 0 else g.noise(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
-        colour = g.mix(patch, colour, paint)
-    return _painted(g, colour, where, dust)
+        color = g.mix(patch, color, paint)
+    return _painted(g, color, where, dust)
 
 
-def image_paint(name: str, image: bpy.types.Image, *, dust: Colour, by_uv: bool, tile: float = 3.0) -> Any:
+def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool, tile: float = 3.0) -> Any:
     """Paint from an image texture, by UV map or by box projection, with the same wear and dust as `camouflage`."""
     g = Graph(name)
-    where = _metres(g, 1.0)
+    where = _meters(g, 1.0)
     if by_uv:
         texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
     else:
@@ -138,43 +138,43 @@ def image_paint(name: str, image: bpy.types.Image, *, dust: Colour, by_uv: bool,
     return _painted(g, texture.outputs["Color"], where, dust)
 
 
-def gloss(name: str, colour: Colour, *, dust: Colour) -> Any:
-    """Clean car paint with a film of dust towards the ground."""
+def gloss(name: str, color: Color, *, dust: Color) -> Any:
+    """Clean car paint with a film of dust toward the ground."""
     g = Graph(name)
-    where = _metres(g, 1.0)
+    where = _meters(g, 1.0)
     worn = g.noise(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
     return g.surface(
         {
-            "Base Color": g.mix(film, g.shade(linear(colour), worn, 0.05), g.shade(linear(dust), worn, 0.3)),
+            "Base Color": g.mix(film, g.shade(linear(color), worn, 0.05), g.shade(linear(dust), worn, 0.3)),
             "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
             "Coat Weight": 0.5,
         }
     )
 
 
-def rusted(name: str, colour: Colour, *, rust: Colour, share: float, streaks: bool = True) -> Any:
+def rusted(name: str, color: Color, *, rust: Color, share: float, streaks: bool = True) -> Any:
     """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
     g = Graph(name)
-    where = _metres(g, 1.0)
+    where = _meters(g, 1.0)
     fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
     tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
     runs = g.noise(tall, 1.0, detail=3.0, rough=0.6) if streaks else blister
     level = 0.75 - 0.5 * share
     broken = g.ramp(blister, level - 0.04, level + 0.05)
     stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
-    paint = g.shade(g.shade(linear(colour), blister, 0.22), fine, 0.12)
+    paint = g.shade(g.shade(linear(color), blister, 0.22), fine, 0.12)
     iron = g.mix(fine, g.shade(linear(rust), blister, 0.5), "#2c1c14")
-    colour_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
+    color_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
     rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
-    return g.surface({"Base Color": colour_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
+    return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
 
 
 def burnt(name: str) -> Any:
     """Steel after a fire: orange rust, white ash on what lies flat, soot where flames came out."""
     g = Graph(name)
-    where = _metres(g, 1.0)
+    where = _meters(g, 1.0)
     coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     iron = g.mix(
@@ -182,46 +182,46 @@ def burnt(name: str) -> Any:
     )
     ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
     soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.44, 0.62)
-    colour = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
-    colour = g.mix(g.maths("MULTIPLY", soot, 0.9), colour, "#15120f")
-    return g.surface({"Base Color": colour, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
+    color = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
+    color = g.mix(g.maths("MULTIPLY", soot, 0.9), color, "#15120f")
+    return g.surface({"Base Color": color, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
 
 
-def straw(name: str, colours: tuple[Colour, Colour]) -> Any:
+def straw(name: str, colors: tuple[Color, Color]) -> Any:
     """Dry stalks, wound round the y axis: fine streaks across, tangled, with shadows between them."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
     streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
-    colour = g.mix(
-        g.ramp(streak, 0.3, 0.7), g.shade(linear(colours[0]), clump, 0.35), g.shade(linear(colours[1]), clump, 0.3)
+    color = g.mix(
+        g.ramp(streak, 0.3, 0.7), g.shade(linear(colors[0]), clump, 0.35), g.shade(linear(colors[1]), clump, 0.3)
     )
-    return g.surface({"Base Color": colour, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
+    return g.surface({"Base Color": color, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
 
 
-def _metres(g: Graph, unit: float) -> Any:
+def _meters(g: Graph, unit: float) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     return where if unit == 1.0 else g.add("VectorMath", {0: where, "Scale": 1 / unit}, operation="SCALE").outputs[0]
 
 
-def _painted(g: Graph, colour: Any, where: Any, dust: Colour) -> bpy.types.Material:
+def _painted(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
     """Wear in two scales and streaks of rain over a coat of paint; dust thins out upwards to 1.5 m, mud to 0.9 m."""
     worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
     fine = g.noise(where, 18.0, detail=3.0)
     tall = g.add("VectorMath", {0: where, 1: (5.0, 5.0, 0.5)}, operation="MULTIPLY").outputs[0]
-    colour = g.shade(g.shade(colour, worn, 0.26), fine, 0.10)
-    colour = g.shade(colour, g.noise(tall, 1.0, detail=3.0, rough=0.6), 0.16)
+    color = g.shade(g.shade(color, worn, 0.26), fine, 0.10)
+    color = g.shade(color, g.noise(tall, 1.0, detail=3.0, rough=0.6), 0.16)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
     mud = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp(worn, 0.38, 0.52))
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
-    colour = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, colour, dust), g.shade(linear(dust), fine, 0.35))
+    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(linear(dust), fine, 0.35))
     rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
     return g.surface(
         {
-            "Base Color": colour,
+            "Base Color": color,
             "Roughness": g.maths("ADD", rough, g.maths("MULTIPLY", film, 0.2)),
             "Specular IOR Level": 0.35,
             "Normal": g.bump(fine, 0.002),
@@ -229,13 +229,13 @@ def _painted(g: Graph, colour: Any, where: Any, dust: Colour) -> bpy.types.Mater
     )
 
 
-def block_pattern(path: Path, colours: Sequence[Colour], *, rng: np.random.Generator, cells: int = 96) -> None:
+def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generator, cells: int = 96) -> None:
     """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses."""
     height = np.zeros((cells, cells))
     for octave, weight in ((6, 1.0), (12, 0.6), (32, 0.35)):
         coarse = rng.random((octave, octave))
         height += weight * np.kron(coarse, np.ones((cells // octave, cells // octave)))
-    level = np.searchsorted(np.quantile(height, np.linspace(0, 1, len(colours) + 1)[1:-1]), height)
-    palette = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours], np.uint8)
+    level = np.searchsorted(np.quantile(height, np.linspace(0, 1, len(colors) + 1)[1:-1]), height)
+    palette = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colors], np.uint8)
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.kron(palette[level], np.ones((8, 8, 1), np.uint8))).save(path)

@@ -14,14 +14,14 @@ from hulldown.demo.shapes import Point, Shape, box
 
 
 class BlendModel:
-    """One vehicle, modelled in metres, stored in file units.
+    """One vehicle, modeled in meters, stored in file units.
 
     Parameters
     ----------
     name
         Name of the vehicle's collection.
     unit
-        File units in a metre: 100 stores centimetres and says so in the scene's unit scale.
+        File units in a meter: 100 stores centimeters and says so in the scene's unit scale.
     """
 
     def __init__(self, name: str, *, unit: float = 1.0) -> None:
@@ -43,8 +43,8 @@ class BlendModel:
 
     def pivot_object(self, part: str, at: Point, shape: Shape, material: Any, *, bevel: float, name: str) -> None:
         """A part that turns about the origin of its first mesh object, the others being that object's children."""
-        centre = np.asarray(at, float)
-        mesh_object = self._mesh(name, Shape(shape.vertices - centre, shape.faces), material, bevel)
+        center = np.asarray(at, float)
+        mesh_object = self._mesh(name, Shape(shape.vertices - center, shape.faces), material, bevel)
         self._hang(mesh_object, part, at, "hull")
 
     def pivot_collection(self, part: str, at: Point, *, name: str, on: str = "hull") -> None:
@@ -157,7 +157,7 @@ def _mesh_data(name: str, shape: Shape, unit: float, smooth: float = 35.0) -> An
 
 
 def _box_uv(mesh: Any, shape: Shape, *, tile: float) -> None:
-    """A UV map that projects each face along its dominant axis, `tile` metres to the unit square."""
+    """A UV map that projects each face along its dominant axis, `tile` meters to the unit square."""
     normals = np.empty(3 * len(mesh.polygons))
     mesh.polygons.foreach_get("normal", normals)
     axis = np.abs(normals.reshape(-1, 3)).argmax(axis=1)

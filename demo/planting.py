@@ -11,7 +11,7 @@ import numpy as np
 
 from hulldown.demo import earth, scatter, vegetation
 from hulldown.demo.land import Land
-from hulldown.demo.materials import Colour
+from hulldown.demo.materials import Color
 from hulldown.demo.relief import Height
 from hulldown.demo.scatter import Share
 
@@ -37,7 +37,7 @@ class Planting:
         tilt: float = 0.05,
         lying: bool = False,
     ) -> None:
-        """Up to n copies of these meshes or curves in the collection `home`, at least `gap` metres apart."""
+        """Up to n copies of these meshes or curves in the collection `home`, at least `gap` meters apart."""
         spots = scatter.spots(self.land.half, n, share, gap=gap, rng=self.rng)
         scatter.copies(
             self.land.collection(home),
@@ -70,9 +70,9 @@ class Planting:
         return kinds
 
     def grass(
-        self, name: str, tones: tuple[Colour, Colour], heights: Sequence[float], n: int, share: Share, *, clumps: int
+        self, name: str, tones: tuple[Color, Color], heights: Sequence[float], n: int, share: Share, *, clumps: int
     ) -> None:
-        """Patches of grass some metres wide that lie on the ground, `clumps` in each."""
+        """Patches of grass some meters wide that lie on the ground, `clumps` in each."""
         blades = earth.leaves(f"{name}_Blades", tones)
         patches = [
             vegetation.tussock(
@@ -83,7 +83,7 @@ class Planting:
         self.strew("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
 
     def outskirts(self, name: str, plants: Sequence[Any], n: int, share: Share, *, reach: float, group: int) -> None:
-        """Groups of plants on the surroundings, `reach` metres from the middle and farther than the ground's edge."""
+        """Groups of plants on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
         spots = scatter.spots(reach, n, share, gap=12.0, inside=self.land.half + 10, rng=self.rng)
         scatter.groups(self.land.scene, name, plants, spots, self.land.outland, members=group, radius=7.5, rng=self.rng)
 

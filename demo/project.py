@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hulldown.demo.build import build_demo_assets
-from hulldown.demo.catalogue import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
+from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
 from hulldown.planning.config.template import bare_text, config_text

@@ -26,7 +26,7 @@ class Noise:
         self._lattice = rng.uniform(-1, 1, (256, 256))
 
     def __call__(self, x: Field, y: Field, size: float, *, octaves: int = 1, rough: float = 0.5) -> Field:
-        """Noise with hills `size` metres wide, and `octaves` of ever finer ones, each `rough` times as high."""
+        """Noise with hills `size` meters wide, and `octaves` of ever finer ones, each `rough` times as high."""
         total: Field = np.zeros(np.broadcast(x, y).shape)
         for k in range(octaves):
             u, v = x / size * 2.0**k + 17.3 * k, y / size * 2.0**k + 5.9 * k
@@ -57,12 +57,12 @@ class Course:
         self.left = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
 
     def nearest(self, x: Field, y: Field) -> tuple[Field, np.ndarray]:
-        """Distance in metres to the line, and the index of its nearest point, for each (x, y)."""
+        """Distance in meters to the line, and the index of its nearest point, for each (x, y)."""
         distance, index = KDTree(self.xy).query(np.stack(np.broadcast_arrays(x, y), axis=-1))
         return distance, index
 
     def clear(self, x: Field, y: Field, gap: float) -> Field:
-        """1 where a point is farther than `gap` metres from the line, else 0."""
+        """1 where a point is farther than `gap` meters from the line, else 0."""
         return (self.nearest(x, y)[0] > gap).astype(float)
 
     def profile(self, height: Height, *, window: float = 40.0) -> Field:

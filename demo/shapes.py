@@ -35,8 +35,8 @@ class Shape:
     def turned(self, axis: str, degrees: Number, about: Point = (0.0, 0.0, 0.0)) -> Shape:
         """The shape turned about an axis ("x", "y" or "z") through a point."""
         rotation = rotation_about(np.eye(3)["xyz".index(axis)], np.radians(degrees))
-        centre = np.asarray(about, float)
-        return Shape((self.vertices - centre) @ rotation.T + centre, self.faces)
+        center = np.asarray(about, float)
+        return Shape((self.vertices - center) @ rotation.T + center, self.faces)
 
     def scaled(self, x: Number, y: Number, z: Number) -> Shape:
         """The shape stretched about the origin; a mirror image keeps its faces outward."""
@@ -131,8 +131,8 @@ def hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float
 def shell(rows: ArrayLike, *, thickness: float) -> Shape:
     """A sheet through rows of points, as a thin solid: each strip of it is drawn inward (down) by the thickness."""
     outer = np.array(rows, float)
-    centre = outer.mean(axis=(0, 1))
-    lift = (outer - centre) * [0.0, 1.0, 1.0]
+    center = outer.mean(axis=(0, 1))
+    lift = (outer - center) * [0.0, 1.0, 1.0]
     inner = outer - thickness * lift / np.linalg.norm(lift, axis=-1, keepdims=True)
     n, m = outer.shape[:2]
     points = np.concatenate([outer.reshape(-1, 3), inner.reshape(-1, 3)])

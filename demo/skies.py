@@ -23,10 +23,10 @@ class Sky:
 
     sun_elevation_deg: float
     sun_share: float  # of the light that falls on level ground
-    sun_colour: tuple[float, float, float]
+    sun_color: tuple[float, float, float]
     haze: float  # aerosol density, 1 is clear
     clouds: tuple[float, float]  # noise levels between which blue gives way to cloud
-    cloud_colour: tuple[float, float, float]
+    cloud_color: tuple[float, float, float]
     light: float  # radiance of a white sheet lying under this sky
     drift: float  # where in the endless pattern its clouds are
 
@@ -103,7 +103,7 @@ def _build(tree: Any, sky: Sky) -> None:
     angle = {"sun_elevation": np.radians(sky.sun_elevation_deg), "sun_rotation": np.pi / 2}
     above = node("CombineXYZ", *node("SeparateXYZ", look)[:2], node("Math", up, 0.0, operation="MAXIMUM")[0])[0]
     air = node("TexSky", above, sun_disc=False, **physics, **angle)[0]
-    # Clouds lie on a plane, so they crowd towards the horizon.
+    # Clouds lie on a plane, so they crowd toward the horizon.
     height = node("Math", node("Math", up, 0.0, operation="MAXIMUM")[0], 0.12, operation="ADD")[0]
     overhead = node("VectorMath", look, node("CombineXYZ", height, height, height)[0], operation="DIVIDE")[0]
     plane = node("VectorMath", overhead, (sky.drift, 0.0, 0.0), operation="ADD")[0]
@@ -113,7 +113,7 @@ def _build(tree: Any, sky: Sky) -> None:
     bright = node("VectorMath", air, tuple(LUMINANCE), operation="DOT_PRODUCT")["Value"]
     zenith = 2.8 if sky.sun_share else 1.2  # clouds beside blue sky outshine it
     glow = node("Math", node("Math", bright, zenith, operation="MULTIPLY")[0], core, operation="MULTIPLY")[0]
-    cloud = node("VectorMath", sky.cloud_colour, node("CombineXYZ", glow, glow, glow)[0], operation="MULTIPLY")[0]
+    cloud = node("VectorMath", sky.cloud_color, node("CombineXYZ", glow, glow, glow)[0], operation="MULTIPLY")[0]
     high = node("MapRange", up, 0.0, 0.10 if sky.sun_share else 0.01, interpolation_type="SMOOTHSTEP")[0]
     heaven = mix(
         node("Math", shape, node("Math", high, 0.92, operation="MULTIPLY")[0], operation="MULTIPLY")[0], air, cloud
@@ -138,9 +138,7 @@ def _finish(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     rows[..., :3] += (earth - rows[..., :3]) * depth
     rise = np.radians(sky.sun_elevation_deg)
     radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_SIZE / 2) ** 2
-    rows[..., :3] += (
-        radiance * np.array(sky.sun_colour) / np.mean(sky.sun_colour) * _sun(width, height, rise)[..., None]
-    )
+    rows[..., :3] += radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun(width, height, rise)[..., None]
     image.pixels.foreach_set(np.minimum(rows, 60000.0).ravel())
     settings = scene.render.image_settings
     settings.color_depth, settings.exr_codec = "16", "DWAA"

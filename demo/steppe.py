@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from hulldown.demo import earth, vegetation
-from hulldown.demo.land import Land, highest, levelled, mound, patch
+from hulldown.demo.land import Land, highest, leveled, mound, patch
 from hulldown.demo.planting import Planting
 from hulldown.demo.relief import Course, Height, Noise, sheet, smoothstep
 
@@ -50,7 +50,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         return plain(x, y) - 4.2 * smoothstep(bed, width + 5.5, width) + 0.25 * noise(x, y, 9.0, octaves=2)
 
     level = course.profile(plain)
-    ground = levelled(carved, course, level, reach=(4.5, 12.0))
+    ground = leveled(carved, course, level, reach=(4.5, 12.0))
 
     def dune(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         # Wind from the west: long slopes rise to sharp crests, slip faces fall at 33 degrees behind them.

@@ -26,7 +26,7 @@ from hulldown.dataset.exports.split import SPLITS
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY
 from hulldown.demo.build import FILES, build_demo_assets
-from hulldown.demo.catalogue import CATEGORY
+from hulldown.demo.catalog import CATEGORY
 from hulldown.geometry.files import replacing
 from hulldown.planning.config.config_file import load_config
 from hulldown.planning.config.template import config_text
@@ -47,7 +47,7 @@ class Side:
     name
         Of its config, plan and dataset.
     vehicles, scenery, hdris
-        Names of the catalogue.
+        Names of the catalog.
     images_per_class
         How many to render.
     seed

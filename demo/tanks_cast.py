@@ -102,7 +102,7 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
         part="gun",
         bevel=0,
     )
-    root_scale = 0.01  # as an importer of centimetre files leaves it
+    root_scale = 0.01  # as an importer of centimeter files leaves it
     m.under_scaled_root(root_scale)
 
 

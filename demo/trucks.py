@@ -144,7 +144,7 @@ def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def truck_tanker(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A cab-over 8x8 with an oval fuel tank, catwalk and ladder, modelled in centimetres."""
+    """A cab-over 8x8 with an oval fuel tank, catwalk and ladder, modeled in centimeters."""
     axles = (3.05, 1.65, -1.6, -3.0)
     chassis.wheels(m, p, axles, y=1.05, radius=0.6, width=0.42)
     chassis.ladder_frame(m, p, -4.2, 3.9, 1.12)

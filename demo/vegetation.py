@@ -41,13 +41,13 @@ class Plant:
             (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), quads(len(points), sides + 1)[:, ::-1], 0
         )
 
-    def sprays(self, centres: Points, along: Points, across: Points, *, slot: int = 1) -> None:
-        """Leaf sprays: bent kites at `centres`, half as long as `along` and half as wide as `across` both ways."""
+    def sprays(self, centers: Points, along: Points, across: Points, *, slot: int = 1) -> None:
+        """Leaf sprays: bent kites at `centers`, half as long as `along` and half as wide as `across` both ways."""
         fold = 0.25 * np.cross(along, across) / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         corners = np.stack(
-            [centres - along, centres + across * 0.9 + fold, centres + along, centres - across * 0.9 + fold], axis=1
+            [centers - along, centers + across * 0.9 + fold, centers + along, centers - across * 0.9 + fold], axis=1
         )
-        self.add(corners.reshape(-1, 3), np.arange(4 * len(centres)).reshape(-1, 4), slot)
+        self.add(corners.reshape(-1, 3), np.arange(4 * len(centers)).reshape(-1, 4), slot)
 
     def mesh(self, name: str, materials: list[Any], *, smooth: bool = True) -> Any:
         """The finished Blender mesh."""
@@ -67,10 +67,10 @@ def _directions(n: int, rng: np.random.Generator) -> Points:
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-def _foliage(plant: Plant, centre: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator) -> None:
-    """A clump of sprays, denser towards its surface, leaning outward."""
+def _foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator) -> None:
+    """A clump of sprays, denser toward its surface, leaning outward."""
     out = _directions(n, rng)
-    at = centre + out * size * (rng.random((n, 1)) ** 0.4)
+    at = center + out * size * (rng.random((n, 1)) ** 0.4)
     along = out + _directions(n, rng) * 0.9
     along *= leaf * rng.uniform(0.6, 1.1, (n, 1)) / np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, _directions(n, rng))
@@ -165,14 +165,14 @@ def tussock(
     t = np.linspace(0, 1, 4)
     curves.add_curves([len(t)] * blades)
     angle = rng.uniform(0, 2 * np.pi, clumps)
-    centre = radius * np.sqrt(rng.random((clumps, 1))) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    center = radius * np.sqrt(rng.random((clumps, 1))) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     vigour = rng.uniform(0.45, 1.0, clumps)
     mine = np.arange(blades) % clumps
     away = rng.normal(0, 0.13, (blades, 2)) * vigour[mine, None]
     tall = height * vigour[mine, None] * rng.uniform(0.55, 1.1, (blades, 1))
     bend = (1.6 * away + rng.normal(0, 0.35, (blades, 2)) * height) * vigour[mine, None]
     points = np.zeros((blades, len(t), 3))
-    points[..., :2] = (centre[mine] + away)[:, None] + bend[:, None] * (t**2)[None, :, None]
+    points[..., :2] = (center[mine] + away)[:, None] + bend[:, None] * (t**2)[None, :, None]
     points[..., 2] = tall * t - 0.25 * np.linalg.norm(bend, axis=1, keepdims=True) * t**2 - 0.03
     curves.points.foreach_set("position", points.ravel().astype(np.float32))
     radii = np.tile(0.009 * (1.05 - t), blades)
@@ -182,7 +182,7 @@ def tussock(
 
 
 def boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
-    """A weathered block about a metre in radius, sunk a little."""
+    """A weathered block about a meter in radius, sunk a little."""
     noise = Noise(rng)
     lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0, 2 * np.pi, 25)
     a, b = np.meshgrid(lat, lon[:-1], indexing="ij")

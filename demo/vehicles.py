@@ -20,7 +20,7 @@ SAND = ("#b39a6b", "#8a6f48")
 SPRING = ("#55633a", "#8d8257", "#30352a")
 DUSTS = {"earth": "#7d6b50", "sand": "#b59b74"}
 
-LOOK = {  # paint colours, dust, size of the patches, file units in a metre
+LOOK = {  # paint colors, dust, size of the patches, file units in a meter
     "mbt_wedge": (tanks_plated.mbt_wedge, NATO, "earth", 1.0, 1.0),
     "mbt_dome": (tanks_cast.mbt_dome, OLIVE, "earth", 1.2, 1.0),
     "mbt_slab": (tanks_plated.mbt_slab, SAND, "sand", 1.0, 1.0),
@@ -34,7 +34,7 @@ LOOK = {  # paint colours, dust, size of the patches, file units in a metre
 }
 
 
-# Vehicles painted from an image: its file beside the .blend, and the colours of its blocks.
+# Vehicles painted from an image: its file beside the .blend, and the colors of its blocks.
 TEXTURES = {
     "mbt_slab": ("desert_blocks.png", ("#b8a074", "#9c8156", "#c9b68d", "#7d6748")),
     "sam_turret": ("forest_blocks.png", ("#566043", "#3d4531", "#6d6f4f", "#2b2f27")),
@@ -87,9 +87,9 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
     if name in TEXTURES:
         file, blocks = TEXTURES[name]
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
-    build, colours, dust, size, unit = LOOK[name]
+    build, colors, dust, size, unit = LOOK[name]
     model = BlendModel(name, unit=unit)
-    build(model, _paints(materials.camouflage("Camouflage", colours, dust=DUSTS[dust], unit=unit, size=size)), folder)
+    build(model, _paints(materials.camouflage("Camouflage", colors, dust=DUSTS[dust], unit=unit, size=size)), folder)
     return _save(model, name, folder)
 
 

@@ -193,15 +193,15 @@ def _entries(
 
 
 def _morton_order(bounds: Float[np.ndarray, "k 2 3"]) -> Int[np.ndarray, " k"]:
-    """Boxes along a Morton curve through their centres, in cubes of a 1024th of the widest axis.
+    """Boxes along a Morton curve through their centers, in cubes of a 1024th of the widest axis.
 
-    Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbours along the curve.
+    Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbors along the curve.
     """
     if not len(bounds):
         return np.zeros(0, dtype=np.int64)
-    centre = bounds.mean(axis=1)
-    extent = np.ptp(centre, axis=0).max()
-    cell = ((centre - centre.min(axis=0)) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
+    center = bounds.mean(axis=1)
+    extent = np.ptp(center, axis=0).max()
+    cell = ((center - center.min(axis=0)) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
     key = np.zeros(len(bounds), dtype=np.int64)
     for axis in range(3):
         for bit in range(10):

@@ -173,7 +173,7 @@ class _Holes:
         self._texture = _Textured(mesh.triangles, mesh.cutouts.uv)
         self._map, self._maps = mesh.cutouts.face_map, mesh.cutouts.maps
         low, high = mesh.bounds
-        # As RayCaster centres it, which gives the size of what float32 cannot tell apart.
+        # As RayCaster centers it, which gives the size of what float32 cannot tell apart.
         self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def opacity(

@@ -36,7 +36,7 @@ class InstanceHits:
     Parameters
     ----------
     distance
-        (n,) metres from the origin, in the world; inf on a miss.
+        (n,) meters from the origin, in the world; inf on a miss.
     face
         (n,) face index in the instance's own mesh; -1 on a miss.
     instance

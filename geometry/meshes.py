@@ -26,7 +26,7 @@ class Mesh:
     Parameters
     ----------
     vertices
-        (v, 3) float64, finite, in metres.
+        (v, 3) float64, finite, in meters.
     faces
         (f, 3) integer vertex indices. Winding carries no meaning in hulldown.
     name
@@ -185,7 +185,7 @@ class Mesh:
     def save(self, path: str | Path) -> None:
         """Write a mesh file that `load` reads: PLY, STL, OBJ, glTF or GLB.
 
-        OBJ holds coordinates to 1e-17 m; the other formats hold float32, which at map coordinates is half a metre. STL
+        OBJ holds coordinates to 1e-17 m; the other formats hold float32, which at map coordinates is half a meter. STL
         repeats the vertices of each face.
 
         Parameters
@@ -217,7 +217,7 @@ class Mesh:
             raise AssetError(f"cannot be written ({error})", path=path, remedy="name a folder that exists") from None
 
     def relative_to(self, origin: ArrayLike) -> Mesh:
-        """The same mesh in a frame with its zero at `origin`, (3,) metres."""
+        """The same mesh in a frame with its zero at `origin`, (3,) meters."""
         return self.at(self.vertices - checked(origin, "origin", (3,)))
 
 

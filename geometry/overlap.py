@@ -17,7 +17,7 @@ from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
-ROOM = 100.0  # metres; what is farther away shuts nothing in, as a sky dome does not
+ROOM = 100.0  # meters; what is farther away shuts nothing in, as a sky dome does not
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -132,20 +132,20 @@ class SceneTouch:
 
         A triangle that a texture cuts out is touched where it hides.
 
-        A box wholly inside a house or a boulder touches none of its triangles. It is shut in if rays from its centre
-        along its four horizontal directions and upwards all meet the same instance within `ROOM` metres; winding is not
+        A box wholly inside a house or a boulder touches none of its triangles. It is shut in if rays from its center
+        along its four horizontal directions and upwards all meet the same instance within `ROOM` meters; winding is not
         asked for.
         """
-        centre = world_from_box[:, :3, 3]
+        center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
-        box, found = self._instances.overlapping(centre - reach, centre + reach)
+        box, found = self._instances.overlapping(center - reach, center + reach)
         instance = self._solid[found]
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
         for traced in np.unique(self._scene.traced[instance]):
             mine = np.flatnonzero((self._scene.traced[instance] == traced) & ~touched[box])
             self._touch_mesh(int(traced), half, world_from_box, box[mine], instance[mine], touched)
-        within = ((bounds[:, 0] <= centre[box]) & (centre[box] <= bounds[:, 1])).all(axis=1)
+        within = ((bounds[:, 0] <= center[box]) & (center[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
         inside = inside[~touched[inside]]
         touched[inside] = self._shut_in(world_from_box[inside])

@@ -1,7 +1,7 @@
 """Rays against a triangle mesh: the one owner of embreex, and of float32.
 
-Undocumented behaviour of Embree and embreex, and how it is handled: coordinates are float32, so a mesh is traced
-about its own centre, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten,
+Undocumented behavior of Embree and embreex, and how it is handled: coordinates are float32, so a mesh is traced
+about its own center, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten,
 so it is always a fresh array; distances count in lengths of the direction, so directions are made unit; a miss has
 primID -1 and tfar 1e37; ray batches in spatial order run several times as fast as in random order; run() releases the
 GIL, building does not, and a mesh added after the first run() is ignored; about 1,000 devices crash the process, so
@@ -36,7 +36,7 @@ R = TypeVar("R")
 _FAR = np.float32(1e37)  # what embreex calls no limit
 BLOCK = 1 << 16  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
-_LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centred
+_LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -46,7 +46,7 @@ class RayHits:
     Parameters
     ----------
     distance
-        (n,) metres from the origin; inf on a miss.
+        (n,) meters from the origin; inf on a miss.
     face
         (n,) index of the face; -1 on a miss.
     """
@@ -63,7 +63,7 @@ class RayHits:
 class RayCaster:
     """Casts rays against one mesh, seen from both sides.
 
-    Answers are those of float32 arithmetic about the mesh's own centre. An origin on a surface may or may not hit
+    Answers are those of float32 arithmetic about the mesh's own center. An origin on a surface may or may not hit
     that surface: start a little off it.
 
     Parameters
@@ -79,9 +79,9 @@ class RayCaster:
 
     def __init__(self, mesh: Mesh) -> None:
         low, high = bounds_within_reach(mesh)
-        self._centre = 0.5 * (low + high)
+        self._center = 0.5 * (low + high)
         self._radius = 0.5 * math.sqrt(sum(side * side for side in (high - low).tolist()))
-        self._top = np.float32((high - self._centre)[2])
+        self._top = np.float32((high - self._center)[2])
         self.mesh = mesh
         self._built: EmbreeScene | None = None
         self._building = threading.Lock()
@@ -94,7 +94,7 @@ class RayCaster:
                 if self._built is None:
                     scene = EmbreeScene(_device(os.getpid()), robust=True)
                     with np.errstate(over="ignore"):  # of vertices that no face uses
-                        vertices = (self.mesh.vertices - self._centre).astype(np.float32)
+                        vertices = (self.mesh.vertices - self._center).astype(np.float32)
                     TriangleMesh(scene, vertices, self.mesh.faces)
                     # Builds the BVH now; afterwards the scene is only read, from any number of threads.
                     scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
@@ -109,11 +109,11 @@ class RayCaster:
         Parameters
         ----------
         origins
-            (n, 3) metres, in the mesh's frame.
+            (n, 3) meters, in the mesh's frame.
         directions
             (n, 3), of any length but zero.
         max_distance
-            How far to look, in metres; a number or (n,).
+            How far to look, in meters; a number or (n,).
         threads
             How many threads share the work.
 
@@ -169,7 +169,7 @@ class RayCaster:
         origins = self._above(x, y)
         met = self._scene.run(origins, _DOWN, output=True)
         missed = met["primID"] < 0
-        z = (origins[:, 2] - met["tfar"]).astype(np.float64) + self._centre[2]
+        z = (origins[:, 2] - met["tfar"]).astype(np.float64) + self._center[2]
         normal = met["Ng"].astype(np.float64)
         z[missed] = np.nan
         normal[missed] = np.nan
@@ -179,15 +179,15 @@ class RayCaster:
         # Just above the highest vertex: the start height costs digits of the distance.
         origins = np.empty((len(x), 3), dtype=np.float32)
         with np.errstate(over="ignore"):
-            np.subtract(x, self._centre[0], out=origins[:, 0], casting="same_kind")
-            np.subtract(y, self._centre[1], out=origins[:, 1], casting="same_kind")
+            np.subtract(x, self._center[0], out=origins[:, 0], casting="same_kind")
+            np.subtract(y, self._center[1], out=origins[:, 1], casting="same_kind")
         origins[:, 2] = self._top + 2 * np.spacing(self._top) + np.float32(1e-3) * np.float32(self._radius)
         return origins
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> _Rays:
         start, unit, limit = checked_rays(origins, directions, max_distance)
-        relative = start - self._centre
-        nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the centre
+        relative = start - self._center
+        nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the center
         # No ray enters the bounding sphere before this distance, so that the start is moved there in float64.
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
@@ -212,7 +212,7 @@ def checked_rays(
     if reach.shape not in ((), (len(start),)):
         raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {reach.shape}")
     if np.isnan(reach).any():
-        raise ValueError("max_distance: expected metres, got nan")
+        raise ValueError("max_distance: expected meters, got nan")
     length = np.sqrt(np.einsum("ij,ij->i", along, along))
     if not length.all():
         raise ValueError(f"directions: expected lengths above zero, got a zero at index {int(np.argmin(length))}")
@@ -233,14 +233,14 @@ class _Rays:
     directions: Float32[np.ndarray, "n 3"]
     reach: Float32[np.ndarray, " n"]
     skipped: Float[np.ndarray, " n"]
-    passing: Float[np.ndarray, "n 3"]  # where the ray comes nearest to the mesh's centre
+    passing: Float[np.ndarray, "n 3"]  # where the ray comes nearest to the mesh's center
 
 
 _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
 def coherent_blocks(points: Float[np.ndarray, "n d"], pool: WorkerThreads) -> Iterator[Int[np.ndarray, " k"]]:
-    """Indices of all points, in blocks that are compact in space and in an order that keeps neighbours together.
+    """Indices of all points, in blocks that are compact in space and in an order that keeps neighbors together.
 
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
     hundredth of the time that tracing takes, and that give most of what a finer curve would. Each thread sorts its own

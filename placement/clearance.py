@@ -52,7 +52,7 @@ class Obstacles:
         return self._touch.touched(half, world_from_box)
 
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle within `ROOM` metres.
+        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle within `ROOM` meters.
 
         Parameters
         ----------

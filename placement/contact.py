@@ -46,7 +46,7 @@ def stacked(samples: Sequence[Samples]) -> Samples:
         np.stack([getattr(one, field)[i] for one, i in zip(samples, padded, strict=True)])
         for field in ("xy", "height", "foot")
     )
-    return Samples(xy, height, foot, np.stack([one.centre for one in samples]))
+    return Samples(xy, height, foot, np.stack([one.center for one in samples]))
 
 
 def gap_and_penetration(
@@ -77,7 +77,7 @@ def gap_and_penetration(
 def depth_below(
     surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> Float[np.ndarray, " k"]:
-    """How far in metres the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
+    """How far in meters the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
 
     Parameters
     ----------

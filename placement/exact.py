@@ -162,7 +162,7 @@ class ExactGround:
 
 
 def _alone(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Whether each number of a sorted list differs from its neighbours."""
+    """Whether each number of a sorted list differs from its neighbors."""
     changes = np.concatenate([[True], point[1:] != point[:-1], [True]]) if len(point) else np.ones(1, dtype=bool)
     return changes[:-1] & changes[1:]
 

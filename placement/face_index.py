@@ -20,7 +20,7 @@ _REACH = 2  # how many cells further than its first a face may extend
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Level:
-    exponent: int  # cells are 2**exponent metres wide
+    exponent: int  # cells are 2**exponent meters wide
     keys: Int[np.ndarray, " k"]
     faces: Int[np.ndarray, " k"]
 

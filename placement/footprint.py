@@ -16,7 +16,7 @@ from hulldown.geometry.portable import hypot
 from hulldown.geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
-LEAN = 0.05  # metres higher that a spot may be for each metre that it is nearer; measured in docs/settling.md
+LEAN = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
 FOOT = 0.01  # of the footprint's longer side: what is no higher than this above the lowest spot is a foot
 
 
@@ -63,7 +63,7 @@ class Underside:
     box
         (2, 2) lowest and highest (x, y) of what touches the ground, vehicle frame: its contact footprint.
     heights
-        (a, b) metres above the vehicle's z = 0 in equal cells of that box, along x and along y; inf where nothing is
+        (a, b) meters above the vehicle's z = 0 in equal cells of that box, along x and along y; inf where nothing is
         above the ground.
     """
 
@@ -147,24 +147,24 @@ class Samples:
         (m,) of the underside there above z = 0; inf where there is none.
     foot
         (m,) whether the vehicle means to stand there: the underside is next to its lowest.
-    centre
-        (2,) where the centre of gravity is taken to be: the middle of the footprint, or the centroid of what can touch
+    center
+        (2,) where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch
         the ground if the middle is not above that.
     """
 
     xy: Float[np.ndarray, "... m 2"]
     height: Float[np.ndarray, "... m"]
     foot: Bool[np.ndarray, "... m"]
-    centre: Float[np.ndarray, "... 2"]
+    center: Float[np.ndarray, "... 2"]
 
     def of(self, which: Int[np.ndarray, " k"]) -> Samples:
         """Those of each of k candidates, from samples of several vehicles."""
-        return Samples(self.xy[which], self.height[which], self.foot[which], self.centre[which])
+        return Samples(self.xy[which], self.height[which], self.foot[which], self.center[which])
 
     def solid(self) -> Samples:
         """Those that are under something."""
         kept = np.isfinite(self.height)
-        return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.centre)
+        return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.center)
 
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
@@ -172,8 +172,8 @@ def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
     share = _shares(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
-    centre = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
-    return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), centre)
+    center = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
+    return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), center)
 
 
 def _shares(n: int) -> Float[np.ndarray, " n"]:
@@ -200,7 +200,7 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
         for axis, i in enumerate(point):
             cell = np.arange(first[i, axis], last[i, axis])
             at = share[i] * cells[axis]
-            # In metres, from the point to the nearest place of each cell.
+            # In meters, from the point to the nearest place of each cell.
             away.append((np.clip(at, cell, cell + 1) - at) * step[axis])
             near.append(cell)
         heights = footprint.heights[np.ix_(*near)]
@@ -209,7 +209,7 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
-    return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.centre))
+    return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.center))
 
 
 def contact_samples(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Samples:

@@ -38,7 +38,7 @@ class Ground:
     well_conditioned
         (f,) whether `heights` and `upward` are within their guaranteed errors on the face.
     height_error
-        The largest error of a height on a well-conditioned face, in metres.
+        The largest error of a height on a well-conditioned face, in meters.
     """
 
     x: Float[np.ndarray, " v"]

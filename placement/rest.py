@@ -60,10 +60,10 @@ def averaged(
     with np.errstate(divide="ignore", invalid="ignore"):
         gradient = -mean[:, :2] / mean[:, 2:]
     # The mean height belongs to the mean position of the valid samples, which need not be the origin.
-    centre_x = (valid * samples[:, 0]).sum(axis=1) / count
-    centre_y = (valid * samples[:, 1]).sum(axis=1) / count
+    center_x = (valid * samples[:, 0]).sum(axis=1) / count
+    center_y = (valid * samples[:, 1]).sum(axis=1) / count
     return Rest(
-        height - gradient[:, 0] * centre_x - gradient[:, 1] * centre_y, gradient, found, np.full(len(found), np.nan)
+        height - gradient[:, 0] * center_x - gradient[:, 1] * center_y, gradient, found, np.full(len(found), np.nan)
     )
 
 
@@ -88,13 +88,13 @@ def least_squares(
 
 
 def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:
-    """The lowest plane above all hits at the centre of the footprint, where the centre of gravity is taken to be.
+    """The lowest plane above all hits at the center of the footprint, where the center of gravity is taken to be.
 
     Where the underside is higher than the plane, a hit may be as much higher too. That height is taken straight up from
     the plane: docs/settling.md bounds what this leaves out.
     """
     solid = np.isfinite(samples.height)  # what is above nothing carries nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
-    plane = support_plane(samples.xy[solid] - samples.centre, clear, np.compress(solid, valid, axis=1))
-    height = plane.height - plane.gradient[:, 0] * samples.centre[0] - plane.gradient[:, 1] * samples.centre[1]
+    plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
+    height = plane.height - plane.gradient[:, 0] * samples.center[0] - plane.gradient[:, 1] * samples.center[1]
     return Rest(height, plane.gradient, plane.found, plane.margin)

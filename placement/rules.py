@@ -30,7 +30,7 @@ class SettleRules:
     min_share
         Least share of the n x n rays that must meet ground.
     max_gap, max_penetration
-        Largest `Settled.gap` and `Settled.penetration`, in metres.
+        Largest `Settled.gap` and `Settled.penetration`, in meters.
     method
         How top hits are found; see `Terrain.top_hits`.
 
@@ -62,4 +62,4 @@ class SettleRules:
             raise ValueError(f"min_share: expected a share in [0, 1], got {self.min_share}")
         for name in ("max_gap", "max_penetration"):
             if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name}: expected metres of 0 or more, got {getattr(self, name)}")
+                raise ValueError(f"{name}: expected meters of 0 or more, got {getattr(self, name)}")

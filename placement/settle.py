@@ -1,7 +1,7 @@
 """How a vehicle stands on the ground: slope gate, footprint, resting pose, and how well that pose touches.
 
 The contact point of a candidate is where the vertical line through (x, y) meets the rest plane. The vehicle's origin,
-the centre of its underside, is put there, and the vehicle is tilted about it until its up axis is the plane's normal;
+the center of its underside, is put there, and the vehicle is tilted about it until its up axis is the plane's normal;
 the vertical plane that holds its forward axis does not turn. Contact height and heading are therefore the same before
 and after the tilt.
 """
@@ -46,13 +46,13 @@ class Settled:
     share
         (k,) share of the footprint's rays that met ground.
     margin
-        (k,) metres: how far inside the triangle of its three contacts the centre of gravity lies, seen from above; the
+        (k,) meters: how far inside the triangle of its three contacts the center of gravity lies, seen from above; the
         nearer to 0, the less sure the pose. nan for the rules that know no contacts.
     gap
-        (k,) metres: the largest vertical distance from the vehicle's tilted z = 0, which it stands on, down to the
+        (k,) meters: the largest vertical distance from the vehicle's tilted z = 0, which it stands on, down to the
         ground beneath its feet. All points are feet unless `footprint` is an `Underside`, whose belly is no foot.
     penetration
-        (k,) metres: the largest vertical distance from the tilted underside, at its own height, up to the ground.
+        (k,) meters: the largest vertical distance from the tilted underside, at its own height, up to the ground.
     rejection
         (k,) codes of `Rejection`.
     """
@@ -89,9 +89,9 @@ def settle(
     terrain
         The ground.
     size_xyz
-        (3,) length, width, height of the vehicle's bounding box, metres.
+        (3,) length, width, height of the vehicle's bounding box, meters.
     xy
-        (k, 2) positions of the vehicle's origin in the world, metres.
+        (k, 2) positions of the vehicle's origin in the world, meters.
     yaw
         (k,) headings in radians, counter-clockwise from +x.
     footprint
@@ -171,7 +171,7 @@ def settle_each(
     """
     k = len(xy)
     size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
-    order = _by_neighbourhood(xy, size)
+    order = _by_neighborhood(xy, size)
     blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
     contacts = stacked([footing.contact for footing in footings])
 
@@ -187,7 +187,7 @@ def settle_each(
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
 
 
-def _by_neighbourhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
+def _by_neighborhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
     """An order in which every run of about `size` positions covers little ground: strips along x, each sorted by y."""
     by_x = np.argsort(xy[:, 0])
     strips = max(1, round(math.sqrt(len(xy) / size)))
@@ -257,7 +257,7 @@ def _rest(
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
     hits = terrain.top_hits(points.reshape(-1, 2), method=rules.method)
     valid = hits.hit.reshape(points.shape[:2])
-    # About the height at the centre: the altitude of the scenery costs no digits of the relief.
+    # About the height at the center: the altitude of the scenery costs no digits of the relief.
     heights = hits.z.reshape(valid.shape) - spot_z[:, None]
     turned = hits.normal.reshape(*valid.shape, 3)
     if rules.rule == "averaged":

@@ -56,7 +56,7 @@ class SheetMap:
         finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self._columns, self._rows = int(shape[0]), int(shape[1])
-        self._per_metre = np.minimum(shape / extent, 1e300)
+        self._per_meter = np.minimum(shape / extent, 1e300)
         self._states = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
 
     def state(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
@@ -70,7 +70,7 @@ class SheetMap:
 
     def _cells(self, values: Float[np.ndarray, "..."], axis: int) -> Int[np.ndarray, "..."]:
         # Monotone in each coordinate: what lies between two points lies in a cell between theirs.
-        cell = (values - self._low[axis]) * self._per_metre[axis]
+        cell = (values - self._low[axis]) * self._per_meter[axis]
         return np.clip(cell, 0, (self._columns, self._rows)[axis] - 1, out=cell).astype(np.intp)
 
     def _sheets(self, edges: Float[np.ndarray, "e 2 2"], count: Count) -> UInt8[np.ndarray, "r c"]:
@@ -89,7 +89,7 @@ class SheetMap:
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
-                at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_metre
+                at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_meter
                 same = (self._cells(at[:, 0].copy(), 0) == column) & (self._cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
                 known = same & strictly & (sheets <= SINGLE)

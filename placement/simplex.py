@@ -1,7 +1,7 @@
-"""Of all triangles of samples around a centre, the one that carries it highest, for many rows of heights at once.
+"""Of all triangles of samples around a center, the one that carries it highest, for many rows of heights at once.
 
-A linear programme. The samples' positions are the same for every row, only their heights differ. So a table of
-triangles around the centre and of the shares in which their corners carry it is made once; one product with it names a
+A linear program. The samples' positions are the same for every row, only their heights differ. So a table of
+triangles around the center and of the shares in which their corners carry it is made once; one product with it names a
 good triangle for every row, and the simplex method walks on from there. A row's answer does not depend on its company:
 the product is one of whole numbers, exact in whatever order it is summed up, and the rest goes row by row.
 """
@@ -19,21 +19,21 @@ STARTS = 13  # so many samples make some eighty triangles to start from: more co
 # Heights and shares are rounded to so many steps: their products, and the sums of these, stay below 2^24, where float32
 # holds every whole number.
 STEPS = 1 << 11
-FLAT = 1e-300  # metres of relief: with less, the steps could not be counted in float64, and need not be
-# The table's shares are those of a point so many times as far out as the centre (which lies next to the origin), but on
+FLAT = 1e-300  # meters of relief: with less, the steps could not be counted in float64, and need not be
+# The table's shares are those of a point so many times as far out as the center (which lies next to the origin), but on
 # the same side of all lines through two samples of a small grid: next to a sample all triangles with this corner tie.
 AHEAD = 2e4
 # Rows multiplied at once: few enough that BLAS starts no threads of its own, which would wait for each other.
 _ROWS = 128
 # Which corner of a counter-clockwise triangle gives way to a new one, by which corners are to the left of the line from
-# the centre to the new one (bits 0, 1, 2): the one whose opposite side this line meets behind the centre.
+# the center to the new one (bits 0, 1, 2): the one whose opposite side this line meets behind the center.
 _LEAVING = np.array([0, 2, 0, 0, 1, 2, 1, 0])
 
 
 def highest_triangles(
-    samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], centre: Float[np.ndarray, "2"]
+    samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], center: Float[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 3"]:
-    """The triangle of samples around the centre that carries it highest; -1 where there is none.
+    """The triangle of samples around the center that carries it highest; -1 where there is none.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def highest_triangles(
         (m, 2) positions, the same for every row.
     heights
         (n, m) heights; -inf where there is no sample.
-    centre
+    center
         (2,) next to the origin, but on no line through two samples.
 
     Returns
@@ -52,7 +52,7 @@ def highest_triangles(
     ----------
     Dantzig, Linear Programming and Extensions, 1963, chapter 5 (simplex method, largest-coefficient rule).
     """
-    few, triangles, shares = _starts(samples_xy.tobytes(), *centre.tolist())
+    few, triangles, shares = _starts(samples_xy.tobytes(), *center.tolist())
     if not len(triangles):
         return np.full((len(heights), 3), -1)
     high = heights.max(axis=1)
@@ -68,12 +68,12 @@ def highest_triangles(
     # Far below any step that matters, far above the rounding of a plane through three samples.
     tolerance = 1e-12 * (1e-3 + span)
     if complete:
-        return _climb(samples_xy, heights, basis, centre, tolerance)
-    # First a triangle of real samples only: the same programme with the missing ones one unit below the rest.
+        return _climb(samples_xy, heights, basis, center, tolerance)
+    # First a triangle of real samples only: the same program with the missing ones one unit below the rest.
     some = np.flatnonzero(_any_of(missing, basis))
-    basis[some] = _climb(samples_xy, -1.0 * missing[some], basis[some], centre, np.full(len(some), 1e-12))
+    basis[some] = _climb(samples_xy, -1.0 * missing[some], basis[some], center, np.full(len(some), 1e-12))
     found = ~_any_of(missing, basis)
-    basis[found] = _climb(samples_xy, heights[found], basis[found], centre, tolerance[found])
+    basis[found] = _climb(samples_xy, heights[found], basis[found], center, tolerance[found])
     basis[~found] = -1
     return basis
 
@@ -86,27 +86,27 @@ def _any_of(missing: np.ndarray, basis: Int[np.ndarray, "n 3"]) -> np.ndarray:
 def _starts(
     samples: bytes, x: float, y: float
 ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, "t 3"], Float32[np.ndarray, "s t"]]:
-    """Some samples, the triangles of these around the centre, and by how much each sample carries it in each."""
-    samples_xy, centre = np.frombuffer(samples).reshape(-1, 2), np.array([[x, y]])
+    """Some samples, the triangles of these around the center, and by how much each sample carries it in each."""
+    samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([[x, y]])
     m = len(samples_xy)
     spread = np.rint(np.linspace(0, m - 1, min(m, STARTS))).astype(int)
     corner = ((-1, -1.1), (1, -1.1), (1, 1.1), (-1, 1.1))
     outermost = [np.argmax(a * samples_xy[:, 0] + b * samples_xy[:, 1]) for a, b in corner] if m else spread
     few = np.unique([*outermost, *spread])
     corners = np.array(list(combinations(range(len(few)), 3)), dtype=int).reshape(-1, 3)
-    area = opposite(samples_xy[few[corners]], centre).sum(axis=1)
+    area = opposite(samples_xy[few[corners]], center).sum(axis=1)
     corners[area < 0] = corners[area < 0, ::-1]
     corners = corners[np.abs(area) > 1e-9 * np.abs(area).max(initial=0.0)]
-    corners = corners[(opposite(samples_xy[few[corners]], centre) > 0).all(axis=1)]
+    corners = corners[(opposite(samples_xy[few[corners]], center) > 0).all(axis=1)]
     shares = np.zeros((len(few), len(corners)), dtype=np.float32)
-    ahead = opposite(samples_xy[few[corners]], AHEAD * centre)
+    ahead = opposite(samples_xy[few[corners]], AHEAD * center)
     ahead = np.clip(ahead / ahead.sum(axis=1, keepdims=True), 0, 1)
     np.put_along_axis(shares, corners.T, np.rint(STEPS * ahead.T).astype(np.float32), axis=0)
     return few, few[corners], shares
 
 
 def _highest(steps: Float[np.ndarray, "n s"], shares: Float32[np.ndarray, "s t"]) -> Int[np.ndarray, " n"]:
-    """Which triangle carries the centre highest; of equals the first."""
+    """Which triangle carries the center highest; of equals the first."""
     n, s = steps.shape
     padded = np.zeros((-(-n // _ROWS), _ROWS, s), dtype=np.float32)
     padded.reshape(-1, s)[:n] = steps
@@ -117,7 +117,7 @@ def _climb(
     samples_xy: Float[np.ndarray, "m 2"],
     heights: Float[np.ndarray, "n m"],
     basis: Int[np.ndarray, "n 3"],
-    centre: Float[np.ndarray, "2"],
+    center: Float[np.ndarray, "2"],
     tolerance: Float[np.ndarray, " n"],
 ) -> Int[np.ndarray, "n 3"]:
     """Pivots each row's triangle until no sample is above its plane; samples at -inf never enter."""
@@ -133,8 +133,8 @@ def _climb(
         rows, basis, corners, entering = rows[on], basis[on], corners[on], entering[on]
         if len(on) < len(heights):
             heights, tolerance = heights[on], tolerance[on]
-        along = samples_xy[entering] - centre
-        left = along[:, :1] * (corners[..., 1] - centre[1]) > along[:, 1:] * (corners[..., 0] - centre[0])
+        along = samples_xy[entering] - center
+        left = along[:, :1] * (corners[..., 1] - center[1]) > along[:, 1:] * (corners[..., 0] - center[0])
         basis[np.arange(len(rows)), _LEAVING[left @ np.array([1, 2, 4])]] = entering
         final[rows] = basis
     return final

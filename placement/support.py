@@ -1,9 +1,9 @@
-"""The plane a rigid footprint comes to rest on: the lowest plane above all samples, at the centre of gravity.
+"""The plane a rigid footprint comes to rest on: the lowest plane above all samples, at the center of gravity.
 
-A vehicle set down on rough ground touches it in (at least) three points whose triangle surrounds the centre of gravity.
-Among all planes that lie on or above every sample, the rest plane is the one that is lowest under the centre of
-gravity: a linear programme in three unknowns, whose optimum is the facet of the samples' upper convex hull there. The
-dual says the same: of all triangles of samples around the centre, the one that carries it highest.
+A vehicle set down on rough ground touches it in (at least) three points whose triangle surrounds the center of gravity.
+Among all planes that lie on or above every sample, the rest plane is the one that is lowest under the center of
+gravity: a linear program in three unknowns, whose optimum is the facet of the samples' upper convex hull there. The
+dual says the same: of all triangles of samples around the center, the one that carries it highest.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.portable import hypot
 from hulldown.placement.simplex import above_planes, highest_triangles, opposite, planes
 
-# A centre exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
+# A center exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
 # the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.
 NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
-TIED = 1e-4  # a sample that carries less than this share of the weight carries nothing: the centre is on an edge
+TIED = 1e-4  # a sample that carries less than this share of the weight carries nothing: the center is on an edge
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Support:
-    """The rest plane of each candidate: height at the centre, gradient, and three samples around the centre.
+    """The rest plane of each candidate: height at the center, gradient, and three samples around the center.
 
-    `margin` is how far the centre lies inside the triangle of the three. Where it is 0, the centre is right above a
+    `margin` is how far the center lies inside the triangle of the three. Where it is 0, the center is right above a
     contact, or between two, and the plane may tip several ways; it is then the mean of those, which touches that
     contact or those two, and the three samples are those of one way.
     """
@@ -48,7 +48,7 @@ def support_plane(
     Parameters
     ----------
     samples_xy
-        (m, 2) positions about the centre of gravity, the same for every row.
+        (m, 2) positions about the center of gravity, the same for every row.
     heights
         (n, m) heights of the ground there; anything where not `valid`.
     valid
@@ -57,7 +57,7 @@ def support_plane(
     Returns
     -------
     Support
-        `found` is False where the centre lies outside the hull of the valid samples: nothing carries the vehicle there.
+        `found` is False where the center lies outside the hull of the valid samples: nothing carries the vehicle there.
     """
     n = len(heights)
     coefficients, margin, contacts = np.full((n, 3), np.nan), np.full(n, np.nan), np.full((n, 3), -1)
@@ -123,9 +123,9 @@ def _over_one_contact(
     nudge: Float[np.ndarray, "2"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """The mean of the planes that a nudge of the centre to each of four sides gives, the first of which is known.
+    """The mean of the planes that a nudge of the center to each of four sides gives, the first of which is known.
 
-    A sample right below the centre (there is one wherever n is odd and the ground is convex) can be tipped about in any
+    A sample right below the center (there is one wherever n is odd and the ground is convex) can be tipped about in any
     direction: one of them, taken at random, would be further from the truth than their mean.
     """
     total, ways = plane.copy(), np.ones((len(plane), 1))

@@ -27,7 +27,7 @@ class Hits:
     Parameters
     ----------
     z
-        (n,) height in metres; nan where there is no ground.
+        (n,) height in meters; nan where there is no ground.
     normal
         (n, 3) unit normal, pointing up; nan where there is no ground.
     face
@@ -50,7 +50,7 @@ class Terrain:
     Parameters
     ----------
     ground
-        A mesh: all ground triangles, of any winding, connected or not, in metres, with coordinates within 1e30.
+        A mesh: all ground triangles, of any winding, connected or not, in meters, with coordinates within 1e30.
         Triangles that are exactly vertical or have no area are no ground. Or the height of a plane without end.
     caster
         Of the same mesh, if there is one already.
@@ -113,7 +113,7 @@ class Terrain:
         Parameters
         ----------
         xy
-            (n, 2) metres, in the mesh's frame; anywhere.
+            (n, 2) meters, in the mesh's frame; anywhere.
         method
             "float32": what Embree says. "refined": the height and normal, in float64, of the face that Embree names.
             "certified": the exact face, whatever float32 makes of it; its height within 8 ulp of the ground's

@@ -95,7 +95,7 @@ def position_weights(rows: Sequence[Row], more_of: MoreOf) -> dict[int, float]:
     A label's is the highest of its bins times the lowest: bins of different fields are often the same labels, such as
     small and far, so that a product of all would count them twice.
     """
-    labels = [(i, vehicle) for i, row in enumerate(rows) for vehicle in row.labelled]
+    labels = [(i, vehicle) for i, row in enumerate(rows) for vehicle in row.labeled]
     of_row = np.array([i for i, _ in labels], dtype=np.int64)
     images = [{"world_from_camera": row.world_from_camera.tolist()} for row in rows]
     records: list[dict[str, Any]] = [

@@ -111,9 +111,9 @@ class Plan:
     @cached_property
     def summary(self) -> Summary:
         """Counts, rejections, and histograms of all rows."""
-        from hulldown.planning.summary import summarise
+        from hulldown.planning.summary import summarize
 
-        return summarise(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
+        return summarize(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
 
     def to_pandas(self) -> pandas.DataFrame:
         """A table with a row an image, whose columns are named by the keys of docs/plan-file.md.

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 RIGID = 1e-6  # what rotations in a plan that was edited by hand may be off
-FARTHEST = 1e9  # metres: beyond, float64 keeps less than the tenth of a micrometre
+FARTHEST = 1e9  # meters: beyond, float64 keeps less than the tenth of a micrometer
 
 _Matrix = tuple[tuple[float, float, float, float], ...]
 

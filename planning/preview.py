@@ -92,9 +92,9 @@ def caption(row: Row) -> str:
     """What a picture does not say by itself."""
     target = row.target
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3])
-    colour = next((f", {coat.colour}" for coat in target.paint if coat.colour and not row.empty), "")
+    color = next((f", {coat.color}" for coat in target.paint if coat.color and not row.empty), "")
     return (
-        f"{row.image_id}: {'nothing' if row.empty else target.vehicle}{colour} in {row.scenery}, {distance:.0f} m, "
+        f"{row.image_id}: {'nothing' if row.empty else target.vehicle}{color} in {row.scenery}, {distance:.0f} m, "
         f"{'' if row.empty else f'{100 * target.visible_fraction:.0f} % visible, '}{row.hdri}{_weather(row.weather)}"
     )
 
@@ -147,7 +147,7 @@ class Artist:
                 "category_id": self.class_ids[vehicle.category],
                 "iscrowd": int(vehicle.label == "ignored"),
             }
-            for vehicle in row.labelled
+            for vehicle in row.labeled
             if vehicle.bbox is not None and vehicle.category is not None
         ]
         return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
@@ -175,11 +175,11 @@ class Artist:
         return self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
-        """Colours from 0 to 1, without boxes."""
+        """Colors from 0 to 1, without boxes."""
         camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
-        colours = look(
+        colors = look(
             self.world(row),
             np.tile(camera.position, (len(along), 1)),
             along,
@@ -190,10 +190,10 @@ class Artist:
             strength=self._brightness(row),
             weather=row.weather,
         )
-        return colours.reshape(height, width, 3)
+        return colors.reshape(height, width, 3)
 
     def _brightness(self, row: Row) -> float:
-        """How much brighter than mid-grey a grey card on open land is in the picture."""
+        """How much brighter than mid-gray a gray card on open land is in the picture."""
         return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:

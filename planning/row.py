@@ -69,14 +69,14 @@ class Box(NamedTuple):
     height: Pixels
 
 
-Metre = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Meter = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 class Bounds(NamedTuple):
-    """Two opposite corners of a box along the axes of a vehicle, in metres: the lowest of each, the highest of each."""
+    """Two opposite corners of a box along the axes of a vehicle, in meters: the lowest of each, the highest of each."""
 
-    low: tuple[Metre, Metre, Metre]
-    high: tuple[Metre, Metre, Metre]
+    low: tuple[Meter, Meter, Meter]
+    high: tuple[Meter, Meter, Meter]
 
 
 class OnMap(Struct, frozen=True, kw_only=True, gc=False):
@@ -116,7 +116,7 @@ EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
 Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
-Air = Annotated[Weather | None, _is('null or {"visibility_m": metres above 0, "kind": ...}', "1e-9", _to(9))]
+Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
 Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
@@ -142,7 +142,7 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
     category: Annotated[NameOrNone, _means("its class; null of a distractor without one", recorded=False)]
-    world_from_vehicle: Annotated[Pose, _means("where it stands: (4, 4), metres")]
+    world_from_vehicle: Annotated[Pose, _means("where it stands: (4, 4), meters")]
     articulation: Annotated[Angles, _means("how far its parts are turned, in radians")]
     bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
     bbox_amodal: Annotated[FrameOrNone, _means("the surface in front of the camera, in or out of the frame")]
@@ -151,15 +151,15 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     ]
     truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
     slope_deg: Annotated[Slope, _means("inclination of the vehicle", recorded=False)]
-    gap: Annotated[AtLeastZero, _means("air beneath its feet, in metres", recorded=False)]
-    penetration: Annotated[AtLeastZero, _means("ground in its underside, in metres", recorded=False)]
+    gap: Annotated[AtLeastZero, _means("air beneath its feet, in meters", recorded=False)]
+    penetration: Annotated[AtLeastZero, _means("ground in its underside, in meters", recorded=False)]
     tries: Annotated[Count, _means("places tried for it, the taken one included", recorded=False)]
     label: Annotated[
         OneLabel,
         _means("its label in the image: full, ignored because it shows too little, or none", recorded=False),
     ]
     bounds: Annotated[Room, _means("lowest and highest corner in its own frame, with its parts turned", recorded=False)]
-    paint: Annotated[Coats, _means("what is painted: `materials`, `colour`, `hue_deg`, `saturation`, `value`")]
+    paint: Annotated[Coats, _means("what is painted: `materials`, `color`, `hue_deg`, `saturation`, `value`")]
     air_contrast: Annotated[Share, _means("share of its contrast that is left after haze, docs/weather.md")]
     geo: Annotated[
         OnMapOrNone,
@@ -176,7 +176,7 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     scenery: Annotated[Name, _means("the scenery's name")]
     position: Annotated[Count, _means("one vehicle in one place; its shots share all but camera and light")]
     shot: Annotated[Count, _means("0, 1, 2, ... at each position")]
-    world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), metres")]
+    world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), meters")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
     K: Annotated[
         MatrixOrNone, _means("camera matrix, in pixels from the corner; not there if `camera.intrinsics` isn't given")
@@ -197,7 +197,7 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     hdri: Annotated[Name, _means("the HDRI's name")]
     hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[Horizon, _means("elevation whose colour goes on below it; null: all is seen")]
+    horizon_deg: Annotated[Horizon, _means("elevation whose color goes on below it; null: all is seen")]
     exposure_ev: Annotated[EV, _means("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")]
     weather: Annotated[Air, _means("what is in the air and lies on things; null: it is clear and dry")]
@@ -256,7 +256,7 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
         return self.planned[1:] if self.empty else self.planned
 
     @property
-    def labelled(self) -> list[PlannedVehicle]:
+    def labeled(self) -> list[PlannedVehicle]:
         """What the image has an annotation of, the ignored ones included."""
         return [vehicle for vehicle in self.vehicles if vehicle.label != "none"]
 

@@ -30,7 +30,7 @@ def look(
     strength: float = 1.0,
     weather: Weather | None = None,
 ) -> Float[np.ndarray, "n 3"]:
-    """Colours from 0 to 1 of what rays with unit directions meet.
+    """Colors from 0 to 1 of what rays with unit directions meet.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def look(
     origin, along
         (n, 3) rays.
     paints
-        (3,) the colour of each vehicle of the world.
+        (3,) the color of each vehicle of the world.
     sun
         (3,) unit direction to it.
     strength
@@ -48,7 +48,7 @@ def look(
         What is in the air and lies on things, if anything: a veil and a cover, no streaks and flakes.
     """
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
-    colour = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
+    color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
     hits = world.nearest(origin, along)
     met = np.flatnonzero(hits.hit)
     distance = hits.distance[met, None]
@@ -66,13 +66,13 @@ def look(
     albedo = _albedo(hits.kind[met], hits.which[met], points, paints)
     if weather is not None:
         albedo = _covered(albedo, normal[:, 2], hits.kind[met] == Kind.VEHICLE, weather)
-    colour[met] = albedo * light[:, None]
-    colour *= strength
+    color[met] = albedo * light[:, None]
+    color *= strength
     if weather is not None:
         clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
-        colour = clear * colour + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
+        color = clear * color + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
     # Displays want about the square root of the light.
-    return np.clip(colour, 0.0, 1.0) ** (1.0 / 1.6)
+    return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
 
 
 def _covered(
@@ -94,7 +94,7 @@ def _albedo(
     points: Float[np.ndarray, "n 3"],
     paints: Sequence[Float[np.ndarray, "3"]],
 ) -> Float[np.ndarray, "n 3"]:
-    """The colours of what is met at these points."""
+    """The colors of what is met at these points."""
     odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
     albedo[kind == Kind.OBSTACLE] = _LEAVES
@@ -111,7 +111,7 @@ def sun_of(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
 
 
 def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
-    """A colour for a vehicle, the same in all pictures: from olive to sand, or from slate to plum for a distractor."""
+    """A color for a vehicle, the same in all pictures: from olive to sand, or from slate to plum for a distractor."""
     share = _hash(vehicle)
     if distractor:
         return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])

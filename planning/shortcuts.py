@@ -36,7 +36,7 @@ def nuisances(row: Row) -> dict[str, str]:
     }
     if row.shot:
         return found
-    paint = ", ".join(coat.colour or OWN for coat in target.paint)
+    paint = ", ".join(coat.color or OWN for coat in target.paint)
     return found | {
         "scenery": row.scenery,
         "number of companions": str(len(row.companions)),

@@ -249,7 +249,7 @@ class Summary:
         return charts | ({"vehicles beside targets": dict(beside.most_common(12))} if beside else {})
 
 
-def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
+def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
     """Count over all rows of a plan, keeping about 64 bytes of each.
 
     Parameters
@@ -276,8 +276,8 @@ def summarise(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
         counts["weather"][row.weather.kind if row.weather else "clear"] += 1
         counts["companions"].update(companion.vehicle for companion in row.companions)
         counts["distractors"].update(distractor.vehicle for distractor in row.distractors)
-        counts["paints"].update(coat.colour or OWN for vehicle in row.vehicles for coat in vehicle.paint)
-        counts["labels"].update(vehicle.label for vehicle in row.labelled)
+        counts["paints"].update(coat.color or OWN for vehicle in row.vehicles for coat in vehicle.paint)
+        counts["labels"].update(vehicle.label for vehicle in row.labeled)
         counts["rejected"].update(row.rejected)
         target = row.target
         if row.like is not None:

@@ -26,7 +26,7 @@ from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
 from hulldown.render.messages import Settings
@@ -163,7 +163,7 @@ def all_uses(plan: Plan, path: Path) -> list[str]:
         refusal(refuse_changed, plan, ASSETS),
         refusal(lambda: planners.append(planner_of(json.dumps(plan.header.config)))),
         *(line for planner in planners if planner for line in posed_uses(plan, planner, rows)),
-        refusal(summarise, plan),
+        refusal(summarize, plan),
         refusal(Outline, plan),
         refusal(plan_key, path),
         *(refusal(job_of, row, path) for row in rows),

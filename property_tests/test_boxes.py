@@ -322,7 +322,7 @@ def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) ->
     box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))
     if box is None or box[2:].min() < 1.0:
         return
-    # Eight rays a pixel and axis: between pixel centres the pointed end of a surface could slip through.
+    # Eight rays a pixel and axis: between pixel centers the pointed end of a surface could slip through.
     fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
     inner = mask_box(vehicle_mask(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around))

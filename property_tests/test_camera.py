@@ -20,7 +20,7 @@ lenses = st.builds(
     widths,
     st.one_of(st.floats(0.1, 179), st.sampled_from([0.1, 60.0, 179.0])),
 )
-centres = st.one_of(
+centers = st.one_of(
     st.tuples(*[st.floats(-1000, 1000)] * 3),
     st.sampled_from([(0.0, 0.0, 0.0), (5e5, 5.4e6, 100.0), (1e7, -1e7, 0.0)]),
 ).map(np.array)
@@ -33,52 +33,52 @@ distances = st.floats(0.5, 1e5)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def rounding(centre: np.ndarray, lens: Intrinsics, distance: float) -> float:
+def rounding(center: np.ndarray, lens: Intrinsics, distance: float) -> float:
     """Pixels that the float64 rounding of world coordinates moves a point at this distance."""
-    size = float(np.abs(centre).max()) + distance
+    size = float(np.abs(center).max()) + distance
     return 1e-9 + 32 * np.finfo(float).eps * (size * lens.f_px / distance + lens.width + lens.height + lens.f_px)
 
 
-@given(lenses, centres, distances, azimuths, elevations, seeds)
+@given(lenses, centers, distances, azimuths, elevations, seeds)
 def test_unprojecting_what_was_projected_gives_the_point_back(
-    lens: Intrinsics, centre: np.ndarray, distance: float, azimuth: float, elevation: float, seed: int
+    lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, seed: int
 ) -> None:
-    camera = Camera(lens, camera_pose(centre, distance, azimuth, elevation))
+    camera = Camera(lens, camera_pose(center, distance, azimuth, elevation))
     rng = np.random.default_rng(seed)
     pixels = rng.uniform(-1, 2, (10, 2)) * [lens.width, lens.height]
     depth = distance * rng.uniform(0.1, 3, 10)
     points = camera.unproject(pixels, depth)
     again, same = camera.project(points)
-    aside = np.abs((pixels - lens.centre) / lens.f_px).max()
-    far = np.abs(centre).max() + depth.max() * (1 + aside)
+    aside = np.abs((pixels - lens.center) / lens.f_px).max()
+    far = np.abs(center).max() + depth.max() * (1 + aside)
     tolerance = 64 * np.finfo(float).eps * far
     np.testing.assert_allclose(same, depth, atol=tolerance)
     np.testing.assert_allclose(again, pixels, atol=float(lens.f_px / depth.min() * tolerance * (1 + aside)) + 1e-9)
     np.testing.assert_allclose(camera.unproject(again, same), points, atol=4 * tolerance)
 
 
-@given(lenses, centres, distances, azimuths, elevations)
-def test_the_centre_is_in_the_middle_and_the_axes_are_right_handed(
-    lens: Intrinsics, centre: np.ndarray, distance: float, azimuth: float, elevation: float
+@given(lenses, centers, distances, azimuths, elevations)
+def test_the_center_is_in_the_middle_and_the_axes_are_right_handed(
+    lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float
 ) -> None:
-    camera = Camera(lens, camera_pose(centre, distance, azimuth, elevation))
-    pixels, depth = camera.project(centre[None])
-    np.testing.assert_allclose(pixels, [lens.centre], atol=rounding(centre, lens, distance))
-    assert abs(depth[0] - distance) <= 16 * np.finfo(float).eps * (distance + np.abs(centre).max())
+    camera = Camera(lens, camera_pose(center, distance, azimuth, elevation))
+    pixels, depth = camera.project(center[None])
+    np.testing.assert_allclose(pixels, [lens.center], atol=rounding(center, lens, distance))
+    assert abs(depth[0] - distance) <= 16 * np.finfo(float).eps * (distance + np.abs(center).max())
     axes = camera.world_from_camera[:3, :3]
     np.testing.assert_allclose(np.cross(axes[:, 0], axes[:, 1]), axes[:, 2], atol=1e-15)
     assert axes[2, 0] == 0
 
 
-@given(lenses, centres, distances, azimuths, elevations, st.tuples(*[st.floats(-0.5, 1.5)] * 2))
-def test_the_centre_projects_to_the_framing_offset(
-    lens: Intrinsics, centre: np.ndarray, distance: float, azimuth: float, elevation: float, place: tuple
+@given(lenses, centers, distances, azimuths, elevations, st.tuples(*[st.floats(-0.5, 1.5)] * 2))
+def test_the_center_projects_to_the_framing_offset(
+    lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, place: tuple
 ) -> None:
     pixel = np.array(place) * [lens.width, lens.height]
-    pose = turned(camera_pose(centre, distance, azimuth, elevation), lens, pixel)
-    aside = 1 + float(np.abs((pixel - lens.centre) / lens.f_px).max()) ** 2
-    found = Camera(lens, pose).project(centre[None]).pixels[0]
-    np.testing.assert_allclose(found, pixel, atol=aside * rounding(centre, lens, distance))
+    pose = turned(camera_pose(center, distance, azimuth, elevation), lens, pixel)
+    aside = 1 + float(np.abs((pixel - lens.center) / lens.f_px).max()) ** 2
+    found = Camera(lens, pose).project(center[None]).pixels[0]
+    np.testing.assert_allclose(found, pixel, atol=aside * rounding(center, lens, distance))
 
 
 @given(azimuths, elevations, st.floats(1e-9, 1e-3))
@@ -111,7 +111,7 @@ def test_the_exact_distance_gives_the_exact_size(
     sizes = np.sort(rng.uniform(0.01, 1.5, 6)) * lens.height
     wanted = sizes**2 if measure == "area" else sizes
     found = solve_distance(
-        lens, np.repeat(pose, 6, axis=0), points[None], centre=[0, 0, 0], pixels=wanted, measure=measure
+        lens, np.repeat(pose, 6, axis=0), points[None], center=[0, 0, 0], pixels=wanted, measure=measure
     )
     assert np.isfinite(found).all()
     assert (np.diff(found) <= 1e-9 * found[1:]).all()

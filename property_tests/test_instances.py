@@ -11,7 +11,7 @@ from hulldown.geometry.overlap import triangles_touch_box
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 
-# float32 about the centre of a scene some 20 m wide, seen at grazing angles.
+# float32 about the center of a scene some 20 m wide, seen at grazing angles.
 CLOSE = 2e-4
 
 

@@ -55,25 +55,25 @@ def test_a_smaller_map_is_off_by_no_more_than_its_sun_may_move(sky, step):
 @given(st.integers(2, 40))
 def test_rows_weigh_what_their_hats_integrate_to(height):
     step = np.pi / height
-    centre = (np.arange(height) + 0.5) * step - np.pi / 2
+    center = (np.arange(height) + 0.5) * step - np.pi / 2
 
     def light(elevation, row):
-        hat = max(0.0, 1.0 - abs(elevation - centre[row]) / step)
-        return (1.0 if row == height - 1 and elevation > centre[-1] else hat) * np.sin(elevation) * np.cos(elevation)
+        hat = max(0.0, 1.0 - abs(elevation - center[row]) / step)
+        return (1.0 if row == height - 1 and elevation > center[-1] else hat) * np.sin(elevation) * np.cos(elevation)
 
-    breaks = [0.0, *centre[centre > 0.0], np.pi / 2]
+    breaks = [0.0, *center[center > 0.0], np.pi / 2]
     expected = [
         sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks)) for row in range(height)
     ]
     np.testing.assert_allclose(row_weights(height), expected, atol=1e-12)
 
 
-COLOURS = st.tuples(*[st.floats(0.2, 1.0)] * 3)
+COLORS = st.tuples(*[st.floats(0.2, 1.0)] * 3)
 
 
-@given(COLOURS, st.floats(-12.0, 12.0))
-def test_a_metered_card_is_mid_grey_whatever_its_light(colour, power):
-    card = ALBEDO * np.array([colour]) * 2.0**power
+@given(COLORS, st.floats(-12.0, 12.0))
+def test_a_metered_card_is_mid_gray_whatever_its_light(color, power):
+    card = ALBEDO * np.array([color]) * 2.0**power
     (ev,) = metered(card)
     assert displayed(card[0] * 2.0**ev) @ LUMINANCE == pytest.approx(CARD, abs=1e-6)
     (brighter,) = metered(2.0 * card)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hulldown.planning.appearance.paint import OWN, PaintEntry, draw_coats
 from hulldown.planning.search.draws import RandomStreams
 
-COLOURS = st.lists(st.one_of(st.just(OWN), st.integers(0, 0xFFFFFF).map(lambda n: f"#{n:06x}")), min_size=1, max_size=5)
+COLORS = st.lists(st.one_of(st.just(OWN), st.integers(0, 0xFFFFFF).map(lambda n: f"#{n:06x}")), min_size=1, max_size=5)
 
 
 def spread(low, high):
@@ -17,7 +17,7 @@ def spread(low, high):
 ENTRIES = st.lists(
     st.builds(
         PaintEntry,
-        colours=COLOURS.map(tuple),
+        colors=COLORS.map(tuple),
         hue_deg=spread(-180.0, 180.0),
         saturation=spread(0.0, 10.0),
         value=spread(0.0, 10.0),
@@ -32,7 +32,7 @@ POSITIONS = st.lists(st.integers(0, 10**9), min_size=1, max_size=20, unique=True
 def test_coats_are_what_the_config_allows(entries, seed, positions, place):
     for coats in draw_coats(entries, RandomStreams(seed), position=np.array(positions), place=place):
         for coat, entry in zip(coats, entries, strict=True):
-            assert (coat.colour or OWN) in entry.colours
+            assert (coat.color or OWN) in entry.colors
             assert coat.materials == list(entry.materials)
             for value, (low, high) in zip(
                 (coat.hue_deg, coat.saturation, coat.value), (entry.hue_deg, entry.saturation, entry.value), strict=True

@@ -170,7 +170,7 @@ def labels_are_what_is_seen(row, config):
         assert vehicle.category is not None or label == "none"
         if pixels and vehicle.category is not None:
             assert label != "none" or config.annotate.below == "left_out"
-    assert not (row.background and row.labelled)
+    assert not (row.background and row.labeled)
 
 
 def stands_within_limits(row, vehicle, config, *, target):
@@ -218,8 +218,8 @@ def camera_within_limits(row, config):
     shape, pose = SHAPES[row.target.vehicle], np.array(row.target.world_from_vehicle)
     camera = np.array(row.world_from_camera)
     assert within(row.fov_x_deg, limits.fov_x_deg)
-    centre = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]
-    away = camera[:3, 3] - centre
+    center = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]
+    away = camera[:3, 3] - center
     distance = np.linalg.norm(away)
     intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
     if limits.size_measure == "paper":
@@ -271,8 +271,8 @@ def light_within_limits(row, config):
             assert key is None or within(value, getattr(config.weather, key))
     assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED
     for vehicle in row.planned:
-        centre = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]
-        away = np.linalg.norm(centre - np.array(row.world_from_camera)[:3, 3])
+        center = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]
+        away = np.linalg.norm(center - np.array(row.world_from_camera)[:3, 3])
         left = 1.0 if row.weather is None else 0.02 ** (away / row.weather.visibility_m)
         assert vehicle.air_contrast == pytest.approx(left, abs=2 * ROUNDED)
     assert 0 <= row.sample_seed < 2**31

@@ -17,7 +17,7 @@ from hulldown.placement.terrain import Terrain
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
-# Rounding of heights of some tens of metres, through a division by the footprint's size.
+# Rounding of heights of some tens of meters, through a division by the footprint's size.
 CLOSE = 1e-12
 
 
@@ -218,7 +218,7 @@ def test_the_support_plane_lies_on_the_ground_and_nowhere_below_it(seed, n):
         up, at = settled.world_from_vehicle[i, :3, 2], settled.world_from_vehicle[i, :3, 3]
         above = at[2] - (points - at[:2]) @ up[:2] / up[2] - terrain.top_hits(points).z
         assert above.min() > -1e-10
-        # Three contacts; fewer where one or two right below the centre carry all of it.
+        # Three contacts; fewer where one or two right below the center carry all of it.
         assert (above < 1e-10).sum() >= (1 if n % 2 else 2)
 
 
@@ -238,7 +238,7 @@ def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
         plane = origin[2] - (points - origin[:2]) @ up[:2] / up[2]
         above = plane + at.height - terrain.top_hits(points).z
         assert above.min() > -1e-10
-        # Three contacts; fewer where one or two right below the centre carry all of it.
+        # Three contacts; fewer where one or two right below the center carry all of it.
         assert (above < 1e-10).sum() >= 1
 
 

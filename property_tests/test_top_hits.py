@@ -35,7 +35,7 @@ def together(*meshes):
 
 @st.composite
 def grids(draw):
-    """Rough ground, level, on a lattice or off it, at map coordinates or not, of metres, millimetres or kilometres."""
+    """Rough ground, level, on a lattice or off it, at map coordinates or not, of meters, millimeters or kilometers."""
     nx, ny = draw(st.integers(1, 5)), draw(st.integers(1, 5))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     size = draw(st.sampled_from([1e-3, 0.1, 1.0, 5.0, 1e5]))
@@ -129,7 +129,7 @@ def cliffs(draw):
 
 @st.composite
 def mixed_sizes(draw):
-    """Triangles of 100 km and, somewhere on or above them, a patch of millimetres."""
+    """Triangles of 100 km and, somewhere on or above them, a patch of millimeters."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     z = rng.uniform(-100, 100, 9)
     large = Mesh(*lattice(2, 2, np.arange(3) * 1e5, np.arange(3) * 1e5, z, rng.random(4) < 0.5))
@@ -253,7 +253,7 @@ def test_a_triangle_cut_in_two_changes_no_height(mesh, seed):
     xy = queries(mesh, seed)
     cut = int(np.random.default_rng(seed).integers(len(mesh.faces)))
     a, b, c = mesh.faces[cut]
-    middle = len(mesh.vertices)  # of an edge; its neighbour is not cut, so that a vertex lies on an edge's inside
+    middle = len(mesh.vertices)  # of an edge; its neighbor is not cut, so that a vertex lies on an edge's inside
     vertices = np.concatenate([mesh.vertices, [0.5 * (mesh.vertices[a] + mesh.vertices[b])]])
     faces = np.concatenate([mesh.faces, [[middle, b, c]]])
     faces[cut] = [a, middle, c]

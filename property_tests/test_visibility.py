@@ -67,7 +67,7 @@ def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
 def test_on_an_open_plane_all_that_is_in_the_frame_is_visible(
     lens: Intrinsics, seed: int, elevation: float, turn: float
 ) -> None:
-    # Its underside rests on the plane: a millimetre above it, as rays at the seam may go either way.
+    # Its underside rests on the plane: a millimeter above it, as rays at the seam may go either way.
     seen = visible_fraction(
         TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, world=World(Plane(-1e-3))
     )

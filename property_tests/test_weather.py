@@ -10,7 +10,7 @@ from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.search.draws import RandomStreams
 
 IMAGES = np.arange(2000)
-METRES = st.floats(1.0, 1e6)
+METERS = st.floats(1.0, 1e6)
 SEEDS = st.integers(0, 2**63 - 1)
 
 
@@ -37,7 +37,7 @@ def test_weather_is_that_of_the_image_whatever_it_is_drawn_with(wanted, seed, or
     assert [draw_air(section, draws=draws, image=np.array([i])).weathers()[0] for i in range(40)] == together
 
 
-@given(METRES, st.lists(st.floats(0.0, 1e6), min_size=2, max_size=20))
+@given(METERS, st.lists(st.floats(0.0, 1e6), min_size=2, max_size=20))
 def test_the_air_leaves_a_share_that_falls_with_distance(visibility, distances):
     left = air_contrast(visibility, np.sort(distances))
     assert (left > 0.0).all()
@@ -45,7 +45,7 @@ def test_the_air_leaves_a_share_that_falls_with_distance(visibility, distances):
     assert (np.diff(left) <= 0.0).all()
 
 
-@given(METRES, METRES, METRES)
+@given(METERS, METERS, METERS)
 def test_what_two_stretches_of_air_leave_is_the_product(visibility, first, second):
     whole = air_contrast(visibility, first + second)
     np.testing.assert_allclose(whole, air_contrast(visibility, first) * air_contrast(visibility, second), atol=1e-12)

@@ -28,7 +28,7 @@ from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright
 from hulldown.reading.vehicle.strays import find_strays
 
-KILOMETRE = 1000.0
+KILOMETER = 1000.0
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
@@ -66,7 +66,7 @@ def build_vehicle(
     while True:
         forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
         ahead = vehicle_from_upright(forward.angle)
-        vehicle_from_file = ahead @ upright.metres
+        vehicle_from_file = ahead @ upright.meters
         points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
         strays = find_strays(
             [pieces[i] for i in kept],
@@ -159,14 +159,14 @@ def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
 
 
 def build_scenery(
-    name: str, drawn: Evaluated, roles: Sequence[Role], *, metres: Float[np.ndarray, "4 4"], options: Options
+    name: str, drawn: Evaluated, roles: Sequence[Role], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
     """Ground and obstacles by their roles; and the names of pieces of ground of whose mesh a part is water.
 
     The ground-plane inventory is paper, section 2.1.5.
 
-    The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometres: zero
-    for what is modelled around zero, and near enough for float32 where the file is in map coordinates.
+    The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometers: zero
+    for what is modeled around zero, and near enough for float32 where the file is in map coordinates.
 
     Raises
     ------
@@ -184,12 +184,12 @@ def build_scenery(
         raise AssetError("nothing in it is rendered as ground or obstacle", remedy="check what is hidden from render")
     extent = np.array([pieces[i].bounds for i in ground or obstacles])
     middle = (extent[:, 0].min(axis=0) + extent[:, 1].max(axis=0)) / 2
-    origin = np.round(middle / KILOMETRE) * KILOMETRE + 0.0
+    origin = np.round(middle / KILOMETER) * KILOMETER + 0.0
     shift = np.eye(4)
     shift[:3, 3] = -origin
-    scenery_from_file = shift @ metres
+    scenery_from_file = shift @ meters
     open_ = ground if options.water is None else []
-    wet = dict.fromkeys(i for i in open_ if is_partly_water(pieces[i], drawn, metres))
+    wet = dict.fromkeys(i for i in open_ if is_partly_water(pieces[i], drawn, meters))
     merged, source = None, np.empty(0, np.int64)
     if ground:
         placed = []

@@ -16,7 +16,7 @@ from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, s
 from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
 from hulldown.reading.wording import MOST, as_key, quoted
 
-LONGEST_VEHICLE = 60.0  # metres; the longest road trains
+LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
@@ -39,7 +39,7 @@ def vehicle_doubts(
     longest = max(size)
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = _likely_scale(longest, unit)
-        doubts.append(f"the vehicle is {_metres(longest)} long; set scale{hint} if that is wrong")
+        doubts.append(f"the vehicle is {_meters(longest)} long; set scale{hint} if that is wrong")
     if width > 1.2 * length and height <= width:
         doubts.append(f"it is longer across ({width:.1f} m) than along x ({length:.1f} m); set forward to +y or -y")
     elif height > 1.5 * max(length, width) and options.up is None:
@@ -107,7 +107,7 @@ def scenery_doubts(
         )
     across, height = max(size[:2]), size[2]
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
-        doubts.append(f"the scenery is {_metres(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
+        doubts.append(f"the scenery is {_meters(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
     if height > across and options.up is None:
         doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "y" if it lies on its side')
     return (*doubts, *_missing(missing))
@@ -158,11 +158,11 @@ def _missing(missing: Sequence[Missing]) -> list[str]:
 
 def _likely_scale(longest: float, unit: float) -> str:
     """The usual unit that would make the likeliest vehicle of it."""
-    usual = min(USUAL_UNITS, key=lambda metres: abs(math.log(max(longest, 1e-9) / unit * metres / USUAL_LENGTH)))
+    usual = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / USUAL_LENGTH)))
     return f" = {usual:g} (now {unit:g})" if 2.0 <= longest / unit * usual <= 20.0 else f" (now {unit:g})"
 
 
-def _metres(length: float) -> str:
+def _meters(length: float) -> str:
     if length >= 100:
         return f"{length:,.0f} m"
     return f"{length:.3g} m" if length >= 1 else f"{100 * length:.3g} cm"

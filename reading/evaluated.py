@@ -32,7 +32,7 @@ class Evaluated:
     wet
         By the number of a mesh, which of its faces wear a material called like water, where only some do.
     pieces
-        Every drawn mesh, where it is drawn; `bounds` after `metres_from_file`.
+        Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
     markers
         Chains of all empties.
     left

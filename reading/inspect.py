@@ -23,8 +23,8 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.report import FileReport, refuse_missing
 
-# Colours that colour-blind people tell apart: Okabe, Ito, Color universal design, 2008.
-COLOURS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
+# Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
+COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
 PAPER = 250.0
 PAGE = 12  # assets in one picture: three in a row
@@ -136,7 +136,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
 
 
 def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
-    """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colours; pivots marked.
+    """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
 
     Parameters
     ----------
@@ -156,26 +156,26 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
         sheet.paste(tile, (i % 2 * size, i // 2 * size))
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for i, name in enumerate(subject.names):
-        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in subject.colours[i]))
+        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in subject.colors[i]))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
     return sheet
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Subject:
-    """What is drawn: a world, which of the names each hit is, what is worth seeing of it, names and their colours."""
+    """What is drawn: a world, which of the names each hit is, what is worth seeing of it, names and their colors."""
 
     world: World
     name_of: Callable[[WorldHits], Int[np.ndarray, " n"]]
     bounds: Float[np.ndarray, "2 3"]
     names: list[str]
-    colours: Float[np.ndarray, "c 3"]
+    colors: Float[np.ndarray, "c 3"]
 
 
 def _vehicle(shape: VehicleShape) -> _Subject:
     part = shape.vertex_part[shape.mesh.faces[:, 0]]
     world = World(vehicles=[PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})])
-    return _Subject(world, lambda hits: part[hits.face], shape.mesh.bounds, list(shape.part_names), COLOURS)
+    return _Subject(world, lambda hits: part[hits.face], shape.mesh.bounds, list(shape.part_names), COLORS)
 
 
 def _scenery(scenery: Scenery) -> _Subject:
@@ -189,7 +189,7 @@ def _scenery(scenery: Scenery) -> _Subject:
         lambda hits: (hits.kind == Kind.OBSTACLE).astype(int),
         _worth_seeing(scenery, world.obstacles.bounds),
         names,
-        np.stack([COLOURS[3], OBSTACLE]),
+        np.stack([COLORS[3], OBSTACLE]),
     )
 
 
@@ -220,21 +220,21 @@ class _View:
         corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
         flat = (corners - self.middle) @ np.stack([self.right, self.up], axis=1)
         # Captions and legend need room above and below.
-        self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a metre
+        self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
     def shade(self, subject: _Subject) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture: a colour each, shaded by how the surface turns from the light."""
-        centre = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
-        x, y = np.meshgrid(centre, -centre)
+        """The picture: a color each, shaded by how the surface turns from the light."""
+        center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
+        x, y = np.meshgrid(center, -center)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
         origins = start.reshape(-1, 3)
         hits = subject.world.nearest(origins, np.broadcast_to(self.sight, origins.shape))
         # From over the viewer's left shoulder, so that no side is dark.
         light = 0.6 * self.up - 0.6 * self.sight - 0.4 * self.right
         lit = 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)
-        colours = subject.colours[subject.name_of(hits) % len(subject.colours)] * lit[:, None]
-        image = np.where(hits.hit[:, None], colours, PAPER)
+        colors = subject.colors[subject.name_of(hits) % len(subject.colors)] * lit[:, None]
+        image = np.where(hits.hit[:, None], colors, PAPER)
         return image.reshape(self.size, self.size, 3).astype(np.uint8)
 
     def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
@@ -254,7 +254,7 @@ def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
 
 
 def _caption(tile: Image.Image, view: _View, title: str) -> None:
-    """Name the view and draw a bar of a round number of metres."""
+    """Name the view and draw a bar of a round number of meters."""
     pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
     pen.text((10, 8), title, fill=(0, 0, 0), font=font)
     room = view.size / view.scale / 3

@@ -12,7 +12,7 @@ from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, Role, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 
-BIGGEST_VEHICLE = 30.0  # metres; what is larger and stands on ground is taken for a scenery
+BIGGEST_VEHICLE = 30.0  # meters; what is larger and stands on ground is taken for a scenery
 
 
 def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
@@ -62,7 +62,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
             return ""
         kept = _vehicle(pieces)
         if any(says(p.name, VEHICLE) for p in kept):
-            return ""  # a tank in centimetres has tracks, which are called like ground: `doubts` names the scale
+            return ""  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery and is listed as a vehicle: in it is {has}, and what would be the vehicle is "

@@ -16,7 +16,7 @@ class Options:
     up
         The file's axis that points up: "z", "y", "x", or one of them with a minus.
     scale
-        Metres to one unit of the file.
+        Meters to one unit of the file.
     forward
         Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x,
         or a vector.

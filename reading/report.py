@@ -38,7 +38,7 @@ class Row:
     triangles
         Of one of them, evaluated as rendered.
     size
-        Extents in metres of the largest of them along x, y, z.
+        Extents in meters of the largest of them along x, y, z.
     """
 
     name: str
@@ -95,7 +95,7 @@ def _together(family: Sequence[Row], name: str, why: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """A part that turns: where, about what, how far, and how that was found out. Metres and radians."""
+    """A part that turns: where, about what, how far, and how that was found out. Meters and radians."""
 
     name: str
     parent: str
@@ -124,15 +124,15 @@ class FileReport:
     path
         The file.
     size
-        Extents in metres: of the vehicle, or of the ground (of everything if there is none).
+        Extents in meters: of the vehicle, or of the ground (of everything if there is none).
     triangles
         Drawn triangles of what is used, each instance counted.
     unit
-        Metres to one unit of the file.
+        Meters to one unit of the file.
     up
         The axis of the file that points up: "z", "y", "-y", ...
     origin
-        What was subtracted from a scenery's coordinates, metres.
+        What was subtracted from a scenery's coordinates, meters.
     rows
         Every object and what it is used as.
     parts

@@ -57,7 +57,7 @@ class Piece:
     pose
         (4, 4) from the mesh's frame to the world of the file.
     bounds
-        (2, 3) in the world of the file, after the file's scale and up axis: metres, z up.
+        (2, 3) in the world of the file, after the file's scale and up axis: meters, z up.
     faces
         Number of triangles.
     scattered

@@ -24,7 +24,7 @@ from hulldown.planning.row import PlannedVehicle, Row
 
 
 def annotation_records(row: Row, segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What `annotations.json` says about each labelled vehicle of a row, but for the id."""
+    """What `annotations.json` says about each labeled vehicle of a row, but for the id."""
     return [{**label, **mask} for label, mask in zip(label_records(row), segmentations, strict=True)]
 
 
@@ -63,12 +63,12 @@ class Segmenter:
         self._world: tuple[str, World] = ("", World())  # the scenery last asked for: rows come sorted
 
     def segmentations(self, row: Row) -> list[dict[str, Any]]:
-        """Masks of each labelled vehicle of a row, and what follows from rays.
+        """Masks of each labeled vehicle of a row, and what follows from rays.
 
         `segmentation` (compressed run lengths), `area` (pixels), `obb`, and `keypoints` with `num_keypoints`.
         """
         records = []
-        for vehicle, mask in zip(row.labelled, self._masks(row, row.labelled), strict=True):
+        for vehicle, mask in zip(row.labeled, self._masks(row, row.labeled), strict=True):
             encoded = encode(mask)
             record = {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
             records.append(record | (self._seen_keypoints(row, vehicle) if self._keypoints else {}))

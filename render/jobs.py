@@ -36,7 +36,7 @@ from hulldown.render.messages import (
     VehicleInput,
 )
 
-# Metres from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
+# Meters from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
 FAR = 5000.0
 
 
@@ -259,8 +259,8 @@ def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[Pain
     return [
         PaintInput(
             material=name,
-            mean=float(np.dot(LUMINANCE, rows[name].colour)),
-            colour=None if (colour := coats[k].colour) is None else linear_color(colour),
+            mean=float(np.dot(LUMINANCE, rows[name].color)),
+            color=None if (color := coats[k].color) is None else linear_color(color),
             hue=coats[k].hue_deg / 360.0,
             saturation=coats[k].saturation,
             value=coats[k].value,

@@ -34,7 +34,7 @@ from hulldown.render.messages import to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import Outline
 
-ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centres
+ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centers
 SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges
 INTRUDER = (
     4.0  # outline of a vehicle in a picture without it: 1.6 % of 248 that were not there had more, 97 % of 67 that were
@@ -146,7 +146,7 @@ def verify_masks(
         image_id = run.image_offset + found.index + 1
         row, first_id = plan[found.index], int(first[found.index])
         at = {id(target): i for i, target in enumerate(row.vehicles)}
-        for label_id, target in enumerate(row.labelled, start=first_id):
+        for label_id, target in enumerate(row.labeled, start=first_id):
             label, i = labels.get(label_id), at[id(target)]
             if label is None or label.get("image_id") != image_id:
                 findings.append(not_annotated(names[image_id], target.category, target.vehicle))
@@ -223,7 +223,7 @@ def _judged(row: MaskRow, area: Any) -> Finding | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RowMasks:
-    """What Cycles shows of the vehicles of one row, at pixel centres.
+    """What Cycles shows of the vehicles of one row, at pixel centers.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class SceneryInput:
     path
         Its .blend.
     scenery_from_file
-        (4, 4) where its coordinates go, in metres.
+        (4, 4) where its coordinates go, in meters.
     standing
         Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called.
     removed
@@ -47,8 +47,8 @@ class PaintInput:
     material
         Its name in the vehicle's file.
     mean
-        Mean luminance of its base colour: what is brighter or darker stays so as it is painted.
-    colour
+        Mean luminance of its base color: what is brighter or darker stays so as it is painted.
+    color
         Linear red, green and blue in place of its own; None for its own.
     hue
         What its hue is turned by, in turns.
@@ -62,7 +62,7 @@ class PaintInput:
 
     material: str
     mean: float
-    colour: tuple[float, float, float] | None
+    color: tuple[float, float, float] | None
     hue: float
     saturation: float
     value: float
@@ -79,7 +79,7 @@ class VehicleInput:
     tidy
         The file that `reading.blender.tidy` made.
     world_from_parts
-        (p, 4, 4) where its parts are, in metres.
+        (p, 4, 4) where its parts are, in meters.
     paint
         Its painted materials.
     """
@@ -96,11 +96,11 @@ class CameraInput:
     Parameters
     ----------
     world_from_camera
-        (4, 4) rigid, metres; x right, y down, z forward.
+        (4, 4) rigid, meters; x right, y down, z forward.
     intrinsics
         Image size and field of view.
     near
-        Metres along the optical axis; nothing closer is seen.
+        Meters along the optical axis; nothing closer is seen.
     exposure
         Of the picture, in EV.
     white_balance
@@ -127,7 +127,7 @@ class LightInput:
     strength
         Factor on its brightness.
     horizon
-        Elevation in radians whose colour the camera sees below it too; None: it sees the picture as it is.
+        Elevation in radians whose color the camera sees below it too; None: it sees the picture as it is.
     """
 
     hdri: str

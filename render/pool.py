@@ -87,7 +87,7 @@ class Pool:
     def results(
         self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]
     ) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs, neighbours by one Blender; yields each with its outcome as it ends, while others go on.
+        """Do all jobs, neighbors by one Blender; yields each with its outcome as it ends, while others go on.
 
         Parameters
         ----------

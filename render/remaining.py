@@ -29,7 +29,7 @@ class Outline:
 
     def __init__(self, plan: Plan) -> None:
         self.stamp = stamp_of(plan.path)
-        self.rows = [(sort_key(row), row.index, len(row.labelled), row.file_name) for row in plan]
+        self.rows = [(sort_key(row), row.index, len(row.labeled), row.file_name) for row in plan]
         self.key = plan_key(plan.path)
         self.labels = np.array([row[2] for row in self.rows], dtype=np.int64)
 

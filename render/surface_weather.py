@@ -14,5 +14,5 @@ WET_ROUGHNESS = 0.65  # of the dry roughness there
 SNOW_ALBEDO = (0.80, 0.83, 0.86)
 SNOW_LIES_TO, SNOW_SLIDES_FROM = 30.0, 60.0  # degrees of slope with all of the cover, and from which none is left
 DUST_ALBEDO = (0.36, 0.28, 0.19)
-DUST_FULL_TO, DUST_TO = 0.2, 1.2  # metres above a vehicle's underside
+DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
 DUST_ON_TOPS = 0.35  # of what lies on the lower parts; on scenery too

@@ -18,7 +18,7 @@ from hulldown.render.process import Allowance, Blender, Limits
 IMAGES = 12
 CONFIG = """
 [assets]
-hdris = ["grey.exr"]
+hdris = ["gray.exr"]
 vehicles = [{{path = "{vehicle}", category = "tank"}}]
 sceneries = [{{path = "{scenery}"}}]
 [budget]
@@ -44,7 +44,7 @@ def copied(worlds, folder):
 
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):
-    """The path of a plan of pictures of 96 x 54 in a folder that has these files and grey.exr."""
+    """The path of a plan of pictures of 96 x 54 in a folder that has these files and gray.exr."""
     return make_plan(folder, CONFIG.format(vehicle=vehicle, scenery=scenery, images=images)).path
 
 

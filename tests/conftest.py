@@ -45,7 +45,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
 
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files of render_worlds.py, with tank, field, and grey sky in the cache; copy them before you write."""
+    """The files of render_worlds.py, with tank, field, and gray sky in the cache; copy them before you write."""
     from hulldown.tests.blender_plans import make_worlds, plan_in
 
     def make(folder: Path) -> None:

@@ -13,10 +13,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from hulldown.render.blender import cycles
-from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTRE
+from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTER
 
 TEXELS = 24
-STEP, PIXELS = 1.2, 50  # metres from card to card, pixels to a metre
+STEP, PIXELS = 1.2, 50  # meters from card to card, pixels to a meter
 QUAD = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 WIDE = ((-0.5, -0.7), (1.8, -0.7), (1.8, 1.6), (-0.5, 1.6))
 RNG = np.random.default_rng(0)
@@ -76,7 +76,7 @@ class Tree:
     def alpha(self, name="soft", coordinates=None, **settings):
         return self.texture(name, coordinates, **settings).outputs["Alpha"]
 
-    def colour(self, name, **settings):
+    def color(self, name, **settings):
         return self.texture(name, **settings).outputs["Color"]
 
     def maths(self, operation, *inputs):
@@ -154,15 +154,15 @@ def cards():
     card("principled alpha", lambda t: t.principled(t.alpha("hard")))
     card("mix by alpha", lambda t: t.through(t.alpha()))
     card("packed", lambda t: t.through(t.alpha("packed")))
-    card("floats", lambda t: t.through(t.colour("floats")))
+    card("floats", lambda t: t.through(t.color("floats")))
     card("greater", lambda t: t.principled(t.maths("GREATER_THAN", t.alpha(), 0.4)))
     card("mask of glTF", lambda t: t.principled(t.maths("SUBTRACT", 1.0, t.maths("LESS_THAN", t.alpha(), 0.6))))
     card("round", lambda t: t.principled(t.maths("ROUND", t.alpha())))
     card("multiply", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), 0.6)))
-    card("opacity map", lambda t: t.through(t.colour("grey")))
-    card("opacity map as data", lambda t: t.through(t.colour("data")))
-    card("coloured", lambda t: t.through(t.colour("coloured")))
-    card("red", lambda t: t.through(t.add("SeparateColor", t.colour("coloured")).outputs[0]))
+    card("opacity map", lambda t: t.through(t.color("gray")))
+    card("opacity map as data", lambda t: t.through(t.color("data")))
+    card("colored", lambda t: t.through(t.color("colored")))
+    card("red", lambda t: t.through(t.add("SeparateColor", t.color("colored")).outputs[0]))
     card("mapping", lambda t: t.through(mapped(t)))
     for extension in ("REPEAT", "EXTEND", "CLIP", "MIRROR"):
         card(extension.lower(), lambda t, to=extension: t.through(t.alpha(extension=to)), uv=WIDE)
@@ -171,16 +171,16 @@ def cards():
     card("group", grouped)
     card("muted", muted)
     card("map range", lambda t: t.through(t.add("MapRange", t.alpha(), 0.3, 0.6, 0.0, 1.0).outputs[0]))
-    card("invert", lambda t: t.through(t.add("Invert", 1.0, t.colour("data")).outputs[0]))
+    card("invert", lambda t: t.through(t.add("Invert", 1.0, t.color("data")).outputs[0]))
     card("constant", lambda t: t.through(0.3))
-    card("coloured glass", lambda t: t.through(0.5, t.add("BsdfTransparent", (0.5, 0.5, 0.5, 1.0)).outputs[0]))
+    card("colored glass", lambda t: t.through(0.5, t.add("BsdfTransparent", (0.5, 0.5, 0.5, 1.0)).outputs[0]))
     card("glow added", glow_added)
     card("camera rays", lambda t: t.through(t.maths("MULTIPLY", t.add("LightPath").outputs[0], t.alpha())))
     card("layer by name", lambda t: named(t, "other"), layer="other")
     card("layer that is not there", lambda t: named(t, "lost"))
     card("flipped", lambda t: t.through(t.alpha()), uv=(QUAD[1], QUAD[0], QUAD[3], QUAD[2]))
     card("degenerate", lambda t: t.through(t.alpha()), uv=((0.3, 0.2),) * 4)
-    card("two textures", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), t.colour("data"))))
+    card("two textures", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), t.color("data"))))
     card("ramp", ramp)
     card("noise", noise)
     card("lost image", lambda t: t.through(t.alpha("lost")))
@@ -190,7 +190,7 @@ def cards():
 def show():
     scene = bpy.context.scene
     cycles.configure(scene, ONE_RAY, device="CPU")
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTRE
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
     scene.world = bpy.data.worlds.new("white for the camera only")
     nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new
     nodes["Background"].inputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
@@ -214,15 +214,15 @@ def show():
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 SOFT = waves()
-GREY, OTHER, ONE = SOFT * 0.5 + 0.2, waves(), np.ones_like(SOFT)
+GRAY, OTHER, ONE = SOFT * 0.5 + 0.2, waves(), np.ones_like(SOFT)
 LEAF = [0.2 * ONE, 0.5 * ONE, 0.1 * ONE]
 IMAGES = {
     "soft": image("soft", [*LEAF, SOFT]),
     "hard": image("hard", [*LEAF, SOFT > 0.5]),
     "packed": image("packed", [*LEAF, SOFT]),
-    "grey": image("grey", [SOFT, SOFT, SOFT, ONE]),
-    "data": image("data", [GREY, GREY, GREY, ONE], data=True),
-    "coloured": image("coloured", [SOFT, 1 - SOFT, OTHER, ONE]),
+    "gray": image("gray", [SOFT, SOFT, SOFT, ONE]),
+    "data": image("data", [GRAY, GRAY, GRAY, ONE], data=True),
+    "colored": image("colored", [SOFT, 1 - SOFT, OTHER, ONE]),
     "lost": image("lost", [*LEAF, SOFT]),
     "floats": image("floats", [OTHER, OTHER, OTHER, ONE], suffix="exr"),
 }

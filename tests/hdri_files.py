@@ -1,4 +1,4 @@
-"""Writes a small sky in every compression that Blender has, and one in two colour spaces.
+"""Writes a small sky in every compression that Blender has, and one in two color spaces.
 
 Run in Blender, with a folder to write into.
 """

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.tests.render_worlds import box, field, fresh, grey, save
+from hulldown.tests.render_worlds import box, field, fresh, gray, save
 
 FOLDER = Path(sys.argv[1])
 
@@ -94,7 +94,7 @@ def main():
     vehicle = FOLDER / "vehicles" / "tank.obj"
     vehicle.parent.mkdir()
     bpy.ops.wm.obj_export(filepath=str(vehicle), path_mode="RELATIVE", forward_axis="NEGATIVE_Z", up_axis="Y")
-    grey(FOLDER / "grey.exr")
+    gray(FOLDER / "gray.exr")
 
 
 main()

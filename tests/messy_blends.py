@@ -30,7 +30,7 @@ def build(name: str) -> dict:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     about = {"kind": "vehicle", "options": {}, "hide": [], "truth": True, "distance": 16.0, "yaw_deg": 0.0}
     about |= CASES[name]()
-    about["file_from_metres"] = np.array(about.get("file_from_metres", Matrix.Identity(4))).tolist()
+    about["file_from_meters"] = np.array(about.get("file_from_meters", Matrix.Identity(4))).tolist()
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / f"{name}.blend"), compress=name == "clutter")
     return about
 
@@ -43,9 +43,9 @@ def cameras_of(about: dict) -> list[Matrix]:
 def camera_at(about: dict, yaw_deg: float, rise: float) -> Matrix:
     yaw = math.radians(about["yaw_deg"] + yaw_deg)
     out = Vector((math.cos(yaw), math.sin(yaw), rise)).normalized() * about["distance"]
-    centre = Vector(about.get("centre", (0, 0, 1.2)))
-    metres = Matrix.Translation(centre + out) @ out.to_track_quat("Z", "Y").to_matrix().to_4x4()
-    return Matrix(about["file_from_metres"]) @ metres
+    center = Vector(about.get("center", (0, 0, 1.2)))
+    meters = Matrix.Translation(center + out) @ out.to_track_quat("Z", "Y").to_matrix().to_4x4()
+    return Matrix(about["file_from_meters"]) @ meters
 
 
 def render_masks(poses: list[Matrix], path: Path, *, unit: float = 1.0) -> None:
@@ -84,7 +84,7 @@ def build_all() -> None:
             bpy.ops.wm.open_mainfile(filepath=str(FOLDER / f"{name}.blend"), load_ui=False, use_scripts=False)
             for hidden in about["hide"]:
                 bpy.data.objects[hidden].hide_render = True
-            render_masks(poses, FOLDER / name, unit=Matrix(about["file_from_metres"]).median_scale)
+            render_masks(poses, FOLDER / name, unit=Matrix(about["file_from_meters"]).median_scale)
     for name, suffix in (("y_up", "glb"), ("y_up", "fbx"), ("library_vehicle", "obj")):
         export_as(name, FOLDER / f"imported.{suffix}")
     (FOLDER / "cases.json").write_text(json.dumps(cases), encoding="utf-8")

@@ -24,7 +24,7 @@ HERE = Path(__file__).resolve().parent
 SIZE, FOV = 160, math.radians(40)  # of messy_blends.py
 VEHICLES = [
     *("modifiers", "clutter", "instances", "keyframes", "keyframes_turned", "collections", "no_origins", "surfaces"),
-    *("centimetres", "y_up", "faces_minus_y", "armature", "linked", "textured", "lost_library", "malicious"),
+    *("centimeters", "y_up", "faces_minus_y", "armature", "linked", "textured", "lost_library", "malicious"),
     "nodes",
 ]
 SCENERIES = ["scattered", "unnamed"]

@@ -106,7 +106,7 @@ def map_in_mesh():
     """Map coordinates in the vertices."""
     sheet("Terrain", 64, 4, shift=MAP)
     box("Hut", (8, 6, 4), shift=np.add(MAP, (3, 2, 1)))
-    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}
+    return {"kind": "scenery", "truth": False, "center": MAP, "distance": 75.0}
 
 
 @case
@@ -114,4 +114,4 @@ def map_in_object():
     """Map coordinates in the object; what hangs on it has small ones, that float32 matrices would round to 0.5 m."""
     ground = sheet("Terrain", 64, 4, at=MAP)
     box("Hut", (8, 6, 4), (3.14159, 2.71828, 1.41421), ground, rot=(0, 0, 0.3))
-    return {"kind": "scenery", "truth": False, "centre": MAP, "distance": 75.0}
+    return {"kind": "scenery", "truth": False, "center": MAP, "distance": 75.0}

@@ -174,23 +174,23 @@ def keyframes_turned():
 
 
 @case
-def centimetres():
+def centimeters():
     bpy.context.scene.unit_settings.scale_length = 0.01
     tank(empty("Scaled", scale=(100, 100, 100)))
-    return {"file_from_metres": Matrix.Scale(100, 4)}
+    return {"file_from_meters": Matrix.Scale(100, 4)}
 
 
 @case
 def y_up():
     """As some exporters leave it: y is up, the nose points along x."""
     tank(empty("Upside", rot=(-math.pi / 2, 0, 0)))
-    return {"file_from_metres": Matrix.Rotation(-math.pi / 2, 4, "X"), "options": {"up": "y"}}
+    return {"file_from_meters": Matrix.Rotation(-math.pi / 2, 4, "X"), "options": {"up": "y"}}
 
 
 @case
 def faces_minus_y():
     tank(empty("Turned", rot=(0, 0, -math.pi / 2)))
-    return {"file_from_metres": Matrix.Rotation(-math.pi / 2, 4, "Z"), "options": {"forward": "-y"}}
+    return {"file_from_meters": Matrix.Rotation(-math.pi / 2, 4, "Z"), "options": {"forward": "-y"}}
 
 
 @case

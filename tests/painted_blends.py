@@ -1,7 +1,7 @@
 """Makes a vehicle whose materials were not made to be painted; run as a script, with a folder to write into.
 
 An image texture, a shader inside a group that two materials share, a material of an object's slot over its mesh's, one
-that is linked from another file and called as one of the scenery's; and yellow tyres, which are to stay yellow.
+that is linked from another file and called as one of the scenery's; and yellow tires, which are to stay yellow.
 """
 
 import math
@@ -12,9 +12,9 @@ import bpy
 import numpy as np
 
 
-def matt(name, colour):
+def matt(name, color):
     material = bpy.data.materials.new(name)
-    shader(material).inputs["Base Color"].default_value = (*colour, 1.0)
+    shader(material).inputs["Base Color"].default_value = (*color, 1.0)
     shader(material).inputs["Roughness"].default_value = 1.0
     return material
 
@@ -40,7 +40,7 @@ def textured(name):
 
 def shader_group():
     group = bpy.data.node_groups.new("Shader", "ShaderNodeTree")
-    group.interface.new_socket("Colour", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
     group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
     given, result = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     inner = group.nodes.new("ShaderNodeBsdfPrincipled")
@@ -50,12 +50,12 @@ def shader_group():
     return group
 
 
-def grouped(name, group, colour):
-    material = matt(name, colour)
+def grouped(name, group, color):
+    material = matt(name, color)
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeGroup")
     node.node_tree = group
-    node.inputs[0].default_value = (*colour, 1.0)
+    node.inputs[0].default_value = (*color, 1.0)
     tree.links.new(node.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
     tree.nodes.remove(shader(material))
     return material
@@ -92,14 +92,14 @@ def main(folder):
             matt("Slot", (0.3, 0.3, 0.3)),
         )
     box("hatch", (1.8, 1.4, 0.3), (-0.6, 0.0, 2.65), target.materials[0])
-    tyre = matt("Tyre", (0.8, 0.6, 0.0))
+    tire = matt("Tire", (0.8, 0.6, 0.0))
     for x in (-2.2, 0.0, 2.2):
         for y in (-1.4, 1.4):
             bpy.ops.mesh.primitive_cylinder_add(
                 radius=0.6, depth=0.5, location=(x, y, 0.6), rotation=(math.pi / 2, 0, 0)
             )
             bpy.context.object.name = "wheel"
-            bpy.context.object.data.materials.append(tyre)
+            bpy.context.object.data.materials.append(tire)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "odd.blend"))
 
 

@@ -22,7 +22,7 @@ def save(path):
 
 
 def glowing(name, color):
-    """Looks the same from everywhere in any light, so that a picture can be taken apart by colour."""
+    """Looks the same from everywhere in any light, so that a picture can be taken apart by color."""
     return _of_one_shader(name, "Emission", color)
 
 
@@ -70,7 +70,7 @@ def tank(path):
     save(path)
 
 
-def field(path, *, unit=1.0, centre=(0.0, 0.0, 0.0), drape=None):
+def field(path, *, unit=1.0, center=(0.0, 0.0, 0.0), drape=None):
     """Rolling ground of 80 m and some boulders, in a unit and at a place of one's choice."""
     fresh()
     bpy.context.scene.unit_settings.scale_length = unit
@@ -89,7 +89,7 @@ def field(path, *, unit=1.0, centre=(0.0, 0.0, 0.0), drape=None):
         if obj is not root and obj.parent is None:
             obj.parent = root
     root.scale = (1.0 / unit,) * 3
-    root.location = centre
+    root.location = center
     bpy.ops.object.camera_add(location=(0.0, 0.0, 5.0))
     bpy.ops.object.light_add(type="SUN")
     if drape:
@@ -178,7 +178,7 @@ def evil(folder):
 
 
 def sky(path, width=256):
-    """An even grey sky with one bright patch at azimuth 0, 20 degrees up."""
+    """An even gray sky with one bright patch at azimuth 0, 20 degrees up."""
     height = width // 2
     pixels = np.full((height, width), 0.5)
     row = height - round((20.0 + 90.0) / 180.0 * height)
@@ -186,14 +186,14 @@ def sky(path, width=256):
     hdri(path, pixels)
 
 
-def grey(path):
+def gray(path):
     pixels = np.full((32, 64), 0.5)
     pixels[-1, 0] = 0.501  # one texel at the nadir: a sky that is the same everywhere is refused
     hdri(path, pixels)
 
 
 def hdri(path, radiance):
-    """A sky without colours, the zenith in the first row."""
+    """A sky without colors, the zenith in the first row."""
     height, width = radiance.shape
     image = bpy.data.images.new(path.stem, width, height, float_buffer=True)
     image.colorspace_settings.name = "Non-Color"
@@ -216,14 +216,14 @@ def targets(path):
 def main(folder):
     tank(folder / "tank.blend")
     field(folder / "field.blend")
-    field(folder / "centimetres.blend", unit=0.01)
-    field(folder / "map.blend", centre=(512_000.0, 5_403_000.0, 300.0))
+    field(folder / "centimeters.blend", unit=0.01)
+    field(folder / "map.blend", center=(512_000.0, 5_403_000.0, 300.0))
     field(folder / "leaking.blend", drape=leaking)
     field(folder / "evil.blend", drape=evil(folder))
     field(folder / "wood.blend", drape=trees(folder))
     targets(folder / "walls.blend")
     sky(folder / "sky.exr")
-    grey(folder / "grey.exr")
+    gray(folder / "gray.exr")
 
 
 if __name__ == "__main__":

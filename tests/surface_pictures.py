@@ -47,16 +47,16 @@ def grouped(name):
     material = bpy.data.materials.new(name)
     tree = bpy.data.node_groups.new("pack", "ShaderNodeTree")
     tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    tree.interface.new_socket("Colour", in_out="INPUT", socket_type="NodeSocketColor")
+    tree.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
     shader, end, start = (tree.nodes.new(k) for k in ("ShaderNodeBsdfPrincipled", "NodeGroupOutput", "NodeGroupInput"))
     shader.inputs["Roughness"].default_value = 0.95
-    tree.links.new(start.outputs["Colour"], shader.inputs["Base Color"])
+    tree.links.new(start.outputs["Color"], shader.inputs["Base Color"])
     tree.links.new(shader.outputs[0], end.inputs[0])
     nodes = material.node_tree.nodes
     nodes.remove(nodes["Principled BSDF"])
     group = nodes.new("ShaderNodeGroup")
     group.node_tree = tree
-    group.inputs["Colour"].default_value = (0.245, 0.245, 0.245, 1.0)
+    group.inputs["Color"].default_value = (0.245, 0.245, 0.245, 1.0)
     material.node_tree.links.new(group.outputs[0], nodes["Material Output"].inputs["Surface"])
     return material
 
@@ -192,14 +192,14 @@ def at(x, y, z):
 
 
 def looking_down(x, y, z, width):
-    """A camera that sees `width` metres of what is at z = 0."""
+    """A camera that sees `width` meters of what is at z = 0."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x, y, z
     return CameraInput(pose.tolist(), Intrinsics(64, 64, 2 * math.atan(width / 2 / z)), 0.01, 0.0, 0.0)
 
 
 def looking_along_x(x, y, z, width, distance):
-    """A level camera that sees `width` metres at a distance."""
+    """A level camera that sees `width` meters at a distance."""
     pose = np.array([[0.0, 0, 1, x], [-1, 0, 0, y], [0, -1, 0, z], [0, 0, 0, 1]])
     return CameraInput(pose.tolist(), Intrinsics(64, 64, 2 * math.atan(width / 2 / distance)), 0.01, 0.0, 0.0)
 

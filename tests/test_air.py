@@ -22,10 +22,10 @@ WORLDS = """
 import sys
 from pathlib import Path
 import numpy as np
-from hulldown.tests.render_worlds import box, diffuse, fresh, glowing, grey, hdri, save, targets
+from hulldown.tests.render_worlds import box, diffuse, fresh, glowing, gray, hdri, save, targets
 folder = Path(sys.argv[1])
 targets(folder / "walls.blend")
-grey(folder / "grey.exr")
+gray(folder / "gray.exr")
 fresh()
 box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
 save(folder / "wall.blend")
@@ -37,7 +37,7 @@ hdri(folder / "sunny.exr", np.load(folder / "sunny.npy"))
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 UP = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 IDENTITY = np.eye(4).tolist()
-SKY = 0.5  # radiance of grey.exr
+SKY = 0.5  # radiance of gray.exr
 WALL = 0.05  # of the wall in wall.blend
 SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
 SUNNY[38:44, 100:106] = 120.0  # 30 degrees high, and three times as bright on the ground as the rest
@@ -55,7 +55,7 @@ class Studio:
         subprocess.run([sys.executable, "-c", WORLDS, str(folder)], check=True, capture_output=True, cwd=root)
         self.folder, self.blender, self._count = folder, Blender(folder / "log", device="cpu"), 0
 
-    def picture(self, weather, *, world="wall", sky="grey", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
+    def picture(self, weather, *, world="wall", sky="gray", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
         output = self.folder / f"{self._count}.png"
         self._count += 1
         job = RenderJob(
@@ -79,17 +79,17 @@ def studio(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("kind", "colour"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)]
+    ("kind", "color"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)]
 )
 @pytest.mark.parametrize("visibility", [50.0, 200.0])
-def test_the_veil_follows_koschmieders_law(studio, kind, colour, visibility):
+def test_the_veil_follows_koschmieders_law(studio, kind, color, visibility):
     """Black walls at three distances have the airlight's radiance times 1 - exp(-3.912 d / visibility)."""
     weather = Weather(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     seen = studio.picture(weather, world="walls", fov_x_deg=90.0, width=128, samples=4)
     for x, y in ((19.75, -8.0), (59.75, 0.0), (149.75, 70.0)):
         veil = 1.0 - math.exp(-3.912 * math.hypot(x, y) / visibility)
         column = round(64.0 - 64.0 * y / x)
-        expected = displayed(SKY * veil * np.array(colour))
+        expected = displayed(SKY * veil * np.array(color))
         assert np.abs(seen[35:37, column - 1 : column + 1] - expected).max() <= 4.0
 
 
@@ -128,7 +128,7 @@ def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility)
 
 
 def hidden_by(picture, radiance):
-    """Share of the wall that streaks of this radiance hide in a grey picture, of blocks of 6 x 6 pixels."""
+    """Share of the wall that streaks of this radiance hide in a gray picture, of blocks of 6 x 6 pixels."""
     levels = np.linspace(WALL / 2.0, radiance, 4000)
     curve = displayed(np.repeat(levels[:, None], 3, axis=1))[:, 1]
     share = (np.interp(picture[..., 1], curve, levels) - WALL) / (radiance - WALL)
@@ -144,17 +144,17 @@ def moved(drops, view, width, *, times=96, fine=3):
     rays = np.concatenate([rays, np.ones((*x.shape, 1))], axis=2)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     through = np.ones(x.shape)
-    centres, velocities = drops.centres @ view.axes, drops.velocities @ view.axes
-    for centre, diameter, velocity in zip(centres, drops.diameters, velocities, strict=True):
-        moments = centre + ((np.arange(times) + 0.5) / times - 0.5)[:, None] * view.exposure_s * velocity
-        wide = max(diameter / math.sqrt(2.0), 0.75 * view.pixel * np.linalg.norm(centre))
+    centers, velocities = drops.centers @ view.axes, drops.velocities @ view.axes
+    for center, diameter, velocity in zip(centers, drops.diameters, velocities, strict=True):
+        moments = center + ((np.arange(times) + 0.5) / times - 0.5)[:, None] * view.exposure_s * velocity
+        wide = max(diameter / math.sqrt(2.0), 0.75 * view.pixel * np.linalg.norm(center))
         at = moments[:, :2] / moments[:, 2:] / view.pixel + [width / 2, height / 2]
-        margin = wide / centre[2] / view.pixel + 2.0
+        margin = wide / center[2] / view.pixel + 2.0
         low = np.floor((at.min(axis=0) - margin) * fine).astype(int).clip(0)
         high = np.ceil((at.max(axis=0) + margin) * fine).astype(int).clip(0)
         part = rays[low[1] : high[1], low[0] : high[0]]
         along = part @ moments.T
-        beside = (moments**2).sum(axis=1) - along**2  # of the ray from the disc's centre, squared
+        beside = (moments**2).sum(axis=1) - along**2  # of the ray from the disc's center, squared
         hidden = np.maximum(1.0 - beside / wide**2, 0.0).mean(axis=2)
         through[low[1] : high[1], low[0] : high[0]] *= 1.0 - hidden * (diameter / math.sqrt(2.0) / wide) ** 2
     share = 1.0 - through

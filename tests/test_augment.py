@@ -92,7 +92,7 @@ def mask_corners(mask):
 
 
 def test_lines_are_applied_as_often_as_the_table_says_and_independently():
-    # Three lines whose effect can be seen alone: flip, channel shuffle of a coloured picture, and a shift.
+    # Three lines whose effect can be seen alone: flip, channel shuffle of a colored picture, and a shift.
     table = changed_table(
         OFF
         | {

@@ -14,7 +14,7 @@ from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.axes import UPS, up_matrix
-from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
+from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BOX_FACES = np.array(
@@ -70,7 +70,7 @@ def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool
 def read(parts: dict[str, Mesh], pose: np.ndarray | None = None, *, said: str = "z", **options: object) -> BuiltVehicle:
     found = drawn(parts, pose)
     for i, piece in enumerate(found.pieces):  # bounds as the file says
-        points = apply(metres_from_file(1.0, said), found.meshes[i].vertices)
+        points = apply(meters_from_file(1.0, said), found.meshes[i].vertices)
         found.pieces[i] = Piece(
             piece.data, piece.chain, i, piece.pose, np.stack([points.min(axis=0), points.max(axis=0)]), piece.faces
         )

@@ -53,13 +53,13 @@ def test_backgrounds_come_beside_the_classes_exactly(rows):
     assert len(backgrounds) == 4
     assert Counter(row.empty for row in backgrounds) == {True: 2, False: 2}
     for row in backgrounds:
-        assert row.labelled == []
+        assert row.labeled == []
         assert row.companions == []
         assert {distractor.category for distractor in row.distractors} <= {None}
         assert (row.target in row.vehicles) == (row.target.category is None)
 
 
-def test_distractors_are_labelled_only_if_they_have_a_class(rows):
+def test_distractors_are_labeled_only_if_they_have_a_class(rows):
     seen = Counter()
     for row in rows:
         for distractor in row.distractors:

@@ -45,7 +45,7 @@ def vehicle() -> VehicleShape:
 
 
 def test_box_of_a_framed_cube_in_closed_form():
-    # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a metre about the centre.
+    # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a meter about the center.
     box = surface_box(CUBE, CUBE_FACES, camera_at(0.0, 0.0, -5.0))
     assert_box(box, [75.0, 25.0, 50.0, 50.0])
 

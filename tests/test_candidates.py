@@ -6,7 +6,7 @@ from hulldown.placement.candidates import candidates
 BOUNDS = np.array([[-10.0, 200.0, -3.0], [30.0, 210.0, 9.0]])
 
 
-def test_positions_fill_the_bounds_shrunk_per_axis_about_the_centre():
+def test_positions_fill_the_bounds_shrunk_per_axis_about_the_center():
     xy, yaw = candidates(BOUNDS, 20_000, rng=np.random.default_rng(1))
     assert (xy >= [-6.0, 201.0]).all()
     assert (xy <= [26.0, 209.0]).all()

@@ -70,10 +70,10 @@ def test_cameras_keep_clear_of_obstacles(x: float, expected: Rejection) -> None:
 
 
 @pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
-@pytest.mark.parametrize("metres", [-0.1, math.nan])
-def test_a_clearance_that_is_none_is_refused(name: str, metres: float) -> None:
-    with pytest.raises(ValueError, match=f"{name}: expected metres of 0 or more, got {metres}"):
-        judge(CameraRoom(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: metres})
+@pytest.mark.parametrize("meters", [-0.1, math.nan])
+def test_a_clearance_that_is_none_is_refused(name: str, meters: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected meters of 0 or more, got {meters}"):
+        judge(CameraRoom(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: meters})
 
 
 def test_no_surface_is_nearer_than_the_clearance() -> None:

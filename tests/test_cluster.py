@@ -235,7 +235,7 @@ def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
         kept = contents_of(nodes)
     assert_same(folder / "whole", tmp_path / "d")
     assert_same(folder / "whole", tmp_path / "again")
-    hashes = {sha256(folder / "field.blend"), sha256(folder / "grey.exr")}
+    hashes = {sha256(folder / "field.blend"), sha256(folder / "gray.exr")}
     assert hashes < set(sent)
     assert len(sent) == 3  # and the tidy twin of the tank
     assert kept == sent
@@ -318,7 +318,7 @@ def test_a_texture_elsewhere_is_as_missing_as_on_one_machine(folder, tmp_path, h
     client, secret = tmp_path / "client" / "pack" / "worlds", tmp_path / "secret" / "ground.png"
     for made in (client, secret.parent):
         made.mkdir(parents=True)
-    for name in ("tank.blend", "grey.exr"):
+    for name in ("tank.blend", "gray.exr"):
         shutil.copy(folder / name, client / name)
     command = [sys.executable, "-c", SECRET, str(folder / "field.blend"), str(secret), str(client / "field.blend")]
     subprocess.run(command, check=True, capture_output=True)

@@ -17,7 +17,7 @@ def rectangle(x, y, w, h):
 
 @pytest.fixture
 def scene(tmp_path):
-    """Grey 100 with a target of 151 and one of 74; a label without a mask; a second picture that is not there."""
+    """Gray 100 with a target of 151 and one of 74; a label without a mask; a second picture that is not there."""
     boxes = [(100, 100, 60, 40), (300, 200, 60, 40)]
     records = [(1, 1, box, rectangle(*box)) for box in boxes] + [
         (1, 1, (0, 0, 9, 9)),

@@ -24,7 +24,7 @@ SOFT = AlphaMap(np.random.default_rng(0).integers(0, 256, (8, 8)).astype(np.uint
 
 
 def card(alpha: AlphaMap = CHECKS, *, y: float = 0.0, uv: np.ndarray = CORNERS) -> Mesh:
-    """A square of a metre across y."""
+    """A square of a meter across y."""
     cut = Cutouts(np.arange(2), uv[HALVES].astype(np.float32), np.zeros(2, int), (alpha,))
     return Mesh(SQUARE + np.array([0.0, y, 0.0]), HALVES, "card", cut)
 
@@ -59,7 +59,7 @@ def test_transmittance_is_multiplied_and_a_half_hides():
     np.testing.assert_array_equal(caster.occluded(origins, along)[~near], (opacity >= 0.5)[~near])
 
 
-def test_layers_a_hundredth_of_a_millimetre_apart_are_not_lost():
+def test_layers_a_hundredth_of_a_millimeter_apart_are_not_lost():
     layers = 40
     half = AlphaMap(np.full((1, 1), 0.1, dtype=np.float32))
     mesh, _ = merge([card(half, y=1e-5 * i) for i in range(layers)])

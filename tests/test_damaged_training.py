@@ -14,7 +14,7 @@ from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import edit, make_dataset
 from hulldown.training.augment import NOTHING
 from hulldown.training.data import DrawnExamples
-from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small
 from hulldown.training.draws import make_draws
 from hulldown.training.predict import load_detector
@@ -28,7 +28,7 @@ def pictures(tmp_path_factory):
 
 
 def small_weights(path):
-    torch.save(save_small(CentreNetwork(2), ("square", "disc"), (64, 32)), path)
+    torch.save(save_small(CenterNetwork(2), ("square", "disc"), (64, 32)), path)
     return path
 
 
@@ -94,7 +94,7 @@ def test_a_checkpoint_that_is_no_checkpoint_of_the_run_is_one_line(pictures, sto
 
 def test_small_weights_of_wrong_shapes_are_one_line(tmp_path):
     (tmp_path / "run.json").write_text('{"model": "small", "status": "finished"}')
-    saved = save_small(CentreNetwork(3), ("square", "disc"), (64, 32))
+    saved = save_small(CenterNetwork(3), ("square", "disc"), (64, 32))
     torch.save(saved, tmp_path / "weights.pt")
     with pytest.raises(HulldownError, match=r"weights\.pt: does not fit the small model"):
         load_detector(tmp_path, "cpu")

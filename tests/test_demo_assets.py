@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hulldown.demo import build, project
-from hulldown.demo.catalogue import (
+from hulldown.demo.catalog import (
     CATEGORY,
     DISTRACTOR_FILES,
     DISTRACTORS,

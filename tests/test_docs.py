@@ -128,9 +128,9 @@ def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
         cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr[-500:]
-    with Image.open(folder / "labelled.png") as labelled, Image.open(folder / "bare.png") as bare:
-        assert labelled.size == bare.size
-        assert labelled.tobytes() != bare.tobytes()
+    with Image.open(folder / "labeled.png") as labeled, Image.open(folder / "bare.png") as bare:
+        assert labeled.size == bare.size
+        assert labeled.tobytes() != bare.tobytes()
     assert (folder / "planned.png").exists()
 
 

@@ -96,9 +96,9 @@ def test_metrics_csv_has_a_line_for_all_and_one_a_class(weak):
 
 def test_sheets_show_misses_and_false_alarms(weak):
     _, output = weak
-    for name, colour in (("misses.png", (0, 200, 120)), ("false_alarms.png", (255, 120, 0))):
+    for name, color in (("misses.png", (0, 200, 120)), ("false_alarms.png", (255, 120, 0))):
         pixels = np.asarray(Image.open(output / name))
-        assert (pixels == colour).all(axis=2).sum() > 500
+        assert (pixels == color).all(axis=2).sum() > 500
 
 
 def test_a_second_report_is_the_same_to_the_byte(weak, scene, tmp_path):

@@ -1,9 +1,9 @@
-"""What is seen in place of high surroundings: a colour without their streaks, in the law that `verify` uses."""
+"""What is seen in place of high surroundings: a color without their streaks, in the law that `verify` uses."""
 
 import numpy as np
 import pytest
 
-from hulldown.camera.backdrop import even_colour, fade
+from hulldown.camera.backdrop import even_color, fade
 from hulldown.dataset.verification.sky import radiance
 
 
@@ -21,7 +21,7 @@ def at(elevation_deg):
 
 
 def test_nothing_that_stands_above_a_high_horizon_is_a_streak_below_it():
-    assert even_colour(street(), np.radians(30.0)).tolist() == [2.0] * 3
+    assert even_color(street(), np.radians(30.0)).tolist() == [2.0] * 3
     for elevation in (-5.0, 10.0, 29.9):
         seen = radiance(street(), at(elevation), yaw=0.4, strength=1.5, horizon_deg=30.0)
         np.testing.assert_allclose(seen, 3.0, rtol=1e-12)
@@ -34,7 +34,7 @@ def test_above_it_the_sky_is_what_it_is():
     assert np.ptp(shown) > 1.0
 
 
-def test_a_low_horizon_keeps_the_colours_around():
+def test_a_low_horizon_keeps_the_colors_around():
     sky = np.repeat(np.linspace(1.0, 2.0, 360)[None, :, None], 180, axis=0).repeat(3, axis=2)
     seen = radiance(sky, at(0.0), yaw=0.0, strength=1.0, horizon_deg=5.0)
     assert np.ptp(seen) > 0.9

@@ -60,14 +60,14 @@ def test_planned_angles_turn_what_blender_would_turn(messy: Messy) -> None:
     assert min(at_rest) < 0.93, "the angles do not show"
 
 
-@pytest.mark.parametrize("name", ["keyframes", "linked", "centimetres", "y_up", "faces_minus_y", "glb", "fbx"])
+@pytest.mark.parametrize("name", ["keyframes", "linked", "centimeters", "y_up", "faces_minus_y", "glb", "fbx"])
 def test_parts_pivots_and_axes_survive_parents_units_and_formats(messy: Messy, name: str) -> None:
     shape = messy.vehicle(name)
     report = messy.exported[name].report
     assert shape.part_names == ("hull", "turret", "gun")
     assert shape.part_parent.tolist() == [-1, 0, 1]
     assert shape.part_axis[1].tolist() == [0.0, 0.0, 1.0]
-    # Modelled pivots: turret (0.5, 0.1, 1.5), gun (1, 0, 0.4) from it, underside 0.5.
+    # Modeled pivots: turret (0.5, 0.1, 1.5), gun (1, 0, 0.4) from it, underside 0.5.
     stretch = {"keyframes": 1.1, "linked": 1.5}.get(name, 1.0)
     low, high = shape.part_pivot[1, 2], shape.part_pivot[2, 2]
     assert low == pytest.approx(1.0 * stretch, abs=1e-5)
@@ -79,7 +79,7 @@ def test_parts_pivots_and_axes_survive_parents_units_and_formats(messy: Messy, n
     assert [p.why for p in report.parts] == ["origin of the empty 'Turret'", "origin of the empty 'Gun'"]
 
 
-@pytest.mark.parametrize("name", ["centimetres", "y_up", "faces_minus_y", "glb", "fbx", "obj"])
+@pytest.mark.parametrize("name", ["centimeters", "y_up", "faces_minus_y", "glb", "fbx", "obj"])
 def test_units_and_axes_are_made_alike(messy: Messy, name: str) -> None:
     shape, plain = messy.vehicle(name), messy.vehicle("library_vehicle")
     assert np.allclose(shape.size_xyz, plain.size_xyz, atol=2e-5)

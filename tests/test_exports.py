@@ -20,7 +20,7 @@ from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.geometry.errors import DatasetError
 
 WIDTH, HEIGHT = 64, 40
-NAMES = ["tank", 'truck "6x6"', "armoured car"]  # the last has no label
+NAMES = ["tank", 'truck "6x6"', "armored car"]  # the last has no label
 
 
 def package(name):
@@ -108,7 +108,7 @@ def exported(dataset, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def labels(dataset):
-    """What each picture's bytes are labelled with: (class name, box, crowd), sorted."""
+    """What each picture's bytes are labeled with: (class name, box, crowd), sorted."""
     coco = json.loads((dataset / "annotations.json").read_text())
     names = {category["id"]: category["name"] for category in coco["categories"]}
     found = {}
@@ -221,8 +221,8 @@ def test_yolo_is_as_ultralytics_documents_it(exported, labels):
             text = out / "labels" / split / f"{picture.stem}.txt"
             rows = np.array([line.split() for line in text.read_text().splitlines()], dtype=float).reshape(-1, 5)
             assert ((rows[:, 1:] >= 0) & (rows[:, 1:] <= 1)).all()
-            centre, size = rows[:, 1:3] * [WIDTH, HEIGHT], rows[:, 3:] * [WIDTH, HEIGHT]
-            boxes = np.hstack([centre - size / 2, centre + size / 2])
+            center, size = rows[:, 1:3] * [WIDTH, HEIGHT], rows[:, 3:] * [WIDTH, HEIGHT]
+            boxes = np.hstack([center - size / 2, center + size / 2])
             found.append(
                 (picture.read_bytes(), [(NAMES[int(k)], box) for k, box in zip(rows[:, 0], boxes, strict=True)])
             )

@@ -26,7 +26,7 @@ def rows(**light):
     return list(plan(small_config(light=light, budget={"images_per_class": 6}), lit()))
 
 
-def test_a_grey_card_is_mid_grey_under_each_hdri_and_strength():
+def test_a_gray_card_is_mid_gray_under_each_hdri_and_strength():
     for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
         level = displayed(card(row, lit()) * 2.0**row.exposure_ev) @ LUMINANCE
         assert level == pytest.approx(CARD, abs=0.01)
@@ -59,7 +59,7 @@ def test_an_exposure_is_auto_or_a_number(exposure):
 
 
 def test_white_balance_gives_what_blender_gives():
-    # Blender 5.0.1: grey and orange at 4500 and 8000 K, linear, by `use_white_balance`.
+    # Blender 5.0.1: gray and orange at 4500 and 8000 K, linear, by `use_white_balance`.
     eight = np.array([[1.0391, 0.0551, 0.0088], [-0.0026, 0.9893, 0.0031], [-0.0040, -0.0141, 0.8451]])
     five = np.array([[0.9395, -0.0934, -0.0176], [0.0044, 1.0239, -0.0066], [0.0083, 0.0298, 1.3355]])
     np.testing.assert_allclose(white_balance(1500.0), eight, atol=4e-3)

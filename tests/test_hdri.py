@@ -107,7 +107,7 @@ def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path
 
 
 @pytest.mark.blender
-def test_a_sky_is_read_in_the_colours_that_its_file_says(files: Path, tmp_path: Path) -> None:
+def test_a_sky_is_read_in_the_colors_that_its_file_says(files: Path, tmp_path: Path) -> None:
     one, two = read_hdris([files / "rec709.exr", files / "acescg.exr"], tmp_path)
     assert one.sha256 != two.sha256
     assert two.light.irradiance == pytest.approx(one.light.irradiance, rel=1e-4)

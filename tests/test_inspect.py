@@ -12,7 +12,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.inspect import COLOURS, PAGE, Inspected, draw, inspect, write_pictures
+from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, write_pictures
 from hulldown.reading.report import FileReport
 
 FILE = """
@@ -72,20 +72,20 @@ def scenery(*, ground: bool) -> Scenery:
 
 
 def hue_of(pixels: np.ndarray) -> np.ndarray:
-    """Which of the part colours a shaded pixel is, -1 for paper and ink."""
+    """Which of the part colors a shaded pixel is, -1 for paper and ink."""
     length = np.linalg.norm(pixels, axis=-1, keepdims=True)
-    near = (pixels / np.maximum(length, 1)) @ (COLOURS / np.linalg.norm(COLOURS, axis=1, keepdims=True)).T
+    near = (pixels / np.maximum(length, 1)) @ (COLORS / np.linalg.norm(COLORS, axis=1, keepdims=True)).T
     return np.where(near.max(axis=-1) > 0.995, near.argmax(axis=-1), -1)
 
 
-def test_the_picture_shows_each_part_in_its_colour_where_it_is() -> None:
+def test_the_picture_shows_each_part_in_its_color_where_it_is() -> None:
     size = 200
     image = np.asarray(draw(vehicle(), size=size)).astype(float)
     assert image.shape == (2 * size, 2 * size, 3)
-    scale = size / (6 * 1.25)  # pixels a metre in the view from the left: the length fills it
+    scale = size / (6 * 1.25)  # pixels a meter in the view from the left: the length fills it
     left = hue_of(image[:size, :size])
     middle = left[:, size // 2 + 20]
-    # From above to below: turret (upper metre), hull (lower metre).
+    # From above to below: turret (upper meter), hull (lower meter).
     assert (middle == 1).sum() == pytest.approx(scale, abs=2)
     assert (middle == 0).sum() == pytest.approx(scale, abs=2)
     assert np.flatnonzero(middle == 1).max() < np.flatnonzero(middle == 0).min()

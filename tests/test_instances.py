@@ -35,12 +35,12 @@ def merged(meshes, instance_mesh, poses):
 
 
 @pytest.mark.parametrize("stretch", [(-1, 1, 1), (5, 0.2, 1), (-0.01, 1, -300)])
-def test_distances_are_metres_of_the_world_in_mirrored_and_stretched_copies(stretch):
+def test_distances_are_meters_of_the_world_in_mirrored_and_stretched_copies(stretch):
     scene = InstancedScene([CUBE], [0], [at(0, 0, 0, stretch=stretch)])
-    centre = np.array([0.1, 0.1, np.sign(stretch[2])]) * np.abs(stretch)
+    center = np.array([0.1, 0.1, np.sign(stretch[2])]) * np.abs(stretch)
     side = np.eye(3)[0] * 1000
-    hits = scene.cast([centre + side], [-side])
-    np.testing.assert_allclose(hits.distance, [1000 + centre[0] - abs(stretch[0])], rtol=1e-7)
+    hits = scene.cast([center + side], [-side])
+    np.testing.assert_allclose(hits.distance, [1000 + center[0] - abs(stretch[0])], rtol=1e-7)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -13,7 +13,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import plan
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import bare, small_assets, small_config
 
@@ -52,21 +52,21 @@ def drawn_boxes(n, seed=0):
     rng = np.random.default_rng(seed)
     height = HEIGHT * np.exp(rng.uniform(np.log(0.03), np.log(0.12), n))
     size = np.stack([height * rng.uniform(1.3, 3.0, n), height], 1)
-    centre = np.stack([WIDTH * rng.beta(2, 4, n), HEIGHT * rng.beta(5, 2, n)], 1)
-    low = np.clip(centre - size / 2, 10, np.array([WIDTH, HEIGHT]) - size - 10)
+    center = np.stack([WIDTH * rng.beta(2, 4, n), HEIGHT * rng.beta(5, 2, n)], 1)
+    low = np.clip(center - size / 2, 10, np.array([WIDTH, HEIGHT]) - size - 10)
     return [[("tank", *box)] for box in np.concatenate([low, size], 1).tolist()]
 
 
 def features(rows):
     boxes = np.array([row.target.bbox for row in rows])
-    centre = (boxes[:, :2] + boxes[:, 2:] / 2) / [1920, 1080]
-    return {"height": boxes[:, 3] / 1080, "x": centre[:, 0], "y": centre[:, 1], "aspect": boxes[:, 2] / boxes[:, 3]}
+    center = (boxes[:, :2] + boxes[:, 2:] / 2) / [1920, 1080]
+    return {"height": boxes[:, 3] / 1080, "x": center[:, 0], "y": center[:, 1], "aspect": boxes[:, 2] / boxes[:, 3]}
 
 
 def test_a_plan_has_the_sizes_places_and_shapes_of_the_photographs(tmp_path):
     assets = photographed(tmp_path, drawn_boxes(200))
     known = assets.photographs
-    wanted = {"height": known.height, "x": known.centre[:, 0], "y": known.centre[:, 1], "aspect": known.aspect}
+    wanted = {"height": known.height, "x": known.center[:, 0], "y": known.center[:, 1], "aspect": known.aspect}
     found, other = (features(list(plan(config_of(500, like_share=share), assets))) for share in (1.0, 0.0))
     for key, values in wanted.items():
         distance = ks_2samp(found[key], values).statistic
@@ -83,7 +83,7 @@ def test_sizes_are_exact_and_places_follow(tmp_path, options):
         i = known.file_names.index(row.like.photograph)
         x, y, w, h = row.target.bbox
         assert h == pytest.approx(known.height[i] * 1080, abs=ROUNDED_PX)
-        np.testing.assert_allclose([x + w / 2, y + h / 2], known.centre[i] * [1920, 1080], atol=NEAR_PX)
+        np.testing.assert_allclose([x + w / 2, y + h / 2], known.center[i] * [1920, 1080], atol=NEAR_PX)
 
 
 def test_boxes_that_the_frame_cuts_off_are_cut_off_at_the_same_sides(tmp_path):
@@ -125,13 +125,13 @@ def test_the_rest_follows_the_configured_ranges_as_without_photographs(tmp_path)
 def test_limits_win_and_the_summary_says_how_often(tmp_path):
     small, large = ("tank", 700, 500, 80, 40), ("tank", 300, 200, 1000, 700)
     assets = photographed(tmp_path, [[small], [large]])
-    summary = summarise(plan(config_of(distance_m=[40, 1e5]), assets))
+    summary = summarize(plan(config_of(distance_m=[40, 1e5]), assets))
     like = summary.counts["like"]
     assert like["followed"] > 0
     assert like["another"] > 0
     assert any("limits won over" in note for note in summary.notes())
     # No camera can produce any of them.
-    none = summarise(plan(config_of(images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), assets))
+    none = summarize(plan(config_of(images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), assets))
     assert none.counts["like"] == {"none": 10}
 
 
@@ -187,8 +187,8 @@ def test_companions_have_the_number_sizes_and_places_of_other_boxes(tmp_path):
             continue
         x, y, w, h = row.companions[0].bbox
         target = row.target.bbox
-        of_target = int(np.abs(assets.photographs.centre[:2, 0] * 1920 - target.x - target.width / 2).argmin())
+        of_target = int(np.abs(assets.photographs.center[:2, 0] * 1920 - target.x - target.width / 2).argmin())
         found.append([(x + w / 2) / 1920, (y + h / 2) / 1080, h / 1080])
-        wanted.append([*assets.photographs.centre[1 - of_target], assets.photographs.height[1 - of_target]])
+        wanted.append([*assets.photographs.center[1 - of_target], assets.photographs.height[1 - of_target]])
     off = np.median(np.abs(np.array(found) - np.array(wanted)), axis=0)
     assert (off < LEVEL).all(), off

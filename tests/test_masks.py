@@ -32,7 +32,7 @@ def square(x: int, y: int, w: int, h: int) -> np.ndarray:
 
 
 def test_mask_of_a_cube_in_closed_form():
-    # The near face, 4 m away and 2 m wide, spans 50 pixels about the centre.
+    # The near face, 4 m away and 2 m wide, spans 50 pixels about the center.
     assert np.array_equal(vehicle_mask(HERE, CAMERA), square(75, 25, 50, 50))
 
 
@@ -40,7 +40,7 @@ def test_only_the_box_is_looked_at_and_nothing_is_lost():
     box = VehicleBoxes(SHAPE).box(np.eye(4), CAMERA)
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=box), vehicle_mask(HERE, CAMERA))
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.0, 30.0, 10.0, 10.0]), square(80, 30, 10, 10))
-    # A pixel belongs to the box with its centre.
+    # A pixel belongs to the box with its center.
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.6, 30.4, 9.8, 10.0]), square(81, 30, 9, 10))
 
 

@@ -200,7 +200,7 @@ def test_average_precision_of_no_detections_is_0_and_of_no_labels_undefined():
 BOX = (0, 0, 100, 100)
 TIDE = {
     "class": [(1, 2, BOX, 0.9)],
-    "localisation": [(1, 1, (60, 0, 100, 100), 0.9)],
+    "localization": [(1, 1, (60, 0, 100, 100), 0.9)],
     "both": [(1, 2, (60, 0, 100, 100), 0.9)],
     "duplicate": [(1, 1, BOX, 0.9), (1, 1, (5, 0, 100, 100), 0.8)],
     "background": [(1, 1, (300, 0, 100, 100), 0.9)],
@@ -215,7 +215,7 @@ def test_one_error_of_each_kind_is_called_by_its_name(cause):
     assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
     assert found.missed.tolist() == [cause in ("both", "background", "missed")]
     # What was missed alone leaves nothing to find where it is taken away, and nothing false of its class.
-    repair = {"class": "class", "localisation": "localisation", "both": "missed", "missed": "missed"}.get(cause)
+    repair = {"class": "class", "localization": "localization", "both": "missed", "missed": "missed"}.get(cause)
     assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})
 
 
@@ -228,13 +228,13 @@ def test_an_error_costs_what_fixing_it_alone_brings():
     half = 51 / 101  # of the 101 recalls, those up to 0.5
     assert lost["background"] == pytest.approx(half - 0.5 * half)
     assert lost["class"] == pytest.approx(2 / 3 - 0.5 * half)
-    assert lost["missed"] == lost["duplicate"] == lost["localisation"] == lost["both"] == 0
+    assert lost["missed"] == lost["duplicate"] == lost["localization"] == lost["both"] == 0
 
 
 def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)]
     labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(found))
-    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(1.0)
+    assert errors(labels, predictions, pairs, matching).loss["localization"] == pytest.approx(1.0)
 
 
 def test_a_misplaced_duplicate_of_a_found_label_is_taken_away_by_fixing():
@@ -242,7 +242,7 @@ def test_a_misplaced_duplicate_of_a_found_label_is_taken_away_by_fixing():
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
     labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
     half = 51 / 101
-    assert errors(labels, predictions, pairs, matching).loss["localisation"] == pytest.approx(half - 0.5 * half)
+    assert errors(labels, predictions, pairs, matching).loss["localization"] == pytest.approx(half - 0.5 * half)
 
 
 def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():

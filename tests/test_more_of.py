@@ -47,8 +47,8 @@ def shares(plan, key):
 
 
 def side(row):
-    towards = row.world_from_camera[:3, 3] - row.target.world_from_vehicle[:3, 3]
-    forward, left = towards @ row.target.world_from_vehicle[:3, :2]
+    toward = row.world_from_camera[:3, 3] - row.target.world_from_vehicle[:3, 3]
+    forward, left = toward @ row.target.world_from_vehicle[:3, :2]
     return SIDES[int(sides_of(np.degrees(np.arctan2([left], [forward])))[0])]
 
 

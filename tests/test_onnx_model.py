@@ -12,7 +12,7 @@ from hulldown.cli import main
 from hulldown.geometry.errors import HulldownError
 from hulldown.training.data import network_pictures
 from hulldown.training.detectors import detr
-from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import MIN_SCORE, save_small, small_size
 from hulldown.training.extra import quiet
 from hulldown.training.onnx_model import export_model
@@ -24,7 +24,7 @@ SIZE = small_size(64)
 
 
 def small_weights():
-    network = CentreNetwork(2)
+    network = CenterNetwork(2)
     with torch.no_grad():  # untrained it is sure of nothing
         network.heat.bias.fill_(1.0)
     return save_small(network, CLASSES, SIZE)
@@ -70,7 +70,7 @@ def test_onnxruntime_finds_what_the_detector_finds(kind, tmp_path, capsys):
     for height, width in ((54, 96), (90, 40)):
         picture = rng.integers(0, 255, (height, width, 3), dtype=np.uint8)
         given = network_pictures([picture], SIZE if kind == "small" else (64, 64))
-        given = given.float() if kind == "small" else detr.normalised(given)
+        given = given.float() if kind == "small" else detr.normalized(given)
         found = session.run(None, {"input": given.numpy()})
         corners, scores, labels = (of_small if kind == "small" else of_detr)(found, width, height)
         expected = detector.detect([picture])[0]

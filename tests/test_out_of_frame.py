@@ -3,7 +3,7 @@
 import pytest
 
 from hulldown.planning.preview import Artist
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.planning_assets import small_assets, small_config
@@ -35,14 +35,14 @@ def test_its_numbers_say_so(outside):
         assert (companion.visible_fraction, companion.truncated_fraction) == (0.0, 1.0)
 
 
-def test_it_is_not_labelled(outside, assets):
+def test_it_is_not_labeled(outside, assets):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     for row in outside:
-        assert row.labelled == [row.target]
+        assert row.labeled == [row.target]
         (record,) = annotation_records(row, segmenter.segmentations(row))
         assert record["bbox"] == list(row.target.bbox)
 
 
 def test_it_is_counted_and_previewed(plan, outside, assets):
-    assert sum(summarise(plan).counts["companions"].values()) == len(plan)
+    assert sum(summarize(plan).counts["companions"].values()) == len(plan)
     assert Artist(plan, assets).picture(outside[0], width=64).width == 64

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import colour_of, contact_sheet, draw
+from hulldown.annotate.drawing import color_of, contact_sheet, draw
 from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
@@ -11,18 +11,18 @@ from hulldown.geometry.errors import DatasetError
 NAMES = {1: "tank", 2: "truck"}
 
 
-def grey(width: int = 320, height: int = 180) -> Image.Image:
+def gray(width: int = 320, height: int = 180) -> Image.Image:
     return Image.new("RGB", (width, height), (90, 90, 90))
 
 
-def pixels_of(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
-    return (np.asarray(picture) == colour).all(axis=2)
+def pixels_of(picture: Image.Image, color: tuple[int, int, int]) -> np.ndarray:
+    return (np.asarray(picture) == color).all(axis=2)
 
 
 def test_outlines_lie_just_outside_the_box_and_hide_nothing():
-    picture = grey()
+    picture = gray()
     drawn = draw(picture, [{"bbox": [100.2, 60.7, 40.3, 30.1], "category_id": 1}], NAMES)
-    outline = pixels_of(drawn, colour_of(1))
+    outline = pixels_of(drawn, color_of(1))
     # The box covers pixels 100 to 140 and 60 to 90.
     assert not outline[60:91, 100:141].any()
     assert outline[59, 99:142].all()
@@ -30,20 +30,20 @@ def test_outlines_lie_just_outside_the_box_and_hide_nothing():
     assert outline[59:92, 99].all()
     assert outline[59:92, 141].all()
     assert np.array_equal(np.asarray(drawn)[60:91, 100:141], np.asarray(picture)[60:91, 100:141])
-    assert np.array_equal(np.asarray(picture), np.asarray(grey()))
+    assert np.array_equal(np.asarray(picture), np.asarray(gray()))
 
 
 @pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
 def test_a_box_beside_its_picture_is_drawn_at_the_edge(bbox):
-    outline = pixels_of(draw(grey(), [{"bbox": bbox, "category_id": 1}], NAMES), colour_of(1))
+    outline = pixels_of(draw(gray(), [{"bbox": bbox, "category_id": 1}], NAMES), color_of(1))
     assert outline.any()
 
 
 def test_names_are_written_inside_the_picture():
     boxes = [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]]
     for box in boxes:
-        label = pixels_of(draw(grey(), [{"bbox": box, "category_id": 2}], NAMES), colour_of(2))
-        # The filled label is the only place with ten coloured pixels in a row of ten rows, give or take letters.
+        label = pixels_of(draw(gray(), [{"bbox": box, "category_id": 2}], NAMES), color_of(2))
+        # The filled label is the only place with ten colored pixels in a row of ten rows, give or take letters.
         assert label.sum() > 2 * (box[2] + box[3]) * 0.4
 
 
@@ -51,28 +51,28 @@ def test_masks_are_tinted_where_they_are_and_nowhere_else():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     annotation = {"bbox": [100, 60, 60, 50], "category_id": 1, "segmentation": encode(mask)}
-    drawn = np.asarray(draw(grey(), [annotation], NAMES))
-    assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(colour_of(1)))).all()
+    drawn = np.asarray(draw(gray(), [annotation], NAMES))
+    assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(color_of(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
-    assert (np.asarray(draw(grey(), [annotation], NAMES, masks=False))[mask] == 90).all()
+    assert (np.asarray(draw(gray(), [annotation], NAMES, masks=False))[mask] == 90).all()
 
 
 @pytest.mark.parametrize(("count", "columns", "rows"), [(1, 1, 1), (3, 3, 1), (4, 3, 2), (7, 3, 3)])
 def test_contact_sheet_has_rows_and_columns(count, columns, rows):
-    sheet = contact_sheet([grey()] * count, columns=3, tile_width=160)
+    sheet = contact_sheet([gray()] * count, columns=3, tile_width=160)
     gap = 2
     assert sheet.size == (columns * (160 + gap) + gap, rows * (90 + gap) + gap)
 
 
 def test_captions_need_room_and_one_for_each():
-    plain, captioned = contact_sheet([grey()]), contact_sheet([grey()], captions=["hills, shot 3"])
+    plain, captioned = contact_sheet([gray()]), contact_sheet([gray()], captions=["hills, shot 3"])
     assert captioned.height > plain.height
-    long = contact_sheet([grey()] * 2, captions=["a long caption " * 20, ""])
+    long = contact_sheet([gray()] * 2, captions=["a long caption " * 20, ""])
     assert long.height > captioned.height
     beside = np.asarray(long)[:, -480 - 6 :]
-    assert (beside == contact_sheet([grey()]).getpixel((0, 0))).all(axis=2)[-40:].all()
+    assert (beside == contact_sheet([gray()]).getpixel((0, 0))).all(axis=2)[-40:].all()
     with pytest.raises(ValueError, match="captions: expected 1, one for each picture, got 2"):
-        contact_sheet([grey()], captions=["a", "b"])
+        contact_sheet([gray()], captions=["a", "b"])
     with pytest.raises(ValueError, match="pictures: expected at least one"):
         contact_sheet([])
 
@@ -95,7 +95,7 @@ def test_sheet_of_a_dataset(tmp_path):
 
 
 def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
-    grey(32, 24).save(tmp_path / "1.png")
+    gray(32, 24).save(tmp_path / "1.png")
     with CocoDataset.open(tmp_path) as dataset:
         box = {"category": "tank", "bbox": [4, 4, 8, 8], "segmentation": [1]}
         dataset.append({"file_name": "1.png", "width": 32, "height": 24}, [box])

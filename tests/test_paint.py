@@ -6,18 +6,18 @@ import pytest
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, previewed
 from hulldown.planning.preview import caption
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.reading.vehicle.paintable import MaterialRow, left_alone_by_name, painted
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
 GREEN, SAND = "#4b5320", "#94835e"
-GREY = (0.2, 0.2, 0.2)
+GRAY = (0.2, 0.2, 0.2)
 MATERIALS = [
-    MaterialRow("Camo_Hull", 0.6, GREY),
-    MaterialRow("camo turret", 0.2, GREY),
-    MaterialRow("Canvas", 0.1, GREY),
-    MaterialRow("Tracks", 0.1, GREY, "'track' is in its name"),
+    MaterialRow("Camo_Hull", 0.6, GRAY),
+    MaterialRow("camo turret", 0.2, GRAY),
+    MaterialRow("Canvas", 0.1, GRAY),
+    MaterialRow("Tracks", 0.1, GRAY, "'track' is in its name"),
 ]
 
 
@@ -32,13 +32,13 @@ def config(paint, **sections):
     [
         ({}, "nothing would be changed"),
         ({"materials": ["camo"]}, "nothing would be changed"),
-        ({"colours": ["green"]}, r"paint\[0\]\.colours\[0\] = 'green': expected a colour such as '#4b5320', or 'own'"),
-        ({"colours": ["#4b53"]}, "expected a colour"),
-        ({"colours": [7]}, "expected a colour"),
-        ({"colours": [GREEN], "hue_deg": [10, -10]}, "-180 <= low <= high <= 180"),
-        ({"colours": [GREEN], "value": -1}, "expected a number or"),
-        ({"colours": [GREEN], "materials": []}, "expected at least one"),
-        ({"colors": [GREEN]}, "did you mean assets.vehicles.*colours"),
+        ({"colors": ["green"]}, r"paint\[0\]\.colors\[0\] = 'green': expected a color such as '#4b5320', or 'own'"),
+        ({"colors": ["#4b53"]}, "expected a color"),
+        ({"colors": [7]}, "expected a color"),
+        ({"colors": [GREEN], "hue_deg": [10, -10]}, "-180 <= low <= high <= 180"),
+        ({"colors": [GREEN], "value": -1}, "expected a number or"),
+        ({"colors": [GREEN], "materials": []}, "expected at least one"),
+        ({"colours": [GREEN]}, "did you mean assets.vehicles.*colors"),
         ("green", "expected"),
     ],
 )
@@ -49,7 +49,7 @@ def test_paint_that_means_nothing_is_refused(paint, message):
 
 @pytest.mark.parametrize(
     "name",
-    ["Tyre", "TIRES", "rubber_black", "Track.001", "TrackLinks_L", "glass", "WindowGlass", "Headlight", "decal_03"],
+    ["Tire", "TIRES", "rubber_black", "Track.001", "TrackLinks_L", "glass", "WindowGlass", "Headlight", "decal_03"],
 )
 def test_what_is_no_paint_by_its_name(name):
     assert left_alone_by_name(name)
@@ -69,7 +69,7 @@ def test_the_first_coat_that_matches_is_a_materials():
 
 def test_doubts_name_patterns_that_do_nothing():
     def doubts(*materials):
-        return paint_doubts([PaintEntry(materials=(m,), colours=(GREEN,)) for m in materials], MATERIALS)
+        return paint_doubts([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], MATERIALS)
 
     assert doubts("camo*", "canvas") == []
     assert doubts("camuflage") == [
@@ -81,7 +81,7 @@ def test_doubts_name_patterns_that_do_nothing():
 
 
 PAINT = [
-    {"materials": ["camo*"], "colours": [GREEN, SAND, "#303030"], "value": [0.5, 1.5]},
+    {"materials": ["camo*"], "colors": [GREEN, SAND, "#303030"], "value": [0.5, 1.5]},
     {"materials": ["canvas"], "hue_deg": [-20, 20]},
 ]
 
@@ -111,25 +111,25 @@ def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
             by_position.setdefault((row.position, k, vehicle.vehicle), []).append(vehicle.paint)
     coats = [paints[0] for paints in by_position.values() if paints[0]]
     assert all(paints == paints[:1] * len(paints) for paints in by_position.values())
-    assert {first.colour for first, _ in coats} == {GREEN, SAND, "#303030"}
+    assert {first.color for first, _ in coats} == {GREEN, SAND, "#303030"}
     assert len({first.value for first, _ in coats}) == len(coats)  # no two draw the same numbers
-    assert all((second.colour, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
+    assert all((second.color, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
 
 
 def test_the_summary_counts_coats(made):
-    counts = summarise(made).counts["paints"]
+    counts = summarize(made).counts["paints"]
     rows = list(made)
     coats = [coat for row in rows for vehicle in row.vehicles for coat in vehicle.paint]
     assert counts.total() == len(coats)
     assert counts["own"] == len(coats) / 2
-    assert summarise(made).to_json()["paints"] == dict(counts)
+    assert summarize(made).to_json()["paints"] == dict(counts)
 
 
-def test_a_preview_has_the_first_coats_colour(made):
+def test_a_preview_has_the_first_coats_color(made):
     own = np.array([0.3, 0.4, 0.2])
     assert np.array_equal(previewed(own, []), own)
     assert previewed(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
     assert previewed(own, [Coat(["*"], None, 0.0, 0.0, 0.5)]) == pytest.approx([0.2, 0.2, 0.2])
     assert previewed(own, [Coat(["*"], None, 120.0)]) == pytest.approx([0.2, 0.3, 0.4])
     row = next(row for row in made if row.target.paint and not row.empty)
-    assert f"{row.target.vehicle}, {row.target.paint[0].colour} in {row.scenery}" in caption(row)
+    assert f"{row.target.vehicle}, {row.target.paint[0].color} in {row.scenery}" in caption(row)

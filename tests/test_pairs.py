@@ -12,7 +12,7 @@ from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner, plan
 from hulldown.planning.row import encode_rows
 from hulldown.planning.search.pairs import make_pairs
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import bare, hills, small_assets, small_config, vehicle
 
@@ -43,7 +43,7 @@ def test_pairs_without_a_place_are_left_out_and_the_classes_stay_balanced(tmp_pa
     assert Counter(row.target.category for row in rows) == {"tank": 24, "truck": 24}
     assert {row.scenery for row in rows} == {"hills", "bare"}
     assert check_plan(made, assets) == []
-    notes = summarise(made, left_out=made.header.left_out).notes()
+    notes = summarize(made, left_out=made.header.left_out).notes()
     assert len(notes) == 3
     assert "'leo' is 9.24 m long; in 'yard'" in notes[1]
 
@@ -158,7 +158,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
     assert any(row.companions for row in rows)
     assert check_plan(made, assets) == []
     left_out = sum(row.left_out for row in rows if row.shot == 0)
-    summary = summarise(made)
+    summary = summarize(made)
     assert summary.notes() == [f"left out: {left_out} companions that found no room at their position"]
     assert summary.to_json()["companions_left_out"] == left_out
 

@@ -44,7 +44,7 @@ VEHICLE = {
     "tries": 1,
     "label": "full",
     "bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]],
-    "paint": [{"materials": ["camo*"], "colour": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
+    "paint": [{"materials": ["camo*"], "color": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
     "air_contrast": 0.9,
 }
 ROW = {
@@ -162,7 +162,7 @@ OUT_OF_RANGE = [
     ("weather", {"visibility_m": 9.0, "kind": "hail"}), ("weather", {}),
     ("hdri_yaw_deg", 361), ("slope_deg", -1.0), ("slope_deg", 91.0), ("gap", -0.1), ("penetration", -0.1),
     ("position", -1), ("shot", 2**63), ("tries", -1), ("tries", 1.5), ("width", 65537), ("height", 10**400),
-    ("paint", [{}]), ("paint", [{"materials": ["*"], "colour": "red"}]), ("paint", [{"materials": ["*"], "value": -1}]),
+    ("paint", [{}]), ("paint", [{"materials": ["*"], "color": "red"}]), ("paint", [{"materials": ["*"], "value": -1}]),
     ("sample_seed", 2**64), ("rejected", {"small": -1}), ("rejected", {"bored": 1}),
     ("rejected", []), ("articulation", {"gun": 1e300}),
     ("articulation", {"turret": "left"}),

@@ -36,8 +36,8 @@ def drawn(**camera):
     rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {"bare": bare("bare")}, ("noon",))))
     assert all(row.rejected == {} for row in rows)
     poses = np.array([row.target.world_from_vehicle for row in rows])
-    centres = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]
-    away = np.array([row.world_from_camera for row in rows])[:, :3, 3] - centres
+    centers = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]
+    away = np.array([row.world_from_camera for row in rows])[:, :3, 3] - centers
     distance = np.linalg.norm(away, axis=1)
     fov = np.array([row.fov_x_deg for row in rows])
     full = np.array([Intrinsics(1920, 1080, math.radians(f)).distance_for(TANK.size_xyz.min(), 1.0) for f in fov])

@@ -62,7 +62,7 @@ def test_drops_are_as_dense_and_as_large_as_in_the_air():
     """Those of 3 mm and more, within 5 m of a long exposure, against the integral of their law over that volume."""
     seen = view(exposure_s=0.01)
     drops = [drawn(rain_sizes(50.0), seen, seed=seed) for seed in range(12)]
-    local = np.concatenate([d.centres for d in drops]) @ AHEAD[:3, :3]
+    local = np.concatenate([d.centers for d in drops]) @ AHEAD[:3, :3]
     diameters = np.concatenate([d.diameters for d in drops])
     inside = (np.abs(local[:, :2]) < local[:, 2:] * seen.half).all(axis=1)
     volume = 12 * 4.0 / 3.0 * math.prod(seen.half) * (5.0**3 - 2.0**3)
@@ -79,8 +79,8 @@ def test_drops_are_as_dense_and_as_large_as_in_the_air():
 
 def test_drops_beyond_the_frame_reach_into_it_with_their_streaks():
     seen = view(exposure_s=0.03)
-    centres = [drawn(rain_sizes(50.0), seen, seed=seed).centres for seed in range(12)]
-    local = np.concatenate(centres) @ AHEAD[:3, :3]
+    centers = [drawn(rain_sizes(50.0), seen, seed=seed).centers for seed in range(12)]
+    local = np.concatenate(centers) @ AHEAD[:3, :3]
     assert np.abs(local[:, 1] / local[:, 2]).max() > 1.5 * seen.half[1]
 
 
@@ -92,13 +92,13 @@ def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
     assert np.array_equal(made.gain, np.ones(len(made.gain)))
     along = (made.vertices[:, 3] + made.vertices[:, 2] - made.vertices[:, 1] - made.vertices[:, 0]) / 2.0
     across = made.vertices[:, 1] - made.vertices[:, 0]
-    towards = drops.centres / np.linalg.norm(drops.centres, axis=1, keepdims=True)
+    toward = drops.centers / np.linalg.norm(drops.centers, axis=1, keepdims=True)
     way = drops.velocities * seen.exposure_s
-    way -= np.sum(way * towards, axis=1, keepdims=True) * towards
+    way -= np.sum(way * toward, axis=1, keepdims=True) * toward
     wide = math.sqrt(2.0) * drops.diameters
     assert np.allclose(np.linalg.norm(across, axis=1), wide, rtol=1e-6, atol=0.0)
     assert np.allclose(along, way * (1.0 + wide / np.linalg.norm(way, axis=1))[:, None], rtol=1e-6, atol=1e-9)
-    assert np.allclose(made.vertices.mean(axis=1), drops.centres, atol=1e-9)
+    assert np.allclose(made.vertices.mean(axis=1), drops.centers, atol=1e-9)
 
 
 @pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
@@ -140,6 +140,6 @@ def test_no_view_has_more_than_it_can_be_drawn_with(sizes, fov_x_deg, exposure_s
     seen = view(1920, exposure_s, fov_x_deg)
     drops = drawn(sizes, seen, (100.0, -100.0))
     assert len(drops.diameters) <= MOST + 6.0 * math.sqrt(MOST)
-    depth = drops.centres @ AHEAD[:3, 2]
+    depth = drops.centers @ AHEAD[:3, 2]
     assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
     assert np.isfinite(streaks(drops, seen).vertices).all()

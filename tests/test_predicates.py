@@ -59,7 +59,7 @@ def test_orientation_is_exact_where_float64_is_not(coordinates):
     assert sign(*coordinates) == exact_sign(*coordinates)
 
 
-# Few numbers, so that points fall on lines, and their neighbours one ulp off.
+# Few numbers, so that points fall on lines, and their neighbors one ulp off.
 NUMBERS = st.builds(
     lambda v, toward: float(np.nextafter(v, toward)) if toward is not None else v,
     st.sampled_from([0.0, 0.1, 0.2, 0.3, 1 / 3, 1.0, 2.0, 3.0, 5e5, 1e7, -1e7, 1e-7, 1e-160, 1e-300]),

@@ -12,7 +12,7 @@ from PIL import Image
 from hulldown.cli import main
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.detections import dataset
-from hulldown.training.detectors.centre_points import CentreNetwork
+from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small, small_size
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -26,7 +26,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
     size = small_size(64)
-    network = CentreNetwork(2)
+    network = CenterNetwork(2)
     with torch.no_grad():  # untrained it is sure of nothing
         network.heat.bias.fill_(1.0)
     torch.save(save_small(network, ("truck", "tank"), size), folder / "weights.pt")

@@ -57,7 +57,7 @@ def test_the_vehicle_is_where_its_box_is(plan, artist):
     assert lit.shape == (3,)
 
 
-def test_colours_are_colours(plan, artist):
+def test_colors_are_colors(plan, artist):
     for row in plan:
         image = artist.shade(row, 32, 18)
         assert image.shape == (18, 32, 3)

@@ -11,7 +11,7 @@ HOUSE = Mesh(np.array(FLOOR + ROOF, dtype=float), np.array([[0, 1, 2], [0, 2, 3]
 DOWN = [0.0, 0.0, -1.0]
 
 
-def test_the_first_face_is_met_and_its_distance_is_in_metres_whatever_the_direction_measures():
+def test_the_first_face_is_met_and_its_distance_is_in_meters_whatever_the_direction_measures():
     hits = RayCaster(HOUSE).cast([[0.75, 0.25, 3], [-0.25, -0.5, 3], [5, 5, 3]], [DOWN, [0, 0, -7], DOWN])
     assert hits.face.tolist() == [2, 0, -1]
     np.testing.assert_allclose(hits.distance, [2, 3, np.inf], rtol=1e-6)
@@ -88,7 +88,7 @@ def test_no_rays_are_no_hits():
         ([[0, 0, 1]] * 2, [DOWN], 1.0, r"directions: expected shape \(2, 3\), got \(1, 3\)"),
         ([[0, 0, 1]] * 2, [DOWN, [0, 0, 0]], 1.0, r"directions: expected lengths above zero, got a zero at index 1"),
         ([[0, 0, 1]], [DOWN], [1.0, 2.0], r"max_distance: expected a number or shape \(1,\), got shape \(2,\)"),
-        ([[0, 0, 1]], [DOWN], np.nan, "max_distance: expected metres, got nan"),
+        ([[0, 0, 1]], [DOWN], np.nan, "max_distance: expected meters, got nan"),
     ],
 )
 def test_wrong_calls_are_named(origins, directions, limit, message):
@@ -103,7 +103,7 @@ def test_coordinates_out_of_all_proportion_are_refused():
 
 @pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
 @pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_hold_every_point_once_and_neighbours_together(n, threads):
+def test_blocks_hold_every_point_once_and_neighbors_together(n, threads):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
     with WorkerThreads(threads) as pool:
         blocks = list(coherent_blocks(points, pool))

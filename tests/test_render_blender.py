@@ -34,9 +34,9 @@ SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces"
 CONFIG = """
 seed = 5
 [assets]
-hdris = ["grey.exr", "sky.exr"]
+hdris = ["gray.exr", "sky.exr"]
 vehicles = [{path = "tank.blend", category = "tank"}]
-sceneries = [{path = "field.blend"}, {path = "centimetres.blend"}, {path = "map.blend"}]
+sceneries = [{path = "field.blend"}, {path = "centimeters.blend"}, {path = "map.blend"}]
 [budget]
 images_per_class = 8
 images_per_position = 1
@@ -49,7 +49,7 @@ framing = 1.0
 vehicles_per_image = [1, 2]
 companion_distance = [9.0, 20.0]
 [light]
-hdris = ["grey"]
+hdris = ["gray"]
 exposure = 0.0
 exposure_error_ev = 0.0
 [render]
@@ -94,7 +94,7 @@ def pink(picture):
 
 def test_cycles_and_embree_see_the_same_pixels(plan, assets):
     masks = cycles_masks(plan, range(len(plan)), assets)
-    assert {plan[m.index].scenery for m in masks} == {"field", "centimetres", "map"}
+    assert {plan[m.index].scenery for m in masks} == {"field", "centimeters", "map"}
     assert any(plan[m.index].companions for m in masks)
     assert any(plan[m.index].target.truncated_fraction > 0 for m in masks)
     for found in masks:
@@ -103,7 +103,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, assets):
         for target, alone in zip(row.vehicles, found.alone, strict=True):
             expected = vehicle_mask(standing(assets, target), camera)
             assert iou(alone, expected) >= 0.99
-        # Everything on the tank is thicker than a pixel, so the outermost pixel centres are within one of the box.
+        # Everything on the tank is thicker than a pixel, so the outermost pixel centers are within one of the box.
         assert np.abs(corners(mask_box(found.alone[0])) - corners(row.target.bbox)).max() <= 1.0
 
 
@@ -113,7 +113,7 @@ def corners(xywh):
 
 
 def test_what_is_planned_is_in_the_picture(dataset, plan, assets):
-    """The tank glows pink in a grey world: its pixels are counted in the pictures themselves."""
+    """The tank glows pink in a gray world: its pixels are counted in the pictures themselves."""
     for row in plan:
         expected = np.zeros((row.height, row.width), dtype=bool)
         world = World.of(assets.sceneries[row.scenery].scenery)
@@ -244,12 +244,12 @@ def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, asset
     pictures = []
     for a in (replace(assets, sceneries={"field": field}), packing):
         with Blender(tmp_path / "log") as blender:
-            for hdri in ("sky", "grey", "sky"):
+            for hdri in ("sky", "gray", "sky"):
                 row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
                 pictures.append(drawn(blender, job(row, a, SETTINGS, tmp_path / f"{len(pictures)}.png")))
-    sky, grey, again, *packed = pictures
-    assert not np.array_equal(sky, grey)
-    for picture, expected in zip(packed, (sky, grey, again), strict=True):
+    sky, gray, again, *packed = pictures
+    assert not np.array_equal(sky, gray)
+    for picture, expected in zip(packed, (sky, gray, again), strict=True):
         assert np.array_equal(picture, expected)
 
 
@@ -273,8 +273,8 @@ def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
 
 
 def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
-    header = altered(plan.header, hdris={**plan.header.hdris, "grey": Source(path="grey.exr", sha256="0" * 64)})
-    with pytest.raises(ConfigError, match=r"'grey' \(grey.exr\) is not what it was when this was planned"):
+    header = altered(plan.header, hdris={**plan.header.hdris, "gray": Source(path="gray.exr", sha256="0" * 64)})
+    with pytest.raises(ConfigError, match=r"'gray' \(gray.exr\) is not what it was when this was planned"):
         render_assets(Plan(plan.path, header))
 
 
@@ -285,7 +285,7 @@ def test_a_plans_header_opens_no_folder(plan, assets, tmp_path):
     found = render_assets(Plan(plan.path, header))
     assert found.readable == assets.readable
     assert plan.path.parent in found.readable
-    assert assets.hdris["grey"] in found.readable
+    assert assets.hdris["gray"] in found.readable
 
 
 # A principal point far off the middle, and pixels that aren't square: as wide as a field of view of 53 degrees.

@@ -42,7 +42,7 @@ def sky(kind):
 def rendered(folder, jobs):
     given, answer = folder / "jobs.json", folder / "answer.json"
     given.write_text(json.dumps(jobs))
-    script = Path(__file__).with_name("grey_cards.py")
+    script = Path(__file__).with_name("gray_cards.py")
     subprocess.run([sys.executable, "-P", str(script), str(given), str(answer)], check=True, capture_output=True)
     return np.array(json.loads(answer.read_text()))
 
@@ -54,7 +54,7 @@ def error_ev(level):
     return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD, ramp, ev))
 
 
-def test_a_grey_card_is_as_bright_as_was_asked_for(tmp_path):
+def test_a_gray_card_is_as_bright_as_was_asked_for(tmp_path):
     jobs, irradiance = [], []
     for kind in SKIES:
         for power in (-8, 8):

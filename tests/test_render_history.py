@@ -16,7 +16,7 @@ SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces"
 CONFIG = """
 seed = 5
 [assets]
-hdris = ["grey.exr", "sky.exr", "rec709.exr", "acescg.exr"]
+hdris = ["gray.exr", "sky.exr", "rec709.exr", "acescg.exr"]
 vehicles = [{path = "tank.blend", category = "tank"}]
 sceneries = [{path = "field.blend"}]
 [budget]
@@ -43,7 +43,7 @@ WEATHER = (
 def plan(worlds, tmp_path_factory):
     folder = tmp_path_factory.mktemp("skies")
     make_worlds(folder, "hdri_files.py")
-    copied(worlds, folder)  # whose sky.exr is the one that is four times as wide as grey.exr
+    copied(worlds, folder)  # whose sky.exr is the one that is four times as wide as gray.exr
     return make_plan(folder, CONFIG)
 
 
@@ -76,21 +76,21 @@ def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company)
 
 def test_a_sky_is_the_same_after_one_of_another_width(plan, assets, tmp_path):
     """The map by which Cycles finds the bright parts of a sky is as wide as that sky asks."""
-    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("grey", "sky", "grey")]
+    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "sky", "gray")]
     there = [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)]
-    grey, sky, grey_again = draw(tmp_path, there)
+    gray, sky, gray_again = draw(tmp_path, there)
     (sky_first,) = draw(tmp_path, [job(rows[1], assets, SETTINGS, tmp_path / "first.png")])
     assert np.array_equal(sky, sky_first)
-    assert np.array_equal(grey, grey_again)
+    assert np.array_equal(gray, gray_again)
 
 
-def test_a_sky_is_seen_in_the_colours_that_its_file_says(plan, assets, tmp_path):
+def test_a_sky_is_seen_in_the_colors_that_its_file_says(plan, assets, tmp_path):
     """Whatever the file before it said of its own; the two hold the same light."""
-    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("grey", "acescg", "rec709", "acescg")]
-    grey, *tinted = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)])
+    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "acescg", "rec709", "acescg")]
+    gray, *tinted = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)])
     for picture in tinted:
         assert np.abs(picture - tinted[0]).max() <= 1.0
-        assert np.abs(picture - grey).mean() > 10.0
+        assert np.abs(picture - gray).mean() > 10.0
 
 
 def test_weather_is_the_same_after_other_weather_and_another_vehicle(plan, assets, tmp_path):

@@ -26,8 +26,8 @@ SNOW = Weather(500.0, "snow", ground_cover=0.8, vehicle_cover=0.8)
 CONFIG = """
 seed = 5
 [assets]
-hdris = ["grey.exr"]
-vehicles = [{path = "odd.blend", category = "tank", paint = {colours = ["#c01010"]}}]
+hdris = ["gray.exr"]
+vehicles = [{path = "odd.blend", category = "tank", paint = {colors = ["#c01010"]}}]
 sceneries = [{path = "field.blend"}]
 [budget]
 images_per_class = 1
@@ -85,12 +85,12 @@ def row(plan):
 
 @pytest.fixture(scope="module")
 def pictures(row, assets, folder):
-    """The row without paint, as planned, with another colour of its companion, brighter and turned, bare once more."""
+    """The row without paint, as planned, with another color of its companion, brighter and turned, bare once more."""
     red = row
     (other,) = red.companions
     blue = altered(other, paint=[Coat(["*"], "#1010c0")])
     bare = repainted(altered(red, companions=[altered(other, paint=[])]), [])
-    turned = repainted(bare, [Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tyre"], None, 120.0)])
+    turned = repainted(bare, [Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tire"], None, 120.0)])
     return rendered([bare, red, altered(red, companions=[blue]), turned, bare], assets, folder)
 
 
@@ -127,20 +127,20 @@ def hues(picture):
 
 
 def is_hue(picture, wanted, within=25.0):
-    coloured = np.ptp(picture, axis=2) > 15.0
-    return coloured & (np.abs((hues(picture) - wanted + 180.0) % 360.0 - 180.0) < within)
+    colored = np.ptp(picture, axis=2) > 15.0
+    return colored & (np.abs((hues(picture) - wanted + 180.0) % 360.0 - 180.0) < within)
 
 
-def test_all_but_the_tyres_is_painted(pictures, masks):
+def test_all_but_the_tires_is_painted(pictures, masks):
     bare, red, *_ = pictures
-    tyres = masks[0] & is_hue(bare, 45.0)
+    tires = masks[0] & is_hue(bare, 45.0)
     body = masks[0] & ~is_hue(bare, 45.0, 40.0)
-    assert tyres.sum() > 30
+    assert tires.sum() > 30
     assert body.sum() > 300
     assert is_hue(red, 0.0)[body].mean() > 0.97
     assert not is_hue(bare, 0.0)[body].any()
-    # Light comes to the tyres from what was grey and is red.
-    assert is_hue(red, 45.0, 30.0)[tyres].mean() > 0.9
+    # Light comes to the tires from what was gray and is red.
+    assert is_hue(red, 45.0, 30.0)[tires].mean() > 0.9
 
 
 def test_light_and_dark_of_a_texture_stay(pictures, masks):
@@ -158,7 +158,7 @@ def test_two_of_one_file_have_paints_of_their_own_in_one_picture(pictures, masks
     assert is_hue(picture, 0.0)[second].mean() < 0.02
 
 
-def test_the_ground_and_what_stands_on_it_keep_their_colours(pictures, masks):
+def test_the_ground_and_what_stands_on_it_keep_their_colors(pictures, masks):
     bare, red, *_ = pictures
     far = ~(masks[0] | masks[1])
     far[1:-1, 1:-1] = far[1:-1, 1:-1] & ~near(masks[0] | masks[1])[1:-1, 1:-1]
@@ -174,8 +174,8 @@ def near(mask, pixels=6):
 
 def test_a_whole_name_reaches_what_a_pattern_leaves_alone_and_hues_turn(pictures, masks):
     bare, _, _, turned, _ = pictures
-    tyres = masks[0] & is_hue(bare, 45.0)
-    assert (hues(turned)[tyres] > 120.0).mean() > 0.9
+    tires = masks[0] & is_hue(bare, 45.0)
+    assert (hues(turned)[tires] > 120.0).mean() > 0.9
     brighter = (turned.max(axis=2) - bare.max(axis=2))[masks[0] & ~is_hue(bare, 45.0, 40.0)]
     assert (brighter > 15.0).any()
     assert np.median(np.abs(brighter)) < 3.0
@@ -200,14 +200,14 @@ def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folde
 def test_inspect_says_what_can_be_painted(folder, plan):
     report = load_library(load_config(folder / "hulldown.toml")).models["odd"].report
     rows = {row.name: row for row in report.materials}
-    assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tyre"}
-    assert [row.name for row in report.materials if row.left_alone] == ["Tyre"]
-    assert rows["Tyre"].left_alone == "'tyre' is in its name"
+    assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tire"}
+    assert [row.name for row in report.materials if row.left_alone] == ["Tire"]
+    assert rows["Tire"].left_alone == "'tire' is in its name"
     assert sum(row.share for row in report.materials) == pytest.approx(1.0)
-    assert rows["soil"].colour == pytest.approx((0.2, 0.2, 0.2))
+    assert rows["soil"].color == pytest.approx((0.2, 0.2, 0.2))
     # A quarter of 3 in 16 texels and more is bright: 15 * 15 / 16 / 16 of them are dark.
     dark, bright = (((x + 0.055) / 1.055) ** 2.4 for x in (0.3, 0.8))
     share = (15 / 16) ** 2
-    assert rows["Skin"].colour[0] == pytest.approx(share * dark + (1 - share) * bright, abs=0.01)
-    assert any("materials left alone: Tyre" in note for note in report.notes())
+    assert rows["Skin"].color[0] == pytest.approx(share * dark + (1 - share) * bright, abs=0.01)
+    assert any("materials left alone: Tire" in note for note in report.notes())
     assert any(note.startswith("painted: ") and "#c01010" in note for note in report.notes())

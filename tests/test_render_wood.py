@@ -12,7 +12,7 @@ pytestmark = pytest.mark.blender
 CONFIG = """
 seed = 3
 [assets]
-hdris = ["grey.exr"]
+hdris = ["gray.exr"]
 vehicles = [{path = "tank.blend", category = "tank"}]
 sceneries = [{path = "wood.blend"}]
 [budget]

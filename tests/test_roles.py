@@ -103,7 +103,7 @@ def test_helpers_go_by_name_and_stages_and_sheets_by_place(thing: Piece, use: st
         assert vehicle_uses(*pieces)[pieces.index(thing)] == use
 
 
-def test_a_body_modelled_from_a_plane_is_the_vehicle() -> None:
+def test_a_body_modeled_from_a_plane_is_the_vehicle() -> None:
     """Exporters write "truck_Plane", and a mesh is called "Plane" for ever after the sheet that it began as."""
     wheels = piece("wheels", size=(4, 2, 0.8), at=(0, 0, 0.4))
     for body in (
@@ -174,7 +174,7 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() 
             assert refuse_wrong_kind("vehicle", pieces, options) == ""
 
 
-def test_a_tank_in_centimetres_is_no_scenery_for_its_tracks() -> None:
+def test_a_tank_in_centimeters_is_no_scenery_for_its_tracks() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""

@@ -141,7 +141,7 @@ def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
         refuse_wrong_kind("vehicle", [floor, *town], Options())
     tank = piece("Tank", size=(7, 3.5, 2.5), at=(0, 0, 1.4), level=0.4)
     assert likely_kind([floor, tank], Options()) == "vehicle"
-    truck = [piece("Bed", size=(900, 250, 30), at=(0, 0, 100), level=0.9)]  # in centimetres
+    truck = [piece("Bed", size=(900, 250, 30), at=(0, 0, 100), level=0.9)]  # in centimeters
     truck += [piece(f"Object_{i}", size=(90, 30, 90), at=(300 * i - 300, 0, 45), level=0.2) for i in range(3)]
     assert likely_kind(truck, Options()) == "vehicle"
 
@@ -202,7 +202,7 @@ def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
 @pytest.mark.parametrize("key", ["ground", "not_ground", "water", "drop"])
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
     with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
-        build_scenery("s", Evaluated(pieces=[HILLS]), [], metres=np.eye(4), options=Options(**{key: ("Plane.03",)}))
+        build_scenery("s", Evaluated(pieces=[HILLS]), [], meters=np.eye(4), options=Options(**{key: ("Plane.03",)}))
 
 
 def test_only_drop_names_what_carries_a_piece():

@@ -104,8 +104,8 @@ def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n
     assert support.penetration[0] < 0.02 < averaged.penetration[0]
 
 
-def test_the_margin_is_how_far_the_centre_lies_inside_its_contacts():
-    # Three cones to stand on, under samples of 5 x 5: the nose, and both sides 1.75 m behind the centre.
+def test_the_margin_is_how_far_the_center_lies_inside_its_contacts():
+    # Three cones to stand on, under samples of 5 x 5: the nose, and both sides 1.75 m behind the center.
     def cones(x, y):
         return sum(np.maximum(0.0, 0.2 - np.hypot(x - a, y - b)) for a, b in ((3.5, 0), (-1.75, 1.75), (-1.75, -1.75)))
 
@@ -208,8 +208,8 @@ def test_a_triangular_footprint_stands_wherever_its_middle_is(corners, mirror):
         ({"max_slope": 1.6}, r"max_slope: expected radians in \[0, pi/2\), got 1.6"),
         ({"min_share": 1.1}, r"min_share: expected a share in \[0, 1\], got 1.1"),
         ({"min_share": math.nan}, r"min_share: expected a share in \[0, 1\], got nan"),
-        ({"max_gap": math.nan}, "max_gap: expected metres of 0 or more, got nan"),
-        ({"max_penetration": -0.1}, "max_penetration: expected metres of 0 or more, got -0.1"),
+        ({"max_gap": math.nan}, "max_gap: expected meters of 0 or more, got nan"),
+        ({"max_penetration": -0.1}, "max_penetration: expected meters of 0 or more, got -0.1"),
     ],
 )
 def test_a_wrong_call_names_the_argument(options, message):

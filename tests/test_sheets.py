@@ -6,12 +6,12 @@ from PIL import Image
 
 from hulldown.annotate.sheets import refuse_foreign, save_sheet
 from hulldown.geometry.errors import HulldownError
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 
 SHEET = Image.fromarray(np.zeros((4, 6, 3), np.uint8))
 
 
-@pytest.mark.parametrize("write", [lambda path: save_sheet(SHEET, path), lambda path: summarise([]).draw(path)])
+@pytest.mark.parametrize("write", [lambda path: save_sheet(SHEET, path), lambda path: summarize([]).draw(path)])
 def test_what_is_not_ours_is_not_replaced(tmp_path, write):
     path = tmp_path / "tank.png"
     SHEET.save(path)

@@ -26,7 +26,7 @@ def test_straight_above_and_below_continue_the_camera_beside_the_pole(pole: int,
 @pytest.mark.parametrize(
     ("distance", "elevation", "message"),
     [
-        (0.0, 0.0, r"distance: expected positive metres, got 0.0"),
+        (0.0, 0.0, r"distance: expected positive meters, got 0.0"),
         (-1.0, 0.0, r"distance"),
         (math.nan, 0.0, r"distance: expected finite"),
         (1.0, 1.6, r"elevation: expected radians from -pi/2 to pi/2, got 1.6"),

@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.planning.planner import plan
 from hulldown.planning.shortcuts import shortcuts
-from hulldown.planning.summary import summarise
+from hulldown.planning.summary import summarize
 from hulldown.tests.planning_assets import small_assets, small_config
 
 
@@ -38,9 +38,9 @@ def test_a_value_that_tells_a_class_is_named():
 
 def test_what_is_planned_has_no_shortcuts_until_the_config_makes_one():
     budget = {"images_per_class": 150, "images_per_position": 1}
-    plain = summarise(plan(small_config(budget=budget), small_assets()))
+    plain = summarize(plan(small_config(budget=budget), small_assets()))
     assert plain.shortcuts == ()
-    paint = [{"materials": ["*"], "colours": ["#ff0000"]}]
+    paint = [{"materials": ["*"], "colors": ["#ff0000"]}]
     entries = [
         {"path": "vehicles/t72.blend", "category": "tank"},
         {"path": "vehicles/ural.blend", "category": "truck", "paint": paint},
@@ -50,7 +50,7 @@ def test_what_is_planned_has_no_shortcuts_until_the_config_makes_one():
         {name: base.vehicles[name] for name in ("t72", "ural")}, {"t72": "tank", "ural": "truck"}, base.sceneries,
         base.hdris,
     )  # fmt: skip
-    summary = summarise(plan(small_config(budget=budget, assets={"vehicles": entries}), two))
+    summary = summarize(plan(small_config(budget=budget, assets={"vehicles": entries}), two))
     (line,) = summary.shortcuts
     assert line.startswith("paint tells classes apart")
     assert line in summary.notes()

@@ -13,40 +13,40 @@ HD = Intrinsics(1920, 1080, math.radians(50))
 POINTS = np.random.default_rng(0).uniform(-1, 1, (60, 3)) * [3.5, 1.7, 1.2]
 
 
-def moved(poses: np.ndarray, centre: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """The cameras on the same lines through the centre, at other distances."""
+def moved(poses: np.ndarray, center: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """The cameras on the same lines through the center, at other distances."""
     out = poses.copy()
-    outward = poses[:, :3, 3] - centre
-    out[:, :3, 3] = centre + outward / np.linalg.norm(outward, axis=1, keepdims=True) * distance[:, None]
+    outward = poses[:, :3, 3] - center
+    out[:, :3, 3] = center + outward / np.linalg.norm(outward, axis=1, keepdims=True) * distance[:, None]
     return out
 
 
 def test_a_face_on_square_is_where_equation_6_says() -> None:
     square = np.array([[0, y, z] for y in (-1.0, 1) for z in (-1.0, 1)])
     pose = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
-    found = solve_distance(HD, pose, square[None], centre=[0, 0, 0], pixels=0.2 * 1080)
+    found = solve_distance(HD, pose, square[None], center=[0, 0, 0], pixels=0.2 * 1080)
     assert found[0] == pytest.approx(float(HD.distance_for(2.0, 0.2)), rel=1e-14)
     for measure, pixels in [("width", 216.0), ("diagonal", 216 * math.sqrt(2)), ("area", 216.0**2)]:
-        again = solve_distance(HD, pose, square[None], centre=[0, 0, 0], pixels=pixels, measure=measure)
+        again = solve_distance(HD, pose, square[None], center=[0, 0, 0], pixels=pixels, measure=measure)
         assert again[0] == pytest.approx(found[0], rel=1e-14)
 
 
 @pytest.mark.parametrize("measure", ["height", "width", "diagonal", "area"])
 @pytest.mark.parametrize("fov_deg", [0.1, 50, 179])
-@pytest.mark.parametrize("centre", [[0, 0, 0], [500_000, 5_400_000, 100]])
-def test_the_size_that_was_asked_for_comes_out(measure: str, fov_deg: float, centre: list) -> None:
+@pytest.mark.parametrize("center", [[0, 0, 0], [500_000, 5_400_000, 100]])
+def test_the_size_that_was_asked_for_comes_out(measure: str, fov_deg: float, center: list) -> None:
     camera, n = Intrinsics(1920, 1080, math.radians(fov_deg)), 200
     rng = np.random.default_rng(1)
-    poses = camera_pose(centre, 30.0, draw_azimuth(n, rng=rng), draw_elevation(n, (-1.5, math.pi / 2), rng=rng))
+    poses = camera_pose(center, 30.0, draw_azimuth(n, rng=rng), draw_elevation(n, (-1.5, math.pi / 2), rng=rng))
     poses = turned(poses, camera, rng.uniform(0, 1, (n, 2)) * [1920, 1080])
     size = rng.uniform(1, 1500, n)
     pixels = size**2 if measure == "area" else size
-    points = (POINTS + centre)[None]
-    found = solve_distance(camera, poses, points, centre=centre, pixels=pixels, measure=measure)
+    points = (POINTS + center)[None]
+    found = solve_distance(camera, poses, points, center=center, pixels=pixels, measure=measure)
     assert np.isfinite(found).all()
-    achieved = extent(camera, moved(poses, np.array(centre), found), points, measure)
+    achieved = extent(camera, moved(poses, np.array(center), found), points, measure)
     # At map coordinates a camera's own place is rounded to 1e-9 m, which counts most for one that nearly touches.
-    np.testing.assert_allclose(achieved, size, rtol=1e-10 if centre == [0, 0, 0] else 1e-5)
+    np.testing.assert_allclose(achieved, size, rtol=1e-10 if center == [0, 0, 0] else 1e-5)
 
 
 def test_a_size_that_no_distance_gives_is_nan() -> None:
@@ -55,16 +55,16 @@ def test_a_size_that_no_distance_gives_is_nan() -> None:
     pose = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
     limit = 2 * HD.f_px / 6
     below, above = (
-        solve_distance(HD, pose, arrow[None], centre=[0, 0, 0], pixels=limit * k)[0] for k in (0.999, 1.001)
+        solve_distance(HD, pose, arrow[None], center=[0, 0, 0], pixels=limit * k)[0] for k in (0.999, 1.001)
     )
     assert np.isfinite(below)
     assert np.isnan(above)
-    point = solve_distance(HD, pose, np.zeros((1, 1, 3)), centre=[0, 0, 0], pixels=1.0)
+    point = solve_distance(HD, pose, np.zeros((1, 1, 3)), center=[0, 0, 0], pixels=1.0)
     assert np.isnan(point).all()
 
 
 def test_no_cameras_is_legal() -> None:
-    found = solve_distance(HD, np.zeros((0, 4, 4)), POINTS[None], centre=[0, 0, 0], pixels=10.0)
+    found = solve_distance(HD, np.zeros((0, 4, 4)), POINTS[None], center=[0, 0, 0], pixels=10.0)
     assert found.shape == (0,)
 
 
@@ -72,10 +72,10 @@ def test_no_cameras_is_legal() -> None:
     ("options", "message"),
     [
         ({"pixels": 0.0}, "pixels: expected positive sizes, got 0.0"),
-        ({"centre": [100.0, 0, 0]}, "centre: expected a point in front of every camera"),
+        ({"center": [100.0, 0, 0]}, "center: expected a point in front of every camera"),
     ],
 )
 def test_wrong_calls_are_refused(options: dict, message: str) -> None:
     pose = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
     with pytest.raises(ValueError, match=message):
-        solve_distance(HD, pose, POINTS[None], **{"centre": [0, 0, 0], "pixels": 10.0} | options)
+        solve_distance(HD, pose, POINTS[None], **{"center": [0, 0, 0], "pixels": 10.0} | options)

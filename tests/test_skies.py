@@ -108,9 +108,9 @@ def test_a_picture_without_sky_is_left_alone():
 
 def test_agx_gives_what_blender_gives():
     # Blender 5.0.1, AgX without a look, 16 bit: radiance and level of 255.
-    greys = {1.4686: 208.7, 0.03228: 44.0, 9.1836: 247.3}
-    for grey, level in greys.items():
-        assert displayed(np.full(3, grey)) == pytest.approx(level, abs=4.5)
+    grays = {1.4686: 208.7, 0.03228: 44.0, 9.1836: 247.3}
+    for gray, level in grays.items():
+        assert displayed(np.full(3, gray)) == pytest.approx(level, abs=4.5)
 
 
 def test_the_deviation_is_that_of_the_smoothed_difference():

@@ -56,7 +56,7 @@ def test_the_box_is_seen_around_the_label(rows):
         assert (seen.max(axis=0) >= [x + w - 1e-3, y + h - 1e-3]).all()
 
 
-def test_distance_and_side_are_those_of_the_centre(rows):
+def test_distance_and_side_are_those_of_the_center(rows):
     for row in rows:
         label = label_records(row)[0]
         assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)

@@ -169,7 +169,7 @@ def test_a_texture_is_found_near_the_file_where_only_one_can_be_meant(read):
     assert any("Tire.PNG" in doubt and "differ" in doubt for doubt in doubts)
     assert [missing.path.endswith("Tire.PNG") for missing in read["moved"].report.missing] == [True]
     (skin,) = (row for row in read["moved"].report.materials if row.name == "body")
-    assert skin.colour[0] < 0.2
+    assert skin.color[0] < 0.2
 
 
 def test_a_sheet_over_the_whole_scenery_is_a_doubt_whatever_it_is_called(read):
@@ -237,9 +237,9 @@ def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
     assert rows["atlas"].left_alone == "", rows
     assert rows["atlas"].keeps_dark
     olive = linear_color("#3c4228")
-    np.testing.assert_allclose(rows["atlas"].colour, olive, rtol=0.05)  # neither tires nor white that isn't shown
+    np.testing.assert_allclose(rows["atlas"].color, olive, rtol=0.05)  # neither tires nor white that isn't shown
     assert "nothing tells" in rows["plain"].left_alone
-    (doubt,) = paint_doubts([PaintEntry(colours=("#4b5320",))], [rows["plain"]])
+    (doubt,) = paint_doubts([PaintEntry(colors=("#4b5320",))], [rows["plain"]])
     assert "give its whole name" in doubt
 
 

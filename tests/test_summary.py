@@ -13,7 +13,7 @@ from hulldown.camera.weather_kinds import Weather
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
 from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
-from hulldown.planning.summary import Histogram, summarise
+from hulldown.planning.summary import Histogram, summarize
 
 TARGET = {
     "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},
@@ -46,7 +46,7 @@ ROWS = [
 
 
 def test_counts():
-    found = summarise(iter(ROWS)).to_json()
+    found = summarize(iter(ROWS)).to_json()
     assert found["images"] == 4
     assert found["positions"] == 2
     assert found["classes"] == {"tank": {"t72": 2}, "truck": {"ural": 1, "man": 1}}
@@ -72,7 +72,7 @@ def test_what_is_in_an_image_besides_its_target_is_counted():
         row(3, weather=Weather(500.0, "fog"), air_contrast=0.25, exposure_ev=1.0),
         row(4, background=True, bbox=None, label="none"),
     ]
-    summary = summarise(rows)
+    summary = summarize(rows)
     found = summary.to_json()
     assert found["distractors"] == {"car": 2}
     assert found["backgrounds"] == {"bales": 1, "": 1}
@@ -80,7 +80,7 @@ def test_what_is_in_an_image_besides_its_target_is_counted():
     assert found["labels"] == {"full": 3, "ignored": 1}
     assert found["companions_left_out"] == 2
     assert summary.open_sky == 1
-    assert summarise(rows, overcast=True).open_sky == 0
+    assert summarize(rows, overcast=True).open_sky == 0
     histograms = found["histograms"]
     assert (histograms["air_contrast"]["lowest"], histograms["air_contrast"]["highest"]) == (0.25, 0.5)
     assert sum(histograms["air_contrast"]["counts"]) == 2
@@ -91,14 +91,14 @@ def test_what_is_in_an_image_besides_its_target_is_counted():
 
 
 def test_an_empty_plan():
-    summary = summarise([])
+    summary = summarize([])
     assert summary.to_json()["histograms"]["slope_deg"]["lowest"] is None
     assert len(summary.tables()) == 3
 
 
 def test_tables_say_what_to_act_on():
     console = Console(width=140, record=True, file=io.StringIO())
-    for table in summarise(ROWS).tables():
+    for table in summarize(ROWS).tables():
         console.print(table)
     text = console.export_text()
     for words in ("4 images at 2 positions", "ural 1, man 1", "too steep at the spot", "60.0 %", "hidden more than"):
@@ -107,7 +107,7 @@ def test_tables_say_what_to_act_on():
 
 def test_names_with_brackets_are_shown_as_they_are():
     console = Console(width=140, record=True, file=io.StringIO())
-    for table in summarise([row(0, category="tank [/old]", vehicle="t72[b]")]).tables():
+    for table in summarize([row(0, category="tank [/old]", vehicle="t72[b]")]).tables():
         console.print(table)
     text = console.export_text()
     assert "tank [/old]" in text
@@ -115,12 +115,12 @@ def test_names_with_brackets_are_shown_as_they_are():
 
 
 def test_a_class_is_no_formula(tmp_path):
-    summarise([row(0, category="$^$")]).draw(tmp_path / "plan.png")
+    summarize([row(0, category="$^$")]).draw(tmp_path / "plan.png")
     assert (tmp_path / "plan.png").is_file()
 
 
 def test_the_picture(tmp_path):
-    summarise(ROWS).draw(tmp_path / "plan.png")
+    summarize(ROWS).draw(tmp_path / "plan.png")
     with Image.open(tmp_path / "plan.png") as picture:
         assert picture.size == (1200, 1200)  # a row more than without companions, for their chart
     assert [path.name for path in tmp_path.iterdir()] == ["plan.png"]

@@ -9,14 +9,14 @@ GRID = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 
 
 
 def slow_twin(xy, heights, valid):
-    """Of all triangles around the centre, the one that carries it highest: the dual, tried one by one."""
+    """Of all triangles around the center, the one that carries it highest: the dual, tried one by one."""
     best = -np.inf
-    centre = NUDGE * np.ptp(xy, axis=0)
+    center = NUDGE * np.ptp(xy, axis=0)
     for corners in itertools.combinations(np.flatnonzero(valid), 3):
         system = np.vstack([xy[list(corners)].T, np.ones(3)])
         if abs(np.linalg.det(system)) < 1e-9:
             continue
-        weights = np.linalg.solve(system, [*centre, 1.0])
+        weights = np.linalg.solve(system, [*center, 1.0])
         if (weights >= 0).all():
             best = max(best, weights @ heights[list(corners)])
     return best
@@ -32,9 +32,9 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     np.testing.assert_array_equal(plane.found, np.isfinite(expected))
     assert plane.found.mean() > 0.5
     f = plane.found
-    at_centre = plane.height[f] + plane.gradient[f] @ (NUDGE * np.ptp(GRID, axis=0))
-    # Where the plane may tip several ways, their mean is as high at the centre and not quite beside it.
-    np.testing.assert_allclose(at_centre, expected[f], atol=1e-5)
+    at_center = plane.height[f] + plane.gradient[f] @ (NUDGE * np.ptp(GRID, axis=0))
+    # Where the plane may tip several ways, their mean is as high at the center and not quite beside it.
+    np.testing.assert_allclose(at_center, expected[f], atol=1e-5)
     above = plane.height[f, None] + plane.gradient[f] @ GRID.T - heights[f]
     assert above[valid[f]].min() > -1e-11
     np.testing.assert_allclose(np.take_along_axis(above, plane.contacts[f], axis=1).min(axis=1), 0, atol=1e-11)
@@ -43,7 +43,7 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
 
 def test_over_an_edge_it_tips_to_the_mean_of_both_sides():
     roof = np.where(GRID[:, 0] < 0, 0.2, -0.4) * GRID[:, 0]
-    roof[12] = -1.0  # nothing right below the centre
+    roof[12] = -1.0  # nothing right below the center
     both = np.ones((1, 25), dtype=bool)
     np.testing.assert_allclose(support_plane(GRID, roof[None], both).gradient, [[-0.1, 0.0]], atol=1e-15)
     # Where there is no ground beyond the edge there is one side only.
@@ -53,7 +53,7 @@ def test_over_an_edge_it_tips_to_the_mean_of_both_sides():
 
 @pytest.mark.parametrize("n", [2, 3, 4, 9, 21])
 @pytest.mark.parametrize("share", [1.0, 0.6])
-def test_at_any_density_the_contacts_touch_surround_the_centre_and_nothing_is_above(n, share):
+def test_at_any_density_the_contacts_touch_surround_the_center_and_nothing_is_above(n, share):
     # By duality no lower plane exists then. Steps of 0.1 m, so that many triangles tie.
     rng = np.random.default_rng(n)
     side = np.linspace(-1, 1, n)
@@ -74,13 +74,13 @@ def test_at_any_density_the_contacts_touch_surround_the_centre_and_nothing_is_ab
     assert above[valid[f]].min() > -1e-11
 
 
-def test_the_margin_is_the_distance_from_the_centre_to_the_nearest_side():
+def test_the_margin_is_the_distance_from_the_center_to_the_nearest_side():
     heights = np.full((1, 25), -1.0)
     on = [np.flatnonzero((at == GRID).all(axis=1))[0] for at in ([3.5, 0.0], [-1.75, 1.75], [-1.75, -1.75])]
     heights[0, on] = 0.0
     plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
     assert set(plane.contacts[0].tolist()) == set(on)
-    # Twice the area of (centre, nose, left) over the length of that side; the rear side is 1.75 away.
+    # Twice the area of (center, nose, left) over the length of that side; the rear side is 1.75 away.
     np.testing.assert_allclose(plane.margin, 3.5 * 1.75 / np.hypot(5.25, 1.75), atol=1e-15)
     heights[0, 12] = 1.0
     assert support_plane(GRID, heights, np.ones((1, 25), dtype=bool)).margin[0] < 1e-15

@@ -12,7 +12,7 @@ from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
 
 pytestmark = pytest.mark.blender
 MAKER = Path(__file__).with_name("surface_pictures.py")
-YARDS = ["yard", "turned"]  # in metres with z up, and in centimetres with y up
+YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
 NOISE = 0.01  # of what 16 samples a pixel and the snow's own patches leave in a mean
 
 

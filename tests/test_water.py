@@ -27,13 +27,13 @@ VALLEYS = hills("valleys", size=160.0, trees=20)
 
 
 def river():
-    """Along x through the scenery, one metre lower at its end."""
+    """Along x through the scenery, one meter lower at its end."""
     corners = np.array([[-80.0, -14, 0.5], [80, -14, -0.5], [80, 14, -0.5], [-80, 14, 0.5]])
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "river")
 
 
 def steep_pose(x, y, z):
-    """A plane modelled upright, in the file's xz, and turned into the horizon by its object."""
+    """A plane modeled upright, in the file's xz, and turned into the horizon by its object."""
     return rigid(rotation_about([1.0, 0, 0], np.pi / 2), [x, y, z])
 
 
@@ -133,7 +133,7 @@ def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():
 
 
 def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
-    """One metre of a tank 2.3 m high is below the water of a ford: seen from the side, about half is hidden."""
+    """One meter of a tank 2.3 m high is below the water of a ford: seen from the side, about half is hidden."""
     ford = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0))
     (site,) = make_stage(config_for(ford, images=1), assets_of(ford)).sites
     model = make_stage(config_for(ford, images=1), assets_of(ford)).models["t72"]
@@ -158,7 +158,7 @@ def test_water_is_no_obstacle_beside_which_room_is_kept():
 
 
 def house(*, open_front=False, size=12.0):
-    """A box without thickness about the origin; without its wall towards +x if it is open."""
+    """A box without thickness about the origin; without its wall toward +x if it is open."""
     walls = box((-size / 2, -size / 2, -0.1), (size / 2, size / 2, size / 2))
     across = walls.triangles[..., 0].min(axis=1) == size / 2
     return Mesh(walls.vertices, walls.faces[~across] if open_front else walls.faces, "house")

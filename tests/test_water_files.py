@@ -79,7 +79,7 @@ bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/named.blend")
 begin()
 material("M1", plane("Flat.001", 150, (0, 0, -1)), Transmission_Weight=1.0)
 sea = plane("Upright", 60, (0, 0, 2), rot=(math.pi / 2, 0, 0))
-sea.data.transform(__import__("mathutils").Matrix.Rotation(-math.pi / 2, 4, "X"))  # modelled upright, turned level
+sea.data.transform(__import__("mathutils").Matrix.Rotation(-math.pi / 2, 4, "X"))  # modeled upright, turned level
 material("M2", sea, "ShaderNodeBsdfGlass")
 pane = plane("Pane", 9, (10, 10, 4), rot=(math.pi / 2, 0, 0))
 material("M3", pane, "ShaderNodeBsdfGlass")

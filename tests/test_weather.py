@@ -29,7 +29,7 @@ def drawn(**keys):
 @pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 100.0])
 def test_extinction_of_rain_is_the_integral_over_its_drops(rate):
     def blocked(diameter_mm):
-        drops = 8000.0 * math.exp(-4.1 * rate**-0.21 * diameter_mm)  # a cubic metre and a millimetre
+        drops = 8000.0 * math.exp(-4.1 * rate**-0.21 * diameter_mm)  # a cubic meter and a millimeter
         return drops * 2.0 * math.pi / 4.0 * (1e-3 * diameter_mm) ** 2
 
     assert rain_extinction(rate) == pytest.approx(quad(blocked, 0.0, 100.0)[0], rel=2e-3)
@@ -72,8 +72,8 @@ def test_what_is_drawn_is_within_the_config():
 
 
 def test_rain_and_snow_fall_from_overcast_skies():
-    light = small_config(light={"hdris": ["noon"], "overcast": ["grey*"]}).light
-    weights = hdri_weights(light, ("noon", "grey_one", "dusk", "grey_two"))
+    light = small_config(light={"hdris": ["noon"], "overcast": ["gray*"]}).light
+    weights = hdri_weights(light, ("noon", "gray_one", "dusk", "gray_two"))
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
     lights = draw_lights(
         light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=RandomStreams(5), image=IMAGES
@@ -85,7 +85,7 @@ def test_rain_and_snow_fall_from_overcast_skies():
 @pytest.mark.parametrize(
     ("light", "message"),
     [
-        ({"overcast": ["grey*"]}, "light.overcast: 'grey\\*' matches no HDRI"),
+        ({"overcast": ["gray*"]}, "light.overcast: 'gray\\*' matches no HDRI"),
         ({"hdris": [{"name": "noon", "weight": 0}, "dusk"], "overcast": ["noon"]}, "light.overcast: all weights are 0"),
     ],
 )
@@ -110,8 +110,8 @@ def test_a_weather_out_of_range_is_refused(wrong):
 
 def distance(row):
     model = ASSETS.vehicles[row.target.vehicle]
-    centre = row.target.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
-    return np.linalg.norm(centre[:3] - row.world_from_camera[:3, 3])
+    center = row.target.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
+    return np.linalg.norm(center[:3] - row.world_from_camera[:3, 3])
 
 
 def test_no_target_is_fainter_than_asked():

@@ -100,7 +100,7 @@ def make():
     ground = add("ground", mesh("ground", edge, [[0, 1, 2, 3]]))
     ground.location = 0, 0, 0
     stone, empty = mesh("stone"), mesh("empty", [(0, 0, 0)], [])
-    stone.materials.append(material("grey"))
+    stone.materials.append(material("gray"))
     red = material("red")
 
     def pose(obj, number):

@@ -1,7 +1,7 @@
 """Random changes to pictures and their boxes before each training step: the paper's Table 1, by Albumentations.
 
 Where the paper leaves a choice: saturation and value are shifted by as much of their range of 0 to 255 as the number
-says without its percent sign, as Albumentations has it, since 30 % of the range makes grey roads green. The hue is in
+says without its percent sign, as Albumentations has it, since 30 % of the range makes gray roads green. The hue is in
 OpenCV's half degrees. What comes in from outside the picture is black, since a mirrored picture has vehicles without
 labels. Kernels are in pixels of the picture as it is augmented, which is about as large as the model sees it.
 
@@ -33,7 +33,7 @@ Number: TypeAlias = int | float
 Option: TypeAlias = Number | tuple[Number, Number]
 
 MIN_VISIBLE = 0.2  # share of a box that must be left inside the picture for it to stay
-MASK_ROUNDING = 1.0  # pixels: what the box of a mask may differ from the box of the outline that was rasterised
+MASK_ROUNDING = 1.0  # pixels: what the box of a mask may differ from the box of the outline that was rasterized
 MIN_SIDE = 1.0  # pixels of a box's width and height, at least: less is nothing to learn from
 
 
@@ -69,7 +69,7 @@ TABLE: Table = {
     "gamma": Change(1 / 3, {"gamma": (0.7, 1.3)}, "brightness"),
     "clahe": Change(1 / 3, {"clip_limit": (1.0, 4.0), "tiles": 8}, "brightness"),
     "hue_saturation_value": Change(0.5, {"hue": 15, "saturation": 30, "value": 20}),
-    "colour_jitter": Change(0.3, {"brightness": 0.1, "contrast": 0.1, "saturation": 0.2, "hue": 0.05}),
+    "color_jitter": Change(0.3, {"brightness": 0.1, "contrast": 0.1, "saturation": 0.2, "hue": 0.05}),
     "channel_shuffle": Change(0.05),
     # blur and noise
     "blur": Change(0.3),
@@ -288,7 +288,7 @@ def _transform(name: str, line: Change, height: int) -> Any:
             shorts = {"hue": "hue", "sat": "saturation", "val": "value"}
             shifts = {f"{short}_shift_limit": _pair(o[key]) for short, key in shorts.items()}
             return A.HueSaturationValue(**shifts, p=p)
-        case "colour_jitter":
+        case "color_jitter":
             factors = {key: tuple(1 + n for n in _pair(o[key])) for key in ("brightness", "contrast", "saturation")}
             return A.ColorJitter(**factors, hue=_pair(o["hue"]), p=p)
         case "channel_shuffle":

@@ -75,7 +75,7 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
 def _small(detector: SmallDetector) -> bytes:
     import torch
 
-    from hulldown.training.detectors.centre_points import peaks
+    from hulldown.training.detectors.center_points import peaks
     from hulldown.training.detectors.small import MOST
 
     network, (width, height) = detector.network, detector.size

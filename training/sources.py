@@ -27,7 +27,7 @@ READERS = 4  # threads that look at pictures before training
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Source:
-    """A dataset of n pictures with m labelled boxes, in the order of the pictures' names.
+    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names.
 
     Parameters
     ----------

@@ -231,7 +231,7 @@ def add(verb: AddVerb) -> None:
         help="default: judged by what is in the file; a config says it itself",
     )  # fmt: skip
     sub.add_argument(
-        "-o", "--output", type=picture_name, metavar="PNG", help="shaded picture, parts in colours; 12 a page"
+        "-o", "--output", type=picture_name, metavar="PNG", help="shaded picture, parts in colors; 12 a page"
     )
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
     add_read_limits(sub)

@@ -18,7 +18,7 @@ _WITHOUT, _IMAGES = -1, -2  # what images without objects, and images, are count
 def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> str:
     """What an image must not be parted from: the shots of one position show one vehicle on one piece of ground.
 
-    A position is where the first vehicle stands, to the millimetre, so that another plan's shots of the same place
+    A position is where the first vehicle stands, to the millimeter, so that another plan's shots of the same place
     belong to it too. Images that know no such thing, such as real ones, stand alone; so do those whose poses, from
     elsewhere, are of another kind.
     """

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
-COLOURS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 LONGEST = 24  # characters of a name beside an axis
 BINS = 24
 MOST_NAMES = 12
@@ -36,9 +36,9 @@ def tidy(axes: Axes) -> None:
     axes.spines[["left", "bottom"]].set_color(SOFT)
 
 
-def colours(count: int) -> list[str]:
-    """So many colours, told apart by colour-blind readers too."""
-    return [COLOURS[k % len(COLOURS)] for k in range(count)]
+def colors(count: int) -> list[str]:
+    """So many colors, told apart by color-blind readers too."""
+    return [COLORS[k % len(COLORS)] for k in range(count)]
 
 
 def short(name: str) -> str:
@@ -109,10 +109,10 @@ def azimuths(values: Float[np.ndarray, " n"]) -> bytes:
     return svg(figure)
 
 
-def places_in_pictures(centres: Float[np.ndarray, "n 2"]) -> bytes:
+def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> bytes:
     """Where the middles of labels lie, as shares of width and height."""
     figure, axes = axes_of(3.6, 2.2)
-    counts, _, _ = np.histogram2d(centres[:, 1], centres[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
+    counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
     axes.set(title="middles of labels in the picture", xticks=[], yticks=[])
     return svg(figure)
@@ -131,12 +131,12 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
 
 
 def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
-    """Draw named differences with the ends of their intervals, grey where an interval holds 0 or isn't known."""
+    """Draw named differences with the ends of their intervals, gray where an interval holds 0 or isn't known."""
     figure, axes = axes_of(6.4, 0.9 + 0.22 * len(rows))
     for k, (_, value, low, high) in enumerate(rows):
-        colour = GREEN if low > 0 else RED if high < 0 else SOFT
-        axes.plot([low, high], [k, k], color=colour, linewidth=1.2)
-        axes.plot(value, k, "o", color=colour, markersize=4)
+        color = GREEN if low > 0 else RED if high < 0 else SOFT
+        axes.plot([low, high], [k, k], color=color, linewidth=1.2)
+        axes.plot(value, k, "o", color=color, markersize=4)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
     axes.invert_yaxis()
@@ -145,7 +145,7 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> bytes:
-    """A scenery from above: each camera, and a line to the vehicle that it looks at, in metres."""
+    """A scenery from above: each camera, and a line to the vehicle that it looks at, in meters."""
     figure, axes = axes_of(4.6, 4.2)
     some = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_PLACES, len(cameras))).astype(int))
     cameras, vehicles = cameras[some], vehicles[some]

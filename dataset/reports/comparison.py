@@ -331,12 +331,12 @@ def spectral_slope(luma: Float[np.ndarray, "h w"]) -> float:
 
 def _boxes_of(photographs: Photographs) -> Values:
     image = photographs.image
-    centre, pictures = photographs.centre, np.arange(len(photographs.file_names))
+    center, pictures = photographs.center, np.arange(len(photographs.file_names))
     return {
         # Rounded: the same box is to have the same value whichever way it was computed.
         "height": (photographs.height.round(9), image),
-        "x": (centre[:, 0].round(9), image),
-        "y": (centre[:, 1].round(9), image),
+        "x": (center[:, 0].round(9), image),
+        "y": (center[:, 1].round(9), image),
         "aspect": (photographs.aspect.round(9), image),
         "cut": (photographs.cut.any(axis=1).astype(np.float64), image),
         "count": (photographs.count.astype(np.float64), pictures),

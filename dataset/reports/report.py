@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image as Pictures
 
-from hulldown.annotate.drawing import colour_of
+from hulldown.annotate.drawing import color_of
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
@@ -131,8 +131,8 @@ def _charts(dataset: Dataset) -> list[Section]:
         drawn.append(Chart(azimuths(labels["azimuth"]), "side seen"))
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
-        centres = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        drawn.append(Chart(places_in_pictures(centres / sizes), "where labels lie in pictures"))
+        centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
+        drawn.append(Chart(places_in_pictures(centers / sizes), "where labels lie in pictures"))
     light = [
         Chart(shares(title, images[key]), title)
         for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
@@ -227,7 +227,7 @@ def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
     ids = {name: number for number, name in dataset.categories.items()}
     boxes, masks, lines = [], [], []
     for label in image.labels:
-        colour = "rgb({},{},{})".format(*colour_of(ids[label.category]))
+        color = "rgb({},{},{})".format(*color_of(ids[label.category]))
         if label.record.get("segmentation"):
             within = image.width / THUMBNAIL_WIDTH / 2  # half a pixel of the thumbnail
             try:
@@ -235,10 +235,10 @@ def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
             except ValueError as error:
                 remedy = "check the dataset with `hulldown verify`"
                 raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
-            masks += [(np.reshape(ring, (-1, 2)).tolist(), colour) for ring in rings]
-        lines += [(ring.tolist(), colour) for ring in _oriented(label.record, image.record)]
+            masks += [(np.reshape(ring, (-1, 2)).tolist(), color) for ring in rings]
+        lines += [(ring.tolist(), color) for ring in _oriented(label.record, image.record)]
         x, y, w, h = label.bbox.tolist()
-        boxes.append(((x, y, w, h), colour, label.category, label.crowd))
+        boxes.append(((x, y, w, h), color, label.category, label.crowd))
     return Overlay((image.width, image.height), boxes, masks, lines) if boxes else None
 
 

@@ -66,7 +66,7 @@ class Journal:
         self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
 
     def append_bytes(self, line: bytes) -> None:
-        """Write one line, JSON with its newline, that the caller has serialised.
+        """Write one line, JSON with its newline, that the caller has serialized.
 
         Raises
         ------

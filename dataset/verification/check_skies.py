@@ -65,7 +65,7 @@ class SkyCheck:
             white_balance_k = float(image["white_balance_k"])
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
-        sky = inner(sky & ~_labelled(image, labels, sky.shape))
+        sky = inner(sky & ~_labeled(image, labels, sky.shape))
         if np.count_nonzero(sky) < FEWEST:
             return
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
@@ -138,7 +138,7 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None)
     return SkyCheck(worlds, skies, run)
 
 
-def _labelled(
+def _labeled(
     image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], shape: tuple[int, ...]
 ) -> Bool[np.ndarray, "h w"]:
     """The boxes of all labels, in the small picture."""

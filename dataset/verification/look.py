@@ -37,7 +37,7 @@ class Appearance:
     Parameters
     ----------
     contrast
-        What tells it from its surroundings: the difference of the mean colours, in the channel where it is largest, or
+        What tells it from its surroundings: the difference of the mean colors, in the channel where it is largest, or
         the range of its own luminance, 10th to 90th percentile, if that is larger.
     darkest, brightest
         Its luminance, 5th and 95th percentile.
@@ -59,7 +59,7 @@ def appearance(
     Parameters
     ----------
     picture
-        The picture's colours.
+        The picture's colors.
     mask
         Where it shows the target.
     others
@@ -68,12 +68,12 @@ def appearance(
     if not mask.any():
         return None
     near = _patch(mask, AROUND)
-    colours, inside, around = _smaller(picture[near], mask[near], ~(mask | others)[near])
+    colors, inside, around = _smaller(picture[near], mask[near], ~(mask | others)[near])
     if not inside.any():
         return None
-    luminance = colours @ LUMINANCE
+    luminance = colors @ LUMINANCE
     low, darkest, brightest, high = np.percentile(luminance[inside], [10, 5, 95, 90])
-    apart = np.abs(colours[inside].mean(axis=0) - colours[around].mean(axis=0)).max() if around.any() else 0.0
+    apart = np.abs(colors[inside].mean(axis=0) - colors[around].mean(axis=0)).max() if around.any() else 0.0
     wide = _patch(mask, SHIFTS[-1])
     return Appearance(
         contrast=float(max(apart, high - low)),
@@ -97,15 +97,15 @@ def _smaller(
     picture: UInt8[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
 ) -> tuple[Float[np.ndarray, "m n 3"], Bool[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
     """Average a picture down to at most `WIDEST` pixels, and the masks with it."""
-    colours = picture.astype(np.float32)
+    colors = picture.astype(np.float32)
     if (step := -(-max(inside.shape) // WIDEST)) == 1:
-        return colours, inside, around
-    smooth = ndimage.uniform_filter(colours, (step, step, 0))
+        return colors, inside, around
+    smooth = ndimage.uniform_filter(colors, (step, step, 0))
     return smooth[::step, ::step], inside[::step, ::step], around[::step, ::step]
 
 
 def outline_strength(
-    colours: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
+    colors: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
 ) -> float:
     """Return how much steeper a picture is across a mask's outline than across the same outline moved elsewhere.
 
@@ -121,7 +121,7 @@ def outline_strength(
     edge = length > 0.5 * length.max()
     y, x = np.nonzero(edge)
     facing = facing[:, edge] / length[edge]
-    gradient = np.stack([ndimage.sobel(colours, axis) for axis in (0, 1)]) / 8.0  # (2, h, w, 3)
+    gradient = np.stack([ndimage.sobel(colors, axis) for axis in (0, 1)]) / 8.0  # (2, h, w, 3)
     sector = (SECTORS * (np.arctan2(y - y.mean(), x - x.mean()) / (2.0 * np.pi) + 0.5)).astype(int) % SECTORS
     here = _across(gradient[:, y, x], facing, sector)
     height, width = mask.shape

@@ -71,9 +71,9 @@ def image_record(row: Row) -> dict[str, Any]:
 
 
 def label_records(row: Row) -> list[dict[str, Any]]:
-    """What it says about each labelled vehicle of a row, but for ids and masks."""
+    """What it says about each labeled vehicle of a row, but for ids and masks."""
     records = []
-    for vehicle in row.labelled:
+    for vehicle in row.labeled:
         said = orjson.loads(encode(vehicle))
         ignored = int(vehicle.label == "ignored")
         records.append(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from hulldown.camera import fog
-from hulldown.camera.backdrop import HIGH, even_colour, fade
+from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.weather_kinds import air_layers, airlight
 
@@ -51,7 +51,7 @@ def radiance(
     kind
         Of the weather.
     horizon_deg
-        Elevation whose colour is seen below it too; None: the sky is seen as it is. See `camera.backdrop`.
+        Elevation whose color is seen below it too; None: the sky is seen as it is. See `camera.backdrop`.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)
@@ -65,7 +65,7 @@ def radiance(
     if horizon is not None and horizon > HIGH:
         low, high = fade(horizon)
         share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
-        seen = (1.0 - share) * seen + share * even_colour(sky, horizon) * strength
+        seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength
     if visibility_m is None:
         return seen
     depth = np.zeros(along.shape[:-1])

@@ -49,7 +49,7 @@ def exposures(
 
 
 def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
-    """Radiance of a level grey card on open land in the light of a row, in linear Rec. 709.
+    """Radiance of a level gray card on open land in the light of a row, in linear Rec. 709.
 
     How the sky is turned changes nothing, nor does weather: fog hides what is far away and does not dim the light on
     the ground near the camera, as rendered and measured (docs/benchmarks.md).

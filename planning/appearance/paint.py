@@ -1,4 +1,4 @@
-"""Colours of vehicles: what a config says of their materials, and what is drawn of it for a position.
+"""Colors of vehicles: what a config says of their materials, and what is drawn of it for a position.
 
 Every vehicle of a position has coats of its own, which all shots share. A coat is a function of the seed, the position
 and the vehicle's place in the row alone.
@@ -24,13 +24,13 @@ from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
 
 OWN = "own"
 COMPANIONS, DISTRACTORS = 1, 65  # places in a row from which on they are; the target's is 0
-_NUMBERS = 4  # drawn for each coat: colour, hue, saturation, value
+_NUMBERS = 4  # drawn for each coat: color, hue, saturation, value
 
 
-def _colour(value: Any) -> str:
+def _color(value: Any) -> str:
     if isinstance(value, str) and (value == OWN or re.fullmatch("#[0-9a-fA-F]{6}", value)):
         return value.lower()
-    raise ValueError("expected a colour such as '#4b5320', or 'own' for the file's")
+    raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
 
 
 def _several(value: Any) -> Any:
@@ -41,12 +41,12 @@ Pair = tuple[float, float]
 
 
 class PaintEntry(Section):
-    """Materials of a vehicle, and the colours that they may have."""
+    """Materials of a vehicle, and the colors that they may have."""
 
     materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
         default=("*",), description="patterns of materials' names; the first table that matches applies to a material"
     )
-    colours: Annotated[tuple[Annotated[str, BeforeValidator(_colour)], ...], Field(strict=False)] = Field(
+    colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = Field(
         default=(),
         description=(
             'sRGB colors such as "#4b5320", one of which is drawn; "own" is the file\'s color; a color listed '
@@ -65,8 +65,8 @@ class PaintEntry(Section):
 
     @model_validator(mode="after")
     def _changes_something(self) -> PaintEntry:
-        if not self.colours and (self.hue_deg, self.saturation, self.value) == ((0, 0), (1, 1), (1, 1)):
-            raise ValueError("expected colours, hue_deg, saturation or value: nothing would be changed")
+        if not self.colors and (self.hue_deg, self.saturation, self.value) == ((0, 0), (1, 1), (1, 1)):
+            raise ValueError("expected colors, hue_deg, saturation or value: nothing would be changed")
         return self
 
 
@@ -80,7 +80,7 @@ class Coat(Struct, frozen=True, gc=False):
     ----------
     materials
         Patterns of their names; of several coats the first that matches is a material's.
-    colour
+    color
         sRGB; None for the file's own.
     hue_deg
         What its hue is turned by.
@@ -89,7 +89,7 @@ class Coat(Struct, frozen=True, gc=False):
     """
 
     materials: list[Annotated[str, Meta(max_length=4096)]]
-    colour: Annotated[str, Meta(pattern="^#[0-9a-f]{6}$")] | None = None
+    color: Annotated[str, Meta(pattern="^#[0-9a-f]{6}$")] | None = None
     hue_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
     saturation: Annotated[float, Meta(ge=0, le=10)] = 1.0
     value: Annotated[float, Meta(ge=0, le=10)] = 1.0
@@ -121,25 +121,25 @@ def draw_coats(
 
 
 def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
-    choice = np.minimum((u[:, 0] * len(entry.colours)).astype(np.int64), len(entry.colours) - 1).tolist()
+    choice = np.minimum((u[:, 0] * len(entry.colors)).astype(np.int64), len(entry.colors) - 1).tolist()
     spreads = (entry.hue_deg, entry.saturation, entry.value)
     # Adding zero makes -0.0 the 0.0 that is meant.
     hue, saturation, value = (
         (np.round(between(*spread, u[:, 1 + i]), 9) + 0.0).tolist() for i, spread in enumerate(spreads)
     )
-    colours = [None if not entry.colours or entry.colours[c] == OWN else entry.colours[c] for c in choice]
+    colors = [None if not entry.colors or entry.colors[c] == OWN else entry.colors[c] for c in choice]
     return [
-        Coat(list(entry.materials), colour, *shift)
-        for colour, shift in zip(colours, zip(hue, saturation, value, strict=True), strict=True)
+        Coat(list(entry.materials), color, *shift)
+        for color, shift in zip(colors, zip(hue, saturation, value, strict=True), strict=True)
     ]
 
 
 def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """The colour of a vehicle in a preview, linear: that of its first coat, on the one that stands for its own."""
+    """The color of a vehicle in a preview, linear: that of its first coat, on the one that stands for its own."""
     if not coats:
         return own
     coat = coats[0]
-    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.colour is None else linear_color(coat.colour)))
+    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.color is None else linear_color(coat.color)))
     turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
     return np.array(hsv_to_rgb(*turned))
 
@@ -177,5 +177,5 @@ def paint_notes(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -
             )
             if (low, high) != (none, none)
         ]
-        lines.append(f"painted: {on}; {', '.join([*entry.colours, *spreads])}")
+        lines.append(f"painted: {on}; {', '.join([*entry.colors, *spreads])}")
     return lines

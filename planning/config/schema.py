@@ -465,7 +465,7 @@ class Config(Section):
         return Intrinsics.calibrated(render.width, render.height, matrix, tuple(lens.model_dump().values()))
 
     @model_validator(mode="after")
-    def _targets_are_labelled(self) -> Config:
+    def _targets_are_labeled(self) -> Config:
         """What every target may be is enough for a label."""
         given, camera = self.annotate, self.camera
         for key, limit, source in (

@@ -168,7 +168,7 @@ def try_cameras(
     views.rejection[np.isnan(distance)] = Rejection.SIZE
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
-    around = camera_pose(targets.take(rows).centres, distance[rows], azimuth[rows], elevation=elevation[rows])
+    around = camera_pose(targets.take(rows).centers, distance[rows], azimuth[rows], elevation=elevation[rows])
     poses = np.where(exact[rows, None, None], sized[rows], around)
     here = [targets.take(rows).in_own_rows(), others.beside(rows)[0]]
     views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], here, limits)
@@ -275,8 +275,8 @@ def views_of_others(
 def air_contrasts(
     instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """What the air leaves of each vehicle's contrast, from the camera to the centre of its box."""
-    away = instances.centres - world_from_camera[:, :3, 3]
+    """What the air leaves of each vehicle's contrast, from the camera to the center of its box."""
+    away = instances.centers - world_from_camera[:, :3, 3]
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
 
@@ -307,7 +307,7 @@ def pixels_shown(
     lens: Lenses,
     bbox: Float[np.ndarray, "n 4"],
 ) -> Bool[np.ndarray, " n"]:
-    """Whether the subject of each camera is at the centre of any pixel of its image: whether its mask has any."""
+    """Whether the subject of each camera is at the center of any pixel of its image: whether its mask has any."""
     shown = np.zeros(len(bbox), dtype=bool)
     rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
     world = site.world.with_vehicles(others.beside(rows)[0].posed())

@@ -94,7 +94,7 @@ class InstanceTable:
     model, angles
         (k,) index in the fleet, (k, p) radians of its parts.
     distance
-        (k, 2) least and largest distance of an extra from its target, metres.
+        (k, 2) least and largest distance of an extra from its target, meters.
     settled
         (k,) where each stands.
     tries
@@ -153,7 +153,7 @@ class Seen:
     views
         Of the p pairs.
     pixels
-        (p,) whether those that have a class are at the centre of any pixel.
+        (p,) whether those that have a class are at the center of any pixel.
     """
 
     image: Int[np.ndarray, " p"]

@@ -143,7 +143,7 @@ class Budget:
         """What the k-th positions of vehicles hold; neither positions nor images of backgrounds are counted."""
         k = index
         per_class = self.positions_per_class
-        # Step t visits the t-th position of every class that still has one. Between two neighbouring totals the same
+        # Step t visits the t-th position of every class that still has one. Between two neighboring totals the same
         # classes take part, so that a step there visits a constant number of positions.
         totals = np.unique(per_class)
         active = (per_class[None, :] >= totals[:, None]).sum(axis=1)

@@ -40,7 +40,7 @@ class Extras:
     count
         Least and largest number in an image.
     distance
-        Least and largest distance from the vehicle that the camera is framed on, metres.
+        Least and largest distance from the vehicle that the camera is framed on, meters.
     """
 
     role: Role
@@ -73,7 +73,7 @@ class Extras:
 def offsets(
     role: Int[np.ndarray, " n"], distance: Float[np.ndarray, "n 2"], uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """From targets to extras, metres in x and y, in proportion to numbers in [0, 1).
+    """From targets to extras, meters in x and y, in proportion to numbers in [0, 1).
 
     Companions come close: all distances are alike. For distractors all places are alike, so that one beside a
     target is as likely as one on any other piece of ground of that size.
@@ -103,18 +103,18 @@ def extras_at(site: str, stage: PlanStage, config: Config, *, background: bool) 
     low, high = (0, 0) if background else (n - 1 for n in limits.vehicles_per_image)
     n = len(stage.models)
     companions = Extras(Role.COMPANION, np.arange(n), np.ones(n), (low, high), limits.companion_distance)
-    models, weights = distractors_at(site, stage, config, unlabelled=background)
+    models, weights = distractors_at(site, stage, config, unlabeled=background)
     count = limits.distractors_per_image if weights.any() else (0, 0)
     return companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
 
 
 def distractors_at(
-    site: str, stage: PlanStage, config: Config, *, unlabelled: bool
+    site: str, stage: PlanStage, config: Config, *, unlabeled: bool
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """All distractors, and how often each is drawn on a site; `unlabelled`: never one that has a class."""
+    """All distractors, and how often each is drawn on a site; `unlabeled`: never one that has a class."""
     weights = []
     for entry in config.assets.distractors:
-        weights.append(entry.weight if entry.is_for(site) and not (unlabelled and entry.category) else 0.0)
+        weights.append(entry.weight if entry.is_for(site) and not (unlabeled and entry.category) else 0.0)
     return len(stage.models) + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
@@ -155,7 +155,7 @@ def framed_on(
     share, before = config.budget.background_distractors, held.ordinal[rows]
     replaced = np.floor((before + 1) * share) > np.floor(before * share)
     for i, vehicle, distractor, u in zip(rows.tolist(), shown.tolist(), replaced.tolist(), uniform[:, 1], strict=True):
-        models, weights = distractors_at(sites[i], stage, config, unlabelled=True)
+        models, weights = distractors_at(sites[i], stage, config, unlabeled=True)
         names[i] = budget.vehicles[vehicle]
         if distractor and weights.any():
             names[i] = stage.fleet.models[models[int(choose(weights, np.array([u]))[0])]].shape.name

@@ -99,9 +99,9 @@ class Instances:
         return self.angles[index, : len(model.shape.part_names)]
 
     @property
-    def centres(self) -> Float[np.ndarray, "k 3"]:
-        """Centres of the bounding boxes, in the world."""
-        return apply(self.world_from_vehicle, self.fleet.centre[self.model][:, None])[:, 0]
+    def centers(self) -> Float[np.ndarray, "k 3"]:
+        """Centers of the bounding boxes, in the world."""
+        return apply(self.world_from_vehicle, self.fleet.center[self.model][:, None])[:, 0]
 
     def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
         """Where each box of the fleet's, which is that of a part at rest, goes."""

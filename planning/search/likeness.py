@@ -174,7 +174,7 @@ class Likeness:
         (sa, ca), (se, ce), near = sin_cos(azimuth[has]), sin_cos(elevation[has]), distance[has]
         tall = (others.fleet.size[others.model, 2] / targets.fleet.size[targets.model, 2])[has]
         far = near * tall * known.height[wishes.box[has]] / known.height[box]
-        away = (known.centre[box] - known.centre[wishes.box[has]]) * lens.size[has] / lens.focal[has] * far[:, None]
+        away = (known.center[box] - known.center[wishes.box[has]]) * lens.size[has] / lens.focal[has] * far[:, None]
         right, ahead = away[:, 0], (far - near) * ce - away[:, 1] * se
         xy = np.stack([-sa * right - ca * ahead, ca * right - sa * ahead], axis=1)
         length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)
@@ -212,7 +212,7 @@ class Likeness:
         deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
         height, aspect = known.height[box] * size[1] * (1.0 + deviation[:, 0]), known.aspect[box]
         extent = np.stack([aspect * height, height], axis=1)  # pictures of another format keep the shape of the box
-        low = (known.centre[box] + known.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
+        low = (known.center[box] + known.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
         # A side that the frame cuts off stays at the frame; the opposite one moves as the size does.
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))
@@ -319,7 +319,7 @@ def _directions(
     elevation = draw_elevation(n * DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
     elevation = elevation.reshape(n, DIRECTIONS)
     axes = shell_axes(azimuth, elevation)[1]
-    local = targets.corners() - targets.centres[:, None]
+    local = targets.corners() - targets.centers[:, None]
     x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
     measured = np.where(wishes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
     # Perspective counts where a target is near: once at the distance at which it has about the wanted size.

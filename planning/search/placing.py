@@ -17,7 +17,7 @@ from hulldown.planning.row import rounded
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
-ABOVE = 0.05  # metres above a vehicle's box from where its sky is looked for
+ABOVE = 0.05  # meters above a vehicle's box from where its sky is looked for
 
 
 def unsettled(n: int) -> Settled:
@@ -41,7 +41,7 @@ def settle_clear(
     config
         Whose limits hold.
     xy, yaw
-        (n, 2) metres and (n,) radians.
+        (n, 2) meters and (n,) radians.
     """
     limits = config.placement
     settled = settle_each(
@@ -61,7 +61,7 @@ def settle_clear(
 
 
 def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
-    """How far in metres the underside of each vehicle lies below water, at most; 0 on dry ground."""
+    """How far in meters the underside of each vehicle lies below water, at most; 0 on dry ground."""
     if site.water is None:
         return np.zeros(len(instances))
     samples = instances.fleet.contacts.of(instances.model)
@@ -71,7 +71,7 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
 def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     """Whether any light of the sky comes down to the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
-    top = fleet.centre[model].copy()
+    top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
     return site.vehicle_room.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
 
@@ -118,6 +118,6 @@ def _reach(instances: Instances) -> Float[np.ndarray, " n"]:
 def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
     """Half the sizes and the poses of the boxes of all parts, larger by the clearance to the sides and upwards."""
     fleet, model = instances.fleet, instances.model
-    centre = fleet.box_centre[model] + [0.0, 0.0, clearance / 2]
-    world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), centre))
+    center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
+    world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), center))
     return fleet.half[model] + clearance * np.array([1.0, 1.0, 0.5]), world_from_box

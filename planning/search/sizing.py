@@ -73,7 +73,7 @@ def sized_cameras(
     pixels, measure
         (n,) wanted sizes, and of what; see `camera.size.solve_distance`.
     azimuth, elevation
-        (n,) radians, of the camera as seen from the target's centre.
+        (n,) radians, of the camera as seen from the target's center.
     roll
         (n,) radians, of the camera about its axis; see `camera.framing.turned`.
     framed
@@ -84,27 +84,27 @@ def sized_cameras(
     world_from_camera, distance
         nan where no distance with the whole vehicle in front of the camera gives that size.
     """
-    centres = targets.centres
-    level = camera_pose(centres, 1.0, azimuth, elevation)
-    outward, looking = -level[:, :3, 2], turned(level, lens, lens.centre, roll)
+    centers = targets.centers
+    level = camera_pose(centers, 1.0, azimuth, elevation)
+    outward, looking = -level[:, :3, 2], turned(level, lens, lens.center, roll)
 
     def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
-        return solve_distance(lens, poses, hull, centre=centres, pixels=pixels, measure=measure)
+        return solve_distance(lens, poses, hull, center=centers, pixels=pixels, measure=measure)
 
     distance = solved(looking)
     for _ in range(ROUNDS):
         # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
-        poses = camera_pose(centres, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
+        poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         poses = framed(poses).world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
     if lens.distorted:
         # The vehicle's edges are curves, which may reach beyond its vertices.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
             there = poses[rows]
-            there[:, :3, 3] = centres[rows] + at[:, None] * outward[rows]
+            there[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
             amodal = boxes_of(targets.take(rows), there, lens.rows(rows)).amodal
             return ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)
-    poses[:, :3, 3] = centres + distance[:, None] * outward
+    poses[:, :3, 3] = centers + distance[:, None] * outward
     return poses, distance

@@ -25,7 +25,7 @@ from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config, PlacementSection
 
-_BARE_EXTENT = 50.0  # metres to each side of the origin, where a scenery has neither ground nor obstacles
+_BARE_EXTENT = 50.0  # meters to each side of the origin, where a scenery has neither ground nor obstacles
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,8 +77,8 @@ class Model:
         Answers for its boxes.
     target
         Answers for rays at it.
-    centre
-        (3,) centre of its bounding box, vehicle frame.
+    center
+        (3,) center of its bounding box, vehicle frame.
     footing
         What meets the ground, by `placement.contact`: its underside, or a plate as large as its box.
     corners
@@ -93,7 +93,7 @@ class Model:
     category: str | None
     boxes: VehicleBoxes
     target: VehicleTarget
-    centre: Float[np.ndarray, "3"]
+    center: Float[np.ndarray, "3"]
     footing: Footing
     corners: Float[np.ndarray, "b 8 3"]
     half: Float[np.ndarray, "b 3"]
@@ -114,7 +114,7 @@ class Fleet:
         They.
     index
         Name -> index among them.
-    size, centre
+    size, center
         (m, 3) of their bounding boxes at rest.
     parts
         Most parts that one of them has.
@@ -123,8 +123,8 @@ class Fleet:
     footings, contacts
         What meets the ground: of each, and the points of contact of all as one table.
     reach
-        (m,) metres from the origin that no part reaches beyond, however it is turned.
-    half, box_centre, box_part, corners
+        (m,) meters from the origin that no part reaches beyond, however it is turned.
+    half, box_center, box_part, corners
         (m, b, 3), (m, b, 3), (m, b) and (m, b, 8, 3): those boxes; see `Model`.
     """
 
@@ -132,7 +132,7 @@ class Fleet:
         self.models = tuple(models)
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
         self.size = np.array([model.shape.size_xyz for model in self.models])
-        self.centre = np.array([model.centre for model in self.models])
+        self.center = np.array([model.center for model in self.models])
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stacked([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
@@ -142,7 +142,7 @@ class Fleet:
         self.corners = np.stack([model.corners[i] for model, i in zip(self.models, filled, strict=True)])
         self.box_part = np.stack([model.part[i] for model, i in zip(self.models, filled, strict=True)])
         self.reach = np.array([_reach(model.shape) for model in self.models])
-        self.box_centre = (self.corners.min(axis=2) + self.corners.max(axis=2)) / 2
+        self.box_center = (self.corners.min(axis=2) + self.corners.max(axis=2)) / 2
 
 
 def _reach(shape: VehicleShape) -> float:
@@ -244,7 +244,7 @@ def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
         category=category,
         boxes=VehicleBoxes(shape),
         target=target,
-        centre=shape.mesh.bounds.mean(axis=0),
+        center=shape.mesh.bounds.mean(axis=0),
         footing=Footing.of(under, settle_rules(limits)),
         corners=np.array([list(product(*corners.T)) for corners in bounds]),
         half=np.ptp(bounds, axis=1) / 2,

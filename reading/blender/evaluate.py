@@ -38,17 +38,17 @@ UNREAD = {
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
 }
 DRAWN = (*SURFACES, *UNREAD, "CURVES")
-FARTHEST = 1e8  # metres, in any direction; the Earth is 4e7 m around
+FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
-NARROWEST = 1.0  # metres; what is narrower is neither ground nor water by its shape
+NARROWEST = 1.0  # meters; what is narrower is neither ground nor water by its shape
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
 def evaluate(
     scene: Any,
     *,
-    metres_from_file: Float[np.ndarray, "4 4"],
+    meters_from_file: Float[np.ndarray, "4 4"],
     duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int = TEXTURE_SIZE,
     keeper: Keeper | None = None,
@@ -59,7 +59,7 @@ def evaluate(
     ----------
     scene
         A Blender scene.
-    metres_from_file
+    meters_from_file
         The file's scale and up axis, for the bounds of the pieces.
     duplicates
         What `reading.blender.duplicates` took out of the scene; each is read behind the one that it equals.
@@ -76,7 +76,7 @@ def evaluate(
     result = Evaluated()
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
-    reader = _Reader(result, metres_from_file, cutouts, duplicates, keeper or Keeper())
+    reader = _Reader(result, meters_from_file, cutouts, duplicates, keeper or Keeper())
     visit_render(scene, reader.read)
     result.doubts += cutouts.doubts
     _list_hidden(scene, result, duplicates)
@@ -87,12 +87,12 @@ class _Reader:
     def __init__(
         self,
         result: Evaluated,
-        metres_from_file: Float[np.ndarray, "4 4"],
+        meters_from_file: Float[np.ndarray, "4 4"],
         cutouts: CutoutReader,
         duplicates: Mapping[str, Sequence[Duplicate]],
         keeper: Keeper,
     ) -> None:
-        self.result, self.metres, self.cutouts = result, metres_from_file, cutouts
+        self.result, self.meters, self.cutouts = result, meters_from_file, cutouts
         self.duplicates, self.keeper = duplicates, keeper
         self.index: dict[tuple[int, tuple[str, ...]], int] = {}
         self.box: list[np.ndarray] = []  # corners around each mesh
@@ -221,11 +221,11 @@ class _Reader:
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
-        """Around points of a mesh where it is drawn, in metres."""
+        """Around points of a mesh where it is drawn, in meters."""
         if not np.isfinite(pose).all():
             raise AssetError(f"object {name!r} stands at a place that is no number", remedy=REPAIR)
         with np.errstate(over="ignore", invalid="ignore"):
-            seen = apply(self.metres @ pose, points)
+            seen = apply(self.meters @ pose, points)
         if not np.abs(seen).max() <= FARTHEST:
             problem = f"object {name!r} reaches {np.abs(seen).max():.3g} m from the origin"
             raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
@@ -238,7 +238,7 @@ class _Reader:
             return 0.0
         key = number, pose[:3, :3].tobytes()
         if key not in self.level:
-            self.level[key] = level_share(self.result.meshes[number], self.metres @ pose)
+            self.level[key] = level_share(self.result.meshes[number], self.meters @ pose)
         return self.level[key]
 
     def _doubt(self, drawn: Any) -> None:

@@ -30,7 +30,7 @@ class Opened:
     Parameters
     ----------
     unit
-        Metres to one unit.
+        Meters to one unit.
     up
         The axis that points up, "z" or "y".
     written_by
@@ -121,7 +121,7 @@ def _open_blend(path: Path) -> Opened:
     if lost := _lost_pictures():
         doubts.append(
             f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
-            f"before 2.80, so that what wore them is rendered in one colour; give its materials image nodes"
+            f"before 2.80, so that what wore them is rendered in one color; give its materials image nodes"
         )
     return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
 

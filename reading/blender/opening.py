@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colours are in
+WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colors are in
 IMPORTS = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
 SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 

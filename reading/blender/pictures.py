@@ -45,7 +45,7 @@ def read_picture(job: Job) -> dict[str, Any]:
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:
-    """Radiance in linear Rec. 709, whatever the file says that its colours are; the first row is the lowest."""
+    """Radiance in linear Rec. 709, whatever the file says that its colors are; the first row is the lowest."""
     width, height = image.size
     if not width * height or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"

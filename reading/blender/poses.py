@@ -1,4 +1,4 @@
-"""Where a file's objects stand, in float64: Blender's own matrices are float32 and lose metres on a map."""
+"""Where a file's objects stand, in float64: Blender's own matrices are float32 and lose meters on a map."""
 
 from __future__ import annotations
 

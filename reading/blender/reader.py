@@ -36,7 +36,7 @@ from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.report import FileReport, Missing, Row, gathered
 from hulldown.reading.roles import Piece, Role
 from hulldown.reading.scenery.scenery_roles import scenery_roles
-from hulldown.reading.vehicle.stance import metres_from_file, stand_upright
+from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 
@@ -59,12 +59,12 @@ def read(job: Job) -> dict[str, Any]:
     unit, up = options.scale or opened.unit, options.up or opened.up
     if opened.terrain:
         unit = opened.unit  # its scale is that of the elevations alone
-    metres = metres_from_file(unit, up)
+    meters = meters_from_file(unit, up)
     files = sorted({*used_files(), *opened.files})
     keeper = Keeper()
     drawn = evaluate(
         bpy.context.scene,
-        metres_from_file=metres,
+        meters_from_file=meters,
         duplicates=opened.duplicates,
         texture_size=options.texture_size,
         keeper=keeper,
@@ -107,7 +107,7 @@ def read(job: Job) -> dict[str, Any]:
         doubts = (*vehicle.doubts, *more)
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:
-        scenery, wet = build_scenery(job.name, drawn, roles, metres=metres, options=options)
+        scenery, wet = build_scenery(job.name, drawn, roles, meters=meters, options=options)
         scenery = replace(scenery, crs=opened.terrain.crs if opened.terrain else "")
         uses = [role.use for role in roles]
         save_scenery(job.file("bundle.npz"), scenery)

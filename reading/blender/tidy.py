@@ -3,7 +3,7 @@
 People's files have parents, modifiers, constraints, key frames, particles and drivers, all of which can undo a planned
 pose. Here they are worked out, once, from the same evaluation that the exported geometry comes from; so what is
 rendered is what was planned. Vehicles: one collection; every object has the index of its part and its pose in the
-vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: a scene in metres, z up, relative
+vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: a scene in meters, z up, relative
 to the scenery's origin.
 """
 

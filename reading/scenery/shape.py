@@ -18,24 +18,24 @@ FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer sid
 LARGE = 0.05  # ground is in pieces of at least this share of the scenery's extent
 COVERED = 0.4  # and covers at least this share
 CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
-SMALLEST = 20.0  # metres; less is no scenery
-SHEET = 20.0  # metres; a narrower sheet without a name is not taken for water
-PUDDLE = 3.0  # metres; but is said to be one perhaps, down to this width
-FAR_BELOW = 30.0  # metres that a pit's highest point is below the main ground's lowest
-DROWNED = 0.5  # metres of ground below such a sheet
+SMALLEST = 20.0  # meters; less is no scenery
+SHEET = 20.0  # meters; a narrower sheet without a name is not taken for water
+PUDDLE = 3.0  # meters; but is said to be one perhaps, down to this width
+FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
+DROWNED = 0.5  # meters of ground below such a sheet
 
 
-def level_share(mesh: Mesh, metres_from_mesh: Float[np.ndarray, "4 4"]) -> float:
+def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> float:
     """Share of a mesh's area that is inclined by 30 degrees at most, whichever side of it is up.
 
     Parameters
     ----------
     mesh
         The mesh.
-    metres_from_mesh
+    meters_from_mesh
         (4, 4) affine, to where z is up.
     """
-    corners = apply(metres_from_mesh, mesh.vertices)[mesh.faces]
+    corners = apply(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     whole = float(area.sum())
@@ -43,7 +43,7 @@ def level_share(mesh: Mesh, metres_from_mesh: Float[np.ndarray, "4 4"]) -> float
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
-    """Whether a piece is at least so many metres wide, no higher than wide, and mostly level."""
+    """Whether a piece is at least so many meters wide, no higher than wide, and mostly level."""
     length, width, height = piece.bounds[1] - piece.bounds[0]
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 

@@ -15,7 +15,7 @@ from hulldown.reading.roles import Piece
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 
-NARROWEST = 1.0  # metres, as of water that is an object of its own
+NARROWEST = 1.0  # meters, as of water that is an object of its own
 
 
 def wet_slots(materials: Sequence[str]) -> list[int]:
@@ -23,7 +23,7 @@ def wet_slots(materials: Sequence[str]) -> list[int]:
     return [slot for slot, name in enumerate(materials) if is_water_name(name)]
 
 
-def is_partly_water(piece: Piece, drawn: Evaluated, metres: Float[np.ndarray, "4 4"]) -> bool:
+def is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
     """Whether the faces that wear a material called like water are water: together wide and mostly level.
 
     Parameters
@@ -32,15 +32,15 @@ def is_partly_water(piece: Piece, drawn: Evaluated, metres: Float[np.ndarray, "4
         Ground.
     drawn
         All that the file draws.
-    metres
+    meters
         (4, 4) affine, the file's scale and up axis.
     """
     if piece.mesh not in drawn.wet:
         return False
-    part, metres_from_mesh = part_of(piece.mesh, drawn, wet=True), metres @ piece.pose
-    seen = apply(metres_from_mesh, part.vertices)
+    part, meters_from_mesh = part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
+    seen = apply(meters_from_mesh, part.vertices)
     bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
-    return is_wide_and_level(replace(piece, bounds=bounds, level=level_share(part, metres_from_mesh)), least=NARROWEST)
+    return is_wide_and_level(replace(piece, bounds=bounds, level=level_share(part, meters_from_mesh)), least=NARROWEST)
 
 
 def part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:

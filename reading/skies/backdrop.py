@@ -19,7 +19,7 @@ GAP = 3  # rows of a street lamp's light, or of sky between two branches, that m
 TOP_DEG = 60.0  # higher things are overhead
 NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, are a street's or a wood's
 WARMEST = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
-BUSY, STEP = 0.3, 0.25  # share of neighbours overhead whose logarithms differ by that much; broken cloud had 0.23
+BUSY, STEP = 0.3, 0.25  # share of neighbors overhead whose logarithms differ by that much; broken cloud had 0.23
 
 PLAIN = 0.2  # standard deviation over mean of what is below the horizon: 0 in painted skies, from 0.7 in photographs
 
@@ -59,14 +59,14 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     if height < FEWEST:  # too coarse to tell
         return round(min(90.0 / height, TOP_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
-    grey = sky @ LUMINANCE
-    grey += 1e-6 * grey.mean()
-    tops = _tops(grey, elevation)
+    gray = sky @ LUMINANCE
+    gray += 1e-6 * gray.mean()
+    tops = _tops(gray, elevation)
     misfits = []
     if (near := float(np.quantile(tops, 0.95))) > NEAR_DEG:
         misfits.append(f"what stands around it reaches {near:.0f} degrees above its horizon")
     overhead = (elevation > 30.0) & (elevation < 70.0)
-    log = np.log(grey)
+    log = np.log(gray)
     steps = np.maximum(np.abs(np.diff(log, axis=0, append=log[-1:])), np.abs(log - np.roll(log, -1, axis=1)))
     if (busy := float((steps[overhead] > STEP).mean())) > BUSY:
         misfits.append(f"{100 * busy:.0f} % of what is overhead has edges, as roofs and treetops have")
@@ -76,16 +76,16 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     return round(max(float(tops.max()), 90.0 / height), 3), tuple(misfits)
 
 
-def _tops(grey: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+def _tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
     """How high, in degrees, what is dark before the sky reaches up from the horizon, in each column."""
-    tops = np.zeros(grey.shape[1])
-    bright = np.zeros(grey.shape[1], dtype=int)  # rows since the last dark one
+    tops = np.zeros(gray.shape[1])
+    bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one
     for row in np.flatnonzero((elevation > 0.0) & (elevation < TOP_DEG))[::-1]:
-        dark = np.zeros(grey.shape[1], dtype=bool)
+        dark = np.zeros(gray.shape[1], dtype=bool)
         for (low, high), share in DARK.items():
             above = (elevation > elevation[row] + low) & (elevation < elevation[row] + high)
-            dark |= grey[row] < share * np.median(grey[above], axis=0)
+            dark |= gray[row] < share * np.median(gray[above], axis=0)
         dark &= bright <= GAP
-        tops[dark] = elevation[row] + 90.0 / len(grey)
+        tops[dark] = elevation[row] + 90.0 / len(gray)
         bright = np.where(dark, 0, bright + 1)
     return tops

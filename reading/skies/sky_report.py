@@ -29,7 +29,7 @@ class SkyReport:
     irradiance
         Of level ground, linear Rec. 709.
     exposure_ev
-        At which a grey card on open land is mid-grey under it, at a strength of 1.
+        At which a gray card on open land is mid-gray under it, at a strength of 1.
     horizon_deg
         Elevation up to which something other than sky is seen.
     notes
@@ -54,7 +54,7 @@ class SkyReport:
         red, green, blue = self.irradiance
         for what, value in (
             ("irradiance of level ground", f"{red:.4g}, {green:.4g}, {blue:.4g}"),
-            ("exposure for a grey card", f"{self.exposure_ev:+.2f} EV"),
+            ("exposure for a gray card", f"{self.exposure_ev:+.2f} EV"),
             ("only sky is seen above", f"{self.horizon_deg:.1f} degrees"),
         ):
             table.add_row(what, value)

@@ -15,7 +15,7 @@ from hulldown.reading.vehicle.solids import Solids
 UPS = ("z", "-z", "y", "-y", "x", "-x")
 PARALLEL = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
-FLAT_WHEELS = 0.5  # centres of wheels lie in one plane, give or take this share of their radius
+FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
 CERTAIN = 6  # wheels on one plane: nothing else of a vehicle stands so
 UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 
@@ -74,7 +74,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
         (solids.round_about >= 0)
         & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)
     )
-    axle, radius, centre = solids.axle[discs], solids.radius[discs], solids.centre[discs]
+    axle, radius, center = solids.axle[discs], solids.radius[discs], solids.center[discs]
     best, best_score = None, 0.0
     left = np.ones(len(discs), bool)
     for seed in np.argsort(-radius):
@@ -82,36 +82,36 @@ def find_wheels(solids: Solids) -> Wheels | None:
             continue
         mine = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
         left &= ~mine
-        found = _standing(centre[mine], radius[mine], axle[seed])
+        found = _standing(center[mine], radius[mine], axle[seed])
         if found is not None and found[0] > best_score:
             best_score, best = found[0], (discs[mine][found[3]], *found[1:3])
     if best is None:
         return None
     index, up, across = best
-    middle = solids.centre[index].mean(axis=0)
+    middle = solids.center[index].mean(axis=0)
     # The body is on the side where the vehicle reaches farther, floors and other sheets aside.
     thick = solids.size[:, 2] > 0.02 * solids.size[:, 0]
-    heights = (solids.centre[thick] - middle) @ up
+    heights = (solids.center[thick] - middle) @ up
     weight = solids.size[thick].prod(axis=1) ** (1 / 3)
     if float(heights @ weight) < 0:
         up = -up
-    level = float((solids.centre[index] @ up - solids.radius[index]).min())
+    level = float((solids.center[index] @ up - solids.radius[index]).min())
     # A tire and its rim are one wheel.
-    near = cKDTree(solids.centre[index]).query_pairs(0.7 * float(solids.radius[index].mean()), output_type="ndarray")
+    near = cKDTree(solids.center[index]).query_pairs(0.7 * float(solids.radius[index].mean()), output_type="ndarray")
     joined = coo_matrix((np.ones(len(near)), near.T), shape=(len(index), len(index)))
     places = int(connected_components(joined, directed=False)[0])
     return Wheels(index, up, across, level, places)
 
 
 def _standing(
-    centre: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
+    center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
 ) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
     """Score, up (either way) and axle of discs if they are wheels, and which of them are."""
-    keep = np.ones(len(centre), bool)
+    keep = np.ones(len(center), bool)
     for _ in range(3):
         if keep.sum() < LEAST_WHEELS:
             return None
-        off = centre[keep] - np.median(centre[keep], axis=0)
+        off = center[keep] - np.median(center[keep], axis=0)
         along_axle = off @ axle
         flat = off - along_axle[:, None] * axle
         _, _, directions = np.linalg.svd(flat, full_matrices=False)
@@ -119,7 +119,7 @@ def _standing(
         ahead /= np.linalg.norm(ahead)
         up = np.cross(ahead, axle)
         up /= np.linalg.norm(up)
-        lift = np.abs((centre - np.median(centre[keep], axis=0)) @ up)
+        lift = np.abs((center - np.median(center[keep], axis=0)) @ up)
         within = lift < FLAT_WHEELS * np.median(radius)
         if (within == keep).all():
             break
@@ -127,7 +127,7 @@ def _standing(
     size = float(np.median(radius[keep])) if keep.any() else 0.0
     if keep.sum() < LEAST_WHEELS:
         return None
-    base, track = float(np.ptp(centre[keep] @ ahead)), float(np.ptp(centre[keep] @ axle))
+    base, track = float(np.ptp(center[keep] @ ahead)), float(np.ptp(center[keep] @ axle))
     if not (3.0 * size < base < 40.0 * size and 1.5 * size < track < base * 1.6):
         return None
     return base * track * size, up, axle, keep

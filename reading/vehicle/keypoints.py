@@ -77,12 +77,12 @@ def known_points(
         discs = solids.where(wheels.index)
         for name in WHEELS:
             left, front = name.endswith("left"), "front" in name
-            side = discs.where((discs.centre[:, 1] > np.median(discs.centre[:, 1])) == left)
+            side = discs.where((discs.center[:, 1] > np.median(discs.center[:, 1])) == left)
             if not len(side):
                 continue
-            along = side.centre[:, 0] if front else -side.centre[:, 0]
+            along = side.center[:, 0] if front else -side.center[:, 0]
             end = side.where(along > along.max() - side.radius / 2)
-            x, _, z = end.centre.mean(axis=0)
+            x, _, z = end.center.mean(axis=0)
             y = end.bounds[:, 1, 1].max() + OUT if left else end.bounds[:, 0, 1].min() - OUT
             found[name] = np.array([x, y, z]) - base, 0
     return found

@@ -79,19 +79,19 @@ def find_forward(
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
     middle = (low + high) / 2
     if wheels is not None:
-        centres = solids.centre[wheels.index]
-        middle = np.array([*((centres.min(axis=0) + centres.max(axis=0)) / 2)[:2], middle[2]])
+        centers = solids.center[wheels.index]
+        middle = np.array([*((centers.min(axis=0) + centers.max(axis=0)) / 2)[:2], middle[2]])
     reach = np.abs((solids.bounds.reshape(-1, 3) - middle) @ ahead)
     half = max(float(np.percentile(reach, 98)), 1e-12)
     barrel = gun_barrel(solids, ahead, middle, half, gun)
-    votes = _votes(solids, names, (solids.centre - middle) @ ahead / half)
+    votes = _votes(solids, names, (solids.center - middle) @ ahead / half)
     raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     shape = _shape_votes(solids, wheels, ahead, middle)
     # Tubes side by side may lie behind the middle, and yet they rise ahead.
     tubes = raised != 0 and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool))
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
-        gun_end = float(np.sign((solids.centre[barrel] - middle) @ ahead))
+        gun_end = float(np.sign((solids.center[barrel] - middle) @ ahead))
         gun_why = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
     named = float(np.sign(votes)) * (abs(votes) >= VOTE)
     lifted = raised * tubes
@@ -138,11 +138,11 @@ def _line(solids: Solids, wheels: Wheels | None) -> tuple[float, str]:
     """The angle of the vehicle's long axis, either way round."""
     if wheels is not None:
         across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
-        centre = solids.centre[wheels.index][:, :2]
-        side = centre @ across
+        center = solids.center[wheels.index][:, :2]
+        side = center @ across
         # The line through the wheels of one side is better than an axle, which is short.
         left = side > (side.min() + side.max()) / 2
-        off = np.concatenate([c - c.mean(axis=0) for c in (centre[left], centre[~left])])
+        off = np.concatenate([c - c.mean(axis=0) for c in (center[left], center[~left])])
         ahead = np.linalg.svd(off, full_matrices=False)[2][0]
         if abs(ahead @ across) > 0.1:
             ahead = np.array([across[1], -across[0]])
@@ -155,7 +155,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
     largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
     corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
-    cloud = (solids.centre[largest][:, None] + corners).reshape(-1, 3)
+    cloud = (solids.center[largest][:, None] + corners).reshape(-1, 3)
     if len(largest) < 3:
         return 0.0, "along x, as nothing tells"
     tree, size = cKDTree(cloud), float(np.ptp(cloud, axis=0).max())
@@ -197,14 +197,14 @@ def gun_barrel(
     across = np.cross([0.0, 0.0, 1.0], ahead)
     axis, length = solids.axes[:, 0], solids.size[:, 0]
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
-    off = solids.centre - middle
+    off = solids.center - middle
     sideways = off @ across
     width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
     is_named = np.asarray(named, bool)[solids.piece]
     along = np.abs(axis @ ahead) > np.where(is_named, ELEVATED, TILTED)
     slender = (length > SLENDER * solids.size[:, 1]) & (length > np.where(is_named, 0.25, 0.4) * half)
     thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
-    high_up = solids.centre[:, 2] > low + 0.33 * (high - low)
+    high_up = solids.center[:, 2] > low + 0.33 * (high - low)
     # The free end: nothing else of the vehicle is around its outer half.
     tip = np.abs(off @ ahead) + length / 2
     free = (np.abs(off @ ahead) > 0.3 * half) & (tip > 0.75 * half)
@@ -240,7 +240,7 @@ def _shape_votes(
     length = float(np.ptp(off @ ahead))
     votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))] if rises else []
     if wheels is not None:
-        at = np.sort((solids.centre[wheels.index] - middle) @ ahead)
+        at = np.sort((solids.center[wheels.index] - middle) @ ahead)
         radius = float(np.median(solids.radius[wheels.index]))
         axles = [float(c.mean()) for c in np.split(at, np.flatnonzero(np.diff(at) > radius) + 1)]
         if len(axles) == 3:
@@ -260,7 +260,7 @@ def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: 
     along = axis @ ahead
     low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)
     tube = (solids.size[:, 0] > np.where(named, 3.0, TUBE) * solids.size[:, 1]) & (solids.size[:, 0] > 0.25 * length)
-    tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.centre[:, 2] > low + 0.33 * (high - low))
+    tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.center[:, 2] > low + 0.33 * (high - low))
     tube &= (axis[:, 2] > np.sin(RISE)) & (np.abs(along) > 0.3) & (np.hypot(along, axis[:, 2]) > PARALLEL)
     if not (tube & named).any():
         parallel = np.abs(axis @ axis.T) > PARALLEL
@@ -274,8 +274,8 @@ def _mirrors(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.nda
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
     reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))
-    side, along = (solids.centre - middle) @ across, (solids.centre - middle) @ ahead
-    small = (solids.size[:, 0] < 0.15 * length) & (solids.centre[:, 2] > low + 0.3 * (high - low))
+    side, along = (solids.center - middle) @ across, (solids.center - middle) @ ahead
+    small = (solids.size[:, 0] < 0.15 * length) & (solids.center[:, 2] > low + 0.3 * (high - low))
     outer = np.abs(side) + reach
     wide = small & (outer > 1.02 * outer[~small].max(initial=0.0))
     left, right = along[wide & (side > 0)], along[wide & (side < 0)]

@@ -27,8 +27,8 @@ class MaterialRow:
         In the file.
     share
         Of the vehicle's surface.
-    colour
-        Mean of its base colour, linear light: of what an image texture shows on the vehicle without texels that keep
+    color
+        Mean of its base color, linear light: of what an image texture shows on the vehicle without texels that keep
         their color, of other nodes an estimate.
     left_alone
         Why it is not painted; empty if it can be.
@@ -38,7 +38,7 @@ class MaterialRow:
 
     name: str
     share: float
-    colour: tuple[float, float, float]
+    color: tuple[float, float, float]
     left_alone: str = ""
     dark: float = 0.0
 
@@ -48,10 +48,10 @@ class MaterialRow:
         return DARK_SHARES[0] <= self.dark <= DARK_SHARES[1]
 
 
-def is_dark(colour: np.ndarray) -> np.ndarray:
+def is_dark(color: np.ndarray) -> np.ndarray:
     """Whether linear colors are those of rubber or glass: dark, and neutral or bluish."""
-    low, high = colour.min(axis=-1), colour.max(axis=-1)
-    return (high < DARK) & ((high - low < NEUTRAL * high) | (colour[..., 2] >= colour[..., 0]))
+    low, high = color.min(axis=-1), color.max(axis=-1)
+    return (high < DARK) & ((high - low < NEUTRAL * high) | (color[..., 2] >= color[..., 0]))
 
 
 def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequence[int]) -> np.ndarray:

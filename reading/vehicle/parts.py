@@ -83,7 +83,7 @@ def find_parts(
     markers
         The chains of all empties, any of which may be a part's pivot.
     vehicle_from_file
-        From the world of the file to metres, x forward, z up.
+        From the world of the file to meters, x forward, z up.
     options
         What the config states of turret, gun, and pivots.
     solids

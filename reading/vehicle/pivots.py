@@ -140,13 +140,13 @@ def find_pivot(
     slack = BELIEVED * size
     wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
     middle = middles.get(key_of(node.link))
-    centred = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
+    centered = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
     if part == GUN_PART:
         rear, front = gun_ends(own, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
-    elif centred and guess.guessed and not wrong:
+    elif centered and guess.guessed and not wrong:
         return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
-    wrong |= centred
+    wrong |= centered
     if not wrong:
         return Pivot(at, f"origin of {node.link.name!r}")
     return Pivot(
@@ -188,12 +188,12 @@ def turret_guess(
             continue
         upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
         level = solids.bounds[:, 0, 2] if solids is mine else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
-        inside = ((solids.centre > low) & (solids.centre < high))[:, :2].all(axis=1)
+        inside = ((solids.center > low) & (solids.center < high))[:, :2].all(axis=1)
         rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
         if len(rings):
             ring = rings[np.argmax(solids.radius[rings])]
             return Pivot(
-                np.array([*solids.centre[ring, :2], low[2]]),
+                np.array([*solids.center[ring, :2], low[2]]),
                 f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
             )
     # Nothing round: the middle of its body, and a ring's radius behind the trunnions, which are over the ring's edge.
@@ -203,8 +203,8 @@ def turret_guess(
     if trunnions is not None and 0 < trunnions[0] - at[0] < width:
         at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
         why = "the middle of its body and the distance from its gun"
-    centre = (hull[:, 1].min() + hull[:, 1].max()) / 2 if len(hull) else at[1]
-    at[1] = centre if abs(at[1] - centre) < 0.05 * width else at[1]
+    center = (hull[:, 1].min() + hull[:, 1].max()) / 2 if len(hull) else at[1]
+    at[1] = center if abs(at[1] - center) < 0.05 * width else at[1]
     return Pivot(at, why, guessed=True)
 
 
@@ -225,13 +225,13 @@ def cheeks(
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
     plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
-    beside = np.abs(others.centre[:, 1] - middle[1]) < 0.55 * (high - low)[1]
+    beside = np.abs(others.center[:, 1] - middle[1]) < 0.55 * (high - low)[1]
     meets = (others.bounds[:, 0, ::2] < high[::2]).all(axis=1) & (others.bounds[:, 1, ::2] > low[::2]).all(axis=1)
     best, largest = None, 0.0
-    for i in np.flatnonzero(plate & beside & meets & (others.centre[:, 1] > middle[1])):
-        mirrored = others.centre[i] * [1, -1, 1] + [0, 2 * middle[1], 0]
+    for i in np.flatnonzero(plate & beside & meets & (others.center[:, 1] > middle[1])):
+        mirrored = others.center[i] * [1, -1, 1] + [0, 2 * middle[1], 0]
         size = others.size[i]
-        twin = np.linalg.norm(others.centre - mirrored, axis=1) < 0.1 * size[1]
+        twin = np.linalg.norm(others.center - mirrored, axis=1) < 0.1 * size[1]
         twin &= np.abs(others.size - size).max(axis=1) < 0.05 * size[0]
         if not twin.any() or size[0] * size[1] <= largest:
             continue
@@ -270,18 +270,18 @@ def gun_guess(
     if not len(mine) or length <= 0:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     ahead = (front - rear) / length
-    along = (mine.centre - rear) @ ahead
+    along = (mine.center - rear) @ ahead
     cross = (mine.round_about == 0) & (np.abs(mine.axle[:, 1]) > 0.97) & (along < 0.5 * length)
     trunnions = np.flatnonzero(cross & (mine.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
     if len(trunnions):
-        at = mine.centre[trunnions[np.argmax(mine.size[trunnions, 0])]]
+        at = mine.center[trunnions[np.argmax(mine.size[trunnions, 0])]]
         return Pivot(at, "the middle of its trunnions")
     barrel = int(np.argmax(mine.size[:, 0]))
     line = mine.axes[barrel, 0] * np.sign(mine.axes[barrel, 0] @ ahead or 1.0)
-    start = mine.centre[barrel] - line * mine.size[barrel, 0] / 2
+    start = mine.center[barrel] - line * mine.size[barrel, 0] / 2
     slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
     tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
-    beside = pdist(tubes.centre - np.outer(tubes.centre @ line, line)).max(initial=0.0)
+    beside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
     if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
         if held is not None:
             return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
@@ -294,7 +294,7 @@ def gun_guess(
     nearest, farthest = np.minimum(*reach), np.maximum(*reach)
     thick = (mine.size[:, 1] > THICK * mine.size[barrel, 1]) & (nearest < 0.1 * mine.size[barrel, 0])
     thick &= (farthest < 0.5 * mine.size[barrel, 0]) & (
-        np.linalg.norm(np.cross(mine.centre - start, line), axis=1) < mine.size[:, 1]
+        np.linalg.norm(np.cross(mine.center - start, line), axis=1) < mine.size[:, 1]
     )
     if thick.any():
         mantlet = np.flatnonzero(thick)[np.argmax(mine.size[thick].prod(axis=1))]

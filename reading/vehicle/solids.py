@@ -26,7 +26,7 @@ class Solids:
         (n,) index of the piece each belongs to.
     bounds
         (n, 2, 3)
-    centre
+    center
         (n, 3) middle of its box along its own axes.
     axes
         (n, 3, 3) rows are its own axes, by length: the longest first.
@@ -38,7 +38,7 @@ class Solids:
 
     piece: Int[np.ndarray, " n"]
     bounds: Float[np.ndarray, "n 2 3"]
-    centre: Float[np.ndarray, "n 3"]
+    center: Float[np.ndarray, "n 3"]
     axes: Float[np.ndarray, "n 3 3"]
     size: Float[np.ndarray, "n 3"]
     round_about: Int[np.ndarray, " n"]
@@ -59,10 +59,10 @@ class Solids:
 
     def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
         """The same after a rotation; boxes are around the turned solids' own boxes."""
-        centre, axes = self.centre @ rotation.T, self.axes @ rotation.T
+        center, axes = self.center @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
-        bounds = np.stack([centre - reach, centre + reach], axis=1)
-        return replace(self, bounds=bounds, centre=centre, axes=axes)
+        bounds = np.stack([center - reach, center + reach], axis=1)
+        return replace(self, bounds=bounds, center=center, axes=axes)
 
     def where(self, mask: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> Solids:
         """Some of them."""
@@ -87,12 +87,12 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
         largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MOST]
         owner, clouds = [owner[i] for i in largest], [clouds[i] for i in largest]
     n = len(clouds)
-    axes, size, centre, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
+    axes, size, center, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
     bounds = np.zeros((n, 2, 3))
     for i, cloud in enumerate(clouds):
-        axes[i], size[i], centre[i], round_about[i] = _shape(cloud)
+        axes[i], size[i], center[i], round_about[i] = _shape(cloud)
         bounds[i] = cloud.min(axis=0), cloud.max(axis=0)
-    return Solids(np.array(owner, int), bounds, centre, axes, size, round_about)
+    return Solids(np.array(owner, int), bounds, center, axes, size, round_about)
 
 
 def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:

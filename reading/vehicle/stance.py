@@ -1,4 +1,4 @@
-"""A vehicle's pieces stood upright and turned ahead: from the file's axes to metres, x forward, z up."""
+"""A vehicle's pieces stood upright and turned ahead: from the file's axes to meters, x forward, z up."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Upright:
-    """Pieces in metres with z up.
+    """Pieces in meters with z up.
 
     Parameters
     ----------
     pieces
         With their bounds in that frame.
-    metres
+    meters
         (4, 4) from the file to it.
     up
         Which axis of the file points up.
@@ -36,7 +36,7 @@ class Upright:
     """
 
     pieces: list[Piece]
-    metres: Float[np.ndarray, "4 4"]
+    meters: Float[np.ndarray, "4 4"]
     up: Up
     solids: Solids
 
@@ -49,20 +49,20 @@ def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -
     drawn
         Its bounds are those with `said` up.
     unit
-        Metres to one unit of the file.
+        Meters to one unit of the file.
     said
         The axis that the file says is up.
     up
         The axis that the config says is up; found by the wheels if None.
     """
-    metres = metres_from_file(unit, said)
-    points = [apply(metres @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
+    meters = meters_from_file(unit, said)
+    points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
     found = Up(up, "as the config says") if up else find_up(find_wheels(solids), said)
     if found.axis == said:
-        return Upright(list(drawn.pieces), metres, found, solids)
-    upright = metres_from_file(unit, found.axis)
-    turn = (upright @ np.linalg.inv(metres))[:3, :3]
+        return Upright(list(drawn.pieces), meters, found, solids)
+    upright = meters_from_file(unit, found.axis)
+    turn = (upright @ np.linalg.inv(meters))[:3, :3]
     pieces = []
     for piece, own in zip(drawn.pieces, points, strict=True):
         used = np.unique(drawn.meshes[piece.mesh].faces)
@@ -71,8 +71,8 @@ def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -
     return Upright(pieces, upright, found, solids.turned(turn))
 
 
-def metres_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
-    """From a file's coordinates to metres, z up; where the origin is stays."""
+def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
+    """From a file's coordinates to meters, z up; where the origin is stays."""
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 

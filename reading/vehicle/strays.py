@@ -19,10 +19,10 @@ PRIMITIVES = {
     "cube": 8, "plane": 4, "sphere": None, "icosphere": None, "cylinder": None, "cone": None, "torus": None,
     "suzanne": None, "monkey": None, "circle": None, "grid": None,
 }  # fmt: skip
-BELOW = 0.03  # of the vehicle's height: a tyre that is pressed into the ground
+BELOW = 0.03  # of the vehicle's height: a tire that is pressed into the ground
 OUT = 0.1  # of the length of the rest
 APART = 0.02  # of the length of the rest: so much air around it
-BESIDE = (*STAGES, *FIGURES)  # and not "plane", which armour plates are called too
+BESIDE = (*STAGES, *FIGURES)  # and not "plane", which armor plates are called too
 FAR = 0.08  # and so much where it cannot belong to the rest
 SMALL = 0.75  # diagonal of what may stand beside a vehicle, in the diagonal of the rest: a trailer is as long
 FLAT = 1e-4  # of its longest side: a sheet without thickness

@@ -19,7 +19,7 @@ from hulldown.render.blender.nodes import add_node
 class Fog:
     """Air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
 
-    Koschmieder's law (`camera.fog`): what is seen through `d` metres of air is
+    Koschmieder's law (`camera.fog`): what is seen through `d` meters of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.
@@ -70,7 +70,7 @@ class Fog:
         *,
         below: float,
         file_from_scenery: np.ndarray,
-        units_per_metre: float,
+        units_per_meter: float,
     ) -> None:
         """Fill the air.
 
@@ -79,18 +79,18 @@ class Fog:
         kind
             Of the weather.
         visibility
-            In metres.
+            In meters.
         glow
             (3,) radiance of endless air.
         camera
-            (3,) where the camera is in the scenery, in metres.
+            (3,) where the camera is in the scenery, in meters.
         below
-            Metres from the camera down to what is lit.
-        file_from_scenery, units_per_metre
+            Meters from the camera down to what is lit.
+        file_from_scenery, units_per_meter
             The frame that everything is posed in.
         """
         air = air_layers(kind, visibility)
-        per_unit = sum(layer.extinction for layer in air) / units_per_metre
+        per_unit = sum(layer.extinction for layer in air) / units_per_meter
         self._absorption.inputs["Density"].default_value = per_unit
         peak = float(glow.max())
         self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)

@@ -20,16 +20,16 @@ from hulldown.render import surface_weather as weather
 from hulldown.render.blender.nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
-PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to metres above its underside
+PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
 PATCHES = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
 PATCH_WEIGHTS = (0.6, 0.65, 0.45)  # of each; their squares add up to 1
 PATCH_EDGE = 0.45  # width of an edge where half the ground is covered, as a share of the noise; at most 0.5
-DUST_PATCH = 0.5  # metres
+DUST_PATCH = 0.5  # meters
 NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
 NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
-SKY_REACH = 10.0  # metres above which nothing keeps snow off
+SKY_REACH = 10.0  # meters above which nothing keeps snow off
 SKY_RAYS = 2
 SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
 
@@ -90,7 +90,7 @@ class Group:
 
 
 def wetting(name: str, *, film: bool) -> Any:
-    """Between a principled shader and what gives it colour, roughness and coat; `film`: water stands on it too."""
+    """Between a principled shader and what gives it color, roughness and coat; `film`: water stands on it too."""
     floats = ("Roughness", "Specular IOR Level", "Coat Weight", "Coat Roughness")
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
@@ -99,27 +99,27 @@ def wetting(name: str, *, film: bool) -> Any:
     soaks = g.maths("MULTIPLY_ADD", rough, scale, -weather.POROUS_FROM * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    colour = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, weather.WET_DIFFUSE - 1, 1.0))
+    color = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, weather.WET_DIFFUSE - 1, 1.0))
     rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, weather.WET_ROUGHNESS - 1, 1.0))
     shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
     if film:
         coat = g.maths("MAXIMUM", coat, g.maths("MULTIPLY", g.share, FILM_COAT))
         blur = g.maths("MAXIMUM", blur, g.maths("MULTIPLY", g.share, FILM_ROUGHNESS))
-    return g.end(Base_Color=colour, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur)
+    return g.end(Base_Color=color, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur)
 
 
 def soaking(name: str) -> Any:
-    """Between a diffuse shader, which is all pores, and what gives it colour."""
+    """Between a diffuse shader, which is all pores, and what gives it color."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
     return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, weather.WET_DIFFUSE - 1, 1.0)))
 
 
-def _times(g: Group, colour: Any, factor: Any) -> Any:
-    return g.add("VectorMath", {0: colour, "Scale": factor}, operation="SCALE").outputs[0]
+def _times(g: Group, color: Any, factor: Any) -> Any:
+    return g.add("VectorMath", {0: color, "Scale": factor}, operation="SCALE").outputs[0]
 
 
-def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> Any:
+def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> Any:
     """Between a surface and the output: white where it is level enough, and open to the sky.
 
     The sky is looked for where the camera looks, and nowhere else: rays of bounced light see snow under roofs too.
@@ -130,7 +130,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
         Of the group.
     up
         Unit vector in the file's coordinates.
-    units_per_metre
+    units_per_meter
         Of the file.
     """
     g = _cover(name)
@@ -140,7 +140,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     # A distance of 0 costs no ray: of what is too steep, and of what the camera does not see itself.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
-    reach = g.maths("MULTIPLY", wanted, SKY_REACH * units_per_metre)
+    reach = g.maths("MULTIPLY", wanted, SKY_REACH * units_per_meter)
     # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
     between = g.add(
         "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: up}).outputs[0]}, operation="NORMALIZE"
@@ -148,7 +148,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
-    patches = g.even_noise(_metres(g, seen["Position"], units_per_metre), PATCHES, PATCH_WEIGHTS)
+    patches = g.even_noise(_meters(g, seen["Position"], units_per_meter), PATCHES, PATCH_WEIGHTS)
     # Edges are narrower where little or nearly all is covered, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
@@ -158,21 +158,21 @@ def snow(name: str, up: tuple[float, float, float], units_per_metre: float) -> A
     return _covered(g, g.maths("MULTIPLY", covered, some), weather.SNOW_ALBEDO)
 
 
-def dust(name: str, up: tuple[float, float, float], units_per_metre: float, *, climbs: bool) -> Any:
+def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, climbs: bool) -> Any:
     """Between a surface and the output: a thin brown film on what lies level and, if it `climbs`, near the ground.
 
     Parameters
     ----------
     name
         Of the group.
-    up, units_per_metre
+    up, units_per_meter
         As of `snow`.
     climbs
         Whether what wears it is a vehicle, whose objects say by `PLANE` how high a point is.
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(_metres(g, seen["Position"], units_per_metre), (DUST_PATCH,))
+    uneven = g.even_noise(_meters(g, seen["Position"], units_per_meter), (DUST_PATCH,))
     lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), weather.DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
@@ -188,8 +188,8 @@ def _cover(name: str) -> Group:
     return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
 
 
-def _metres(g: Group, position: Any, units_per_metre: float) -> Any:
-    return g.add("VectorMath", {0: position, "Scale": 1 / units_per_metre}, operation="SCALE").outputs[0]
+def _meters(g: Group, position: Any, units_per_meter: float) -> Any:
+    return g.add("VectorMath", {0: position, "Scale": 1 / units_per_meter}, operation="SCALE").outputs[0]
 
 
 def _covered(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:

@@ -41,7 +41,7 @@ def develop_file(linear: Path, output: Path, sensor: Sensor, camera: CameraInput
         view.applyRGB(light)
         return light
 
-    x, y = camera.intrinsics.centre.tolist()
+    x, y = camera.intrinsics.center.tolist()
     picture = develop(
         radiance,
         sensor,

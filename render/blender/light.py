@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.camera.backdrop import HIGH, even_colour, fade
+from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.fog import DUST_LAYERS, AirLayer, even_sky
 from hulldown.render.blender.nodes import add_node, maths
 
@@ -46,7 +46,7 @@ class HdriWorld:
         self._veil = _Veil(tree, direction, self._texture.outputs["Color"])
         self._dimmed = _Dimmed(tree, direction, light)
         self._small: dict[str, np.ndarray] = {}
-        self._colours: dict[str, str] = {}  # colour space of each file
+        self._colors: dict[str, str] = {}  # color space of each file
         self._path = ""
 
     def set(
@@ -54,8 +54,8 @@ class HdriWorld:
     ) -> None:
         """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above.
 
-        With a `horizon`, an elevation in radians, the camera sees the colour there in all directions below it; with a
-        high one, one colour (`camera.backdrop`).
+        With a `horizon`, an elevation in radians, the camera sees the color there in all directions below it; with a
+        high one, one color (`camera.backdrop`).
         """
         if path != self._path:
             if not os.path.isfile(path):
@@ -65,7 +65,7 @@ class HdriWorld:
             else:
                 # A new image in place of the old one would make Blender build its graph of all objects anew.
                 self._texture.image.filepath = path
-                self._texture.image.colorspace_settings.name = self._colour_space(path)  # reloading keeps the old one
+                self._texture.image.colorspace_settings.name = self._color_space(path)  # reloading keeps the old one
                 self._texture.image.reload()
                 if self._texture.image.packed_file:
                     raise RuntimeError(f"{path}: Blender has packed this picture and would show no other")
@@ -83,21 +83,21 @@ class HdriWorld:
         self._background.inputs["Strength"].default_value = strength
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
         self._link(seen, self._texture.inputs["Vector"])
-        colour = self._texture.outputs["Color"]
+        color = self._texture.outputs["Color"]
         if horizon is not None and horizon > HIGH:
-            colour = self._veil.at(min(horizon, HIGHEST), even_colour(self._map_of_path(), horizon))
-        self._link(colour, self._background.inputs["Color"])
+            color = self._veil.at(min(horizon, HIGHEST), even_color(self._map_of_path(), horizon))
+        self._link(color, self._background.inputs["Color"])
 
     def _link(self, output: Any, socket: Any) -> None:
         if socket.links[0].from_socket != output:  # new links make Cycles compile the sky anew
             self._tree.links.new(output, socket)
 
-    def _colour_space(self, path: str) -> str:
-        """What the file says that its colours are, or what Blender takes such a file for."""
-        if path not in self._colours:
+    def _color_space(self, path: str) -> str:
+        """What the file says that its colors are, or what Blender takes such a file for."""
+        if path not in self._colors:
             # It holds no pixels, and to remove it would cost what a new image in the graph does.
-            self._colours[path] = bpy.data.images.load(path).colorspace_settings.name
-        return self._colours[path]
+            self._colors[path] = bpy.data.images.load(path).colorspace_settings.name
+        return self._colors[path]
 
     def _search_by(self, columns: int) -> None:
         """Have Cycles find the bright parts of the sky by a map of so many columns."""
@@ -117,7 +117,7 @@ class HdriWorld:
         air
             Around the camera; nothing: clear air.
         below
-            Metres from the camera down to what is lit.
+            Meters from the camera down to what is lit.
         glow
             (3,) radiance of endless air.
         """
@@ -131,7 +131,7 @@ class HdriWorld:
             small.scale(256, 128)
             pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
             small.pixels.foreach_get(pixels)
-            small.buffers_free()  # and stays, as of `_colour_space`
+            small.buffers_free()  # and stays, as of `_color_space`
             if len(self._small) >= MOST_MAPS:
                 del self._small[next(iter(self._small))]
             self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
@@ -141,7 +141,7 @@ class HdriWorld:
 def sky_map(width: int) -> int:
     """Columns of the map by which Cycles finds the bright parts of an HDRI of so many columns.
 
-    A texel of the map is as bright as the HDRI at its centre. Where its other parts see a sun that its centre does not,
+    A texel of the map is as bright as the HDRI at its center. Where its other parts see a sun that its center does not,
     light is found by chance: pictures are too dark, with sparks. For wider HDRIs, measured, more than `SKY_MAP` change
     nothing until they are too many to build for each image.
     """
@@ -149,19 +149,19 @@ def sky_map(width: int) -> int:
 
 
 class _Veil:
-    """Nodes that show the camera one colour up to an elevation, and a picture from a little above it."""
+    """Nodes that show the camera one color up to an elevation, and a picture from a little above it."""
 
-    def __init__(self, tree: Any, direction: Any, colour: Any) -> None:
+    def __init__(self, tree: Any, direction: Any, color: Any) -> None:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         self._share = add_node(tree, "MapRange", {0: z, "To Min": 1.0, "To Max": 0.0}, clamp=True)
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         share = maths(tree, "MULTIPLY", camera, self._share.outputs[0])
-        self._mix = add_node(tree, "Mix", {0: share, 6: colour}, data_type="RGBA")
+        self._mix = add_node(tree, "Mix", {0: share, 6: color}, data_type="RGBA")
 
-    def at(self, horizon: float, colour: np.ndarray) -> Any:
-        """What is seen: the colour below an elevation in radians, the picture above."""
+    def at(self, horizon: float, color: np.ndarray) -> Any:
+        """What is seen: the color below an elevation in radians, the picture above."""
         self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
-        self._mix.inputs[7].default_value = (*colour, 1.0)
+        self._mix.inputs[7].default_value = (*color, 1.0)
         return self._mix.outputs[2]
 
 

@@ -1,6 +1,6 @@
-"""Which vehicle is at each pixel's centre, by Cycles itself: the oracle that annotations are checked against.
+"""Which vehicle is at each pixel's center, by Cycles itself: the oracle that annotations are checked against.
 
-Everything glows with its object's number, one ray goes through the centre of each pixel, and the picture is read back.
+Everything glows with its object's number, one ray goes through the center of each pixel, and the picture is read back.
 Where a material is less than half opaque it is not there; elsewhere it hides, however it looks, as the planner takes
 it. Runs inside Blender; needs numpy and bpy only.
 """
@@ -21,7 +21,7 @@ from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import Settings
 
 FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
-PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes
+PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 DRESSED = "hulldown index"
 ONE_RAY = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
@@ -48,7 +48,7 @@ class IndexPictures:
         for scene in (stage.scene, self._bare):
             cycles.configure(scene, ONE_RAY, device=device, threads=threads)
             scene.cycles.pixel_filter_type = "BOX"
-            scene.cycles.filter_width = PIXEL_CENTRE
+            scene.cycles.filter_width = PIXEL_CENTER
             scene.world = dark
             settings = scene.render.image_settings
             settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
@@ -58,7 +58,7 @@ class IndexPictures:
         self._plain = bpy.data.materials.new("hulldown index")
 
     def maps(self, vehicles: Sequence[Sequence[Any]], folder: Path) -> np.ndarray:
-        """Which vehicle each pixel's centre shows.
+        """Which vehicle each pixel's center shows.
 
         Parameters
         ----------

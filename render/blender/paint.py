@@ -1,4 +1,4 @@
-"""Paint: nodes between what feeds a material's base colour and its shader, told by each object what to do.
+"""Paint: nodes between what feeds a material's base color and its shader, told by each object what to do.
 
 The nodes are put in once, when a material is first painted. What they do stands in custom properties of the objects,
 which Cycles looks up where a ray meets them. So vehicles that share a material have paints of their own in one picture,
@@ -16,7 +16,7 @@ from hulldown.reading.vehicle.paintable import DARK, NEUTRAL
 from hulldown.render.blender.nodes import add_node, maths
 from hulldown.render.messages import PaintInput
 
-BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
+BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 BRIGHTEST = 4.0  # times the mean that painted texture is bright, at most
 PREFIX = "hulldown paint "  # of the properties' names
 
@@ -78,10 +78,10 @@ class Paintable:
             self._numbers[paint.material] = len(self._numbers)
             material = self._own(paint.material)
             _insert(material.node_tree, self._numbers[paint.material], paint)
-        colour, shift = _names(self._numbers[paint.material])
+        color, shift = _names(self._numbers[paint.material])
         said: dict[str, tuple[float, ...]] = {}
-        if paint.colour is not None:
-            said[colour] = (*paint.colour, 1.0)
+        if paint.color is not None:
+            said[color] = (*paint.color, 1.0)
         if (paint.hue, paint.saturation, paint.value) != (0.0, 1.0, 1.0):
             said[shift] = (0.5 + paint.hue, paint.saturation, paint.value, 1.0)
         return said
@@ -100,45 +100,45 @@ class Paintable:
 
 
 def _names(number: int) -> tuple[str, str]:
-    """The properties that have a material's colour, and what its colours are turned by."""
-    return f"{PREFIX}{number} colour", f"{PREFIX}{number} shift"
+    """The properties that have a material's color, and what its colors are turned by."""
+    return f"{PREFIX}{number} color", f"{PREFIX}{number} shift"
 
 
 def _insert(tree: Any, number: int, paint: PaintInput) -> None:
-    """Put nodes before all base colours of a tree, and of the groups in it, which it gets copies of."""
+    """Put nodes before all base colors of a tree, and of the groups in it, which it gets copies of."""
     for node in list(tree.nodes):
-        if node.type == "GROUP" and node.node_tree is not None and _is_coloured(node.node_tree):
+        if node.type == "GROUP" and node.node_tree is not None and _is_colored(node.node_tree):
             node.node_tree = node.node_tree.copy()
             _insert(node.node_tree, number, paint)
-        elif node.type in BASE_COLOURS:
-            socket = node.inputs[BASE_COLOURS[node.type]]
+        elif node.type in BASE_COLORS:
+            socket = node.inputs[BASE_COLORS[node.type]]
             tree.links.new(_painted(tree, socket, number, paint), socket)
 
 
-def _is_coloured(tree: Any) -> bool:
+def _is_colored(tree: Any) -> bool:
     inner = (node.node_tree for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None)
-    return any(node.type in BASE_COLOURS for node in tree.nodes) or any(map(_is_coloured, inner))
+    return any(node.type in BASE_COLORS for node in tree.nodes) or any(map(_is_colored, inner))
 
 
 def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:
     """The output that has what is linked to a socket, painted."""
-    colour, shift = (
+    color, shift = (
         add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name) for name in _names(number)
     )
     if socket.is_linked:
         base = socket.links[0].from_socket
-        grey = add_node(tree, "RGBToBW", {0: base}).outputs[0]
-        bounded = maths(tree, "MINIMUM", maths(tree, "MULTIPLY", grey, 1.0 / max(paint.mean, 1e-4)), BRIGHTEST)
-        scaled = {0: colour.outputs["Color"], "Scale": bounded}
+        gray = add_node(tree, "RGBToBW", {0: base}).outputs[0]
+        bounded = maths(tree, "MINIMUM", maths(tree, "MULTIPLY", gray, 1.0 / max(paint.mean, 1e-4)), BRIGHTEST)
+        scaled = {0: color.outputs["Color"], "Scale": bounded}
         fresh = add_node(tree, "VectorMath", scaled, operation="SCALE").outputs[0]
     else:
         rgb = tree.nodes.new("ShaderNodeRGB")
         rgb.outputs[0].default_value = socket.default_value
-        base, fresh = rgb.outputs[0], colour.outputs["Color"]
-    coloured = _mix(tree, colour.outputs["Alpha"], base, fresh)
+        base, fresh = rgb.outputs[0], color.outputs["Color"]
+    colored = _mix(tree, color.outputs["Alpha"], base, fresh)
     hue, saturation, value = add_node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
-    turned = add_node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": coloured})
-    whole = _mix(tree, shift.outputs["Alpha"], coloured, turned.outputs[0])
+    turned = add_node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": colored})
+    whole = _mix(tree, shift.outputs["Alpha"], colored, turned.outputs[0])
     return _mix(tree, _is_paint(tree, base), base, whole) if paint.keeps_dark and socket.is_linked else whole
 
 
@@ -148,8 +148,8 @@ def _is_paint(tree: Any, base: Any) -> Any:
     high = maths(tree, "MAXIMUM", red, maths(tree, "MAXIMUM", green, blue))
     low = maths(tree, "MINIMUM", red, maths(tree, "MINIMUM", green, blue))
     saturation = maths(tree, "DIVIDE", maths(tree, "SUBTRACT", high, low), maths(tree, "MAXIMUM", high, 1e-6))
-    coloured = maths(tree, "MULTIPLY", _ramp(tree, saturation, NEUTRAL), maths(tree, "GREATER_THAN", red, blue))
-    return maths(tree, "MAXIMUM", _ramp(tree, high, DARK), coloured)
+    colored = maths(tree, "MULTIPLY", _ramp(tree, saturation, NEUTRAL), maths(tree, "GREATER_THAN", red, blue))
+    return maths(tree, "MAXIMUM", _ramp(tree, high, DARK), colored)
 
 
 def _ramp(tree: Any, value: Any, at: float) -> Any:
@@ -158,6 +158,6 @@ def _ramp(tree: Any, value: Any, at: float) -> Any:
 
 
 def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:
-    """From one colour to another, of which no more light comes than falls on it."""
+    """From one color to another, of which no more light comes than falls on it."""
     bounded = add_node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
     return add_node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]

@@ -67,7 +67,7 @@ class Precipitation:
         radiance
             (3,) of what falls.
         eye
-            (3,) where the camera is in the scenery, in metres.
+            (3,) where the camera is in the scenery, in meters.
         file_from_scenery
             The frame that everything is posed in.
         """

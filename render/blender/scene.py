@@ -35,7 +35,7 @@ MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, whi
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
-FAR = 1e7  # metres; Cycles traces rays, so a far clip plane costs no depth resolution
+FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
 
 
 class Stage:
@@ -49,7 +49,7 @@ class Stage:
         self.path = path
         self.scene = bpy.context.scene
         self.file_from_scenery = np.linalg.inv(scenery_from_file)
-        self.units_per_metre = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
+        self.units_per_meter = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
         _hide_backdrops(self.scene, frozenset(standing))
         _remove(frozenset(removed))
@@ -60,11 +60,11 @@ class Stage:
         self.world = HdriWorld(self.scene)
         self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")), self.world)
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
-        self.surfaces = Surfaces(self.file_from_scenery, self.units_per_metre)
+        self.surfaces = Surfaces(self.file_from_scenery, self.units_per_meter)
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
-        self._lowest = math.inf  # metres; where light is asked for, at the lowest vehicle
+        self._lowest = math.inf  # meters; where light is asked for, at the lowest vehicle
 
     def _add(self, name: str, data: Any) -> Any:
         obj = bpy.data.objects.new(name, data)
@@ -161,11 +161,11 @@ class Stage:
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
         if distorting:
-            set_lens(data, intrinsics, camera.near * self.units_per_metre)
+            set_lens(data, intrinsics, camera.near * self.units_per_meter)
         elif data.type != "PERSP":
             data.type = "PERSP"
-        data.clip_start = camera.near * self.units_per_metre
-        data.clip_end = FAR * self.units_per_metre
+        data.clip_start = camera.near * self.units_per_meter
+        data.clip_end = FAR * self.units_per_meter
 
     def set_light(self, light: LightInput) -> None:
         """Light by an HDRI."""
@@ -198,7 +198,7 @@ class Stage:
             pose[:3, 3],
             below=max(0.0, pose[2, 3] - self._lowest),
             file_from_scenery=frame,
-            units_per_metre=self.units_per_metre,
+            units_per_meter=self.units_per_meter,
         )
         streaks = falling(weather, self._view, seed)
         if streaks is None:

@@ -33,15 +33,15 @@ class Surfaces:
     Parameters
     ----------
     file_from_scenery
-        (4, 4) from metres with z up to the file's coordinates.
-    units_per_metre
+        (4, 4) from meters with z up to the file's coordinates.
+    units_per_meter
         Of the file.
     """
 
-    def __init__(self, file_from_scenery: np.ndarray, units_per_metre: float) -> None:
-        axis = file_from_scenery[:3, 2] / units_per_metre
+    def __init__(self, file_from_scenery: np.ndarray, units_per_meter: float) -> None:
+        axis = file_from_scenery[:3, 2] / units_per_meter
         self._up = (float(axis[0]), float(axis[1]), float(axis[2]))
-        self._units_per_metre = units_per_metre
+        self._units_per_meter = units_per_meter
         self._kind = ""
         self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
         self._dressed: dict[int, Shape] = {}  # by session id of a material
@@ -103,8 +103,8 @@ class Surfaces:
         if self._kind == "rain":
             return [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")]
         if self._kind == "snow":
-            return [covers.snow(name, self._up, self._units_per_metre)]
-        return [covers.dust(name, self._up, self._units_per_metre, climbs=vehicles)]
+            return [covers.snow(name, self._up, self._units_per_meter)]
+        return [covers.dust(name, self._up, self._units_per_meter, climbs=vehicles)]
 
     def _dress(self, material: Any, wearer: str) -> None:
         groups = self._group(wearer)

@@ -201,7 +201,7 @@ def _collated(batch: list[Example], *, collate: Callable[[Any], Any]) -> Any:
 
 
 def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
-    """An example as RF-DETR's data sets give it: boxes as centre and size, in shares of the picture."""
+    """An example as RF-DETR's data sets give it: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
     corners = example.xyxy
     sizes = corners[:, 2:] - corners[:, :2]
@@ -215,10 +215,10 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
         "orig_size": torch.tensor([height, width]),
         "size": torch.tensor([height, width]),
     }
-    return normalised(example.picture), target
+    return normalized(example.picture), target
 
 
-def normalised(pictures: Tensor) -> Tensor:
+def normalized(pictures: Tensor) -> Tensor:
     """Pictures (..., 3, h, w) of 0 to 255 as RF-DETR wants them."""
     mean, std = (torch.tensor(n, device=pictures.device).view(3, 1, 1) for n in (MEAN, STD))
     return (pictures.float() / 255 - mean) / std
@@ -267,7 +267,7 @@ class DetrDetector:
         """What is in each of some RGB pictures."""
         if not images:
             return []
-        pictures = normalised(network_pictures(images, self._size).to(self._device))
+        pictures = normalized(network_pictures(images, self._size).to(self._device))
         sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
         return [self._detections(found) for found in self._postprocess(self._network(pictures), sizes)]
 

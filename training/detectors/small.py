@@ -1,4 +1,4 @@
-"""A small detector that learns from random weights on a CPU in minutes: a centre-point network of our own layers.
+"""A small detector that learns from random weights on a CPU in minutes: a center-point network of our own layers.
 
 It is what tests, demos and studies use where there are neither weights to start from nor a GPU.
 """
@@ -18,7 +18,7 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.callbacks import AveragedWeights
-from hulldown.training.detectors.centre_points import CentreNetwork, Peaks, Truth, centre_loss, peaks, truth_of
+from hulldown.training.detectors.center_points import CenterNetwork, Peaks, Truth, center_loss, peaks, truth_of
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from hulldown.training.fitting import Fitted, Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
@@ -28,7 +28,7 @@ ASPECT = 9 / 16
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
-WEIGHTS_KIND = "centre points"  # what a weights file says that it holds
+WEIGHTS_KIND = "center points"  # what a weights file says that it holds
 
 
 def small_size(resolution: int = RESOLUTION) -> tuple[int, int]:
@@ -46,7 +46,7 @@ class SmallDetector:
     """The small network as a detector; see `training.detectors.detector.Detector`."""
 
     def __init__(
-        self, network: CentreNetwork, classes: tuple[str, ...], size: tuple[int, int], device: torch.device
+        self, network: CenterNetwork, classes: tuple[str, ...], size: tuple[int, int], device: torch.device
     ) -> None:
         self.classes, self.size = classes, size
         self.network = network.to(device, memory_format=torch.channels_last).eval()
@@ -72,7 +72,7 @@ class SmallDetector:
         )
 
 
-def starting_network(classes: Sequence[str], weights: Path | None) -> CentreNetwork:
+def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetwork:
     """A network with random weights, or with those of a file: the outputs of classes that the file lacks stay random.
 
     Raises
@@ -80,7 +80,7 @@ def starting_network(classes: Sequence[str], weights: Path | None) -> CentreNetw
     DetectorError
         If the file holds no small model.
     """
-    network = CentreNetwork(len(classes))
+    network = CenterNetwork(len(classes))
     if weights is None:
         return network
     given = load_small(weights, device=torch.device("cpu"))
@@ -95,7 +95,7 @@ def starting_network(classes: Sequence[str], weights: Path | None) -> CentreNetw
     return network
 
 
-def save_small(network: CentreNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
+def save_small(network: CenterNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
     """What a weights file holds."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     return {"hulldown": WEIGHTS_KIND, "classes": list(classes), "size": list(size), "model": state}
@@ -116,7 +116,7 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
         )
     try:
         (width, height), classes = found["size"], tuple(found["classes"])
-        network = CentreNetwork(len(classes))
+        network = CenterNetwork(len(classes))
         network.load_state_dict(found["model"])
     except DAMAGED as error:
         raise DetectorError(
@@ -138,7 +138,7 @@ class SmallModule(pl.LightningModule):
         Of the whole run.
     """
 
-    def __init__(self, network: CentreNetwork, settings: Settings, steps: int) -> None:
+    def __init__(self, network: CenterNetwork, settings: Settings, steps: int) -> None:
         super().__init__()
         self.model = network.to(memory_format=torch.channels_last)
         self._settings, self._steps = settings, steps
@@ -153,7 +153,7 @@ class SmallModule(pl.LightningModule):
         """The loss of a batch."""
         truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
         pictures = torch.stack([example.picture for example in batch]).to(self.device)
-        return centre_loss(self.model(pictures), Truth(*(part.to(self.device) for part in truth)))
+        return center_loss(self.model(pictures), Truth(*(part.to(self.device) for part in truth)))
 
     def configure_optimizers(self) -> dict[str, object]:
         """AdamW with the run's schedule."""

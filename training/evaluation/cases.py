@@ -23,7 +23,7 @@ SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
 LEAST = 96  # pixels that a picture shows at least, so that one sees where it is
-LABEL_COLOUR, FOUND_COLOUR = (0, 200, 120), (255, 120, 0)
+LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -153,11 +153,11 @@ def _false_alarm(one: Evaluation, d: int) -> Case:
 
 def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
     """The surroundings of a case, as large as a tile, with the boxes of all labels and counted detections in it."""
-    centre = case.xywh[:2] + case.xywh[2:] / 2.0
+    center = case.xywh[:2] + case.xywh[2:] / 2.0
     ratio = TILE[0] / TILE[1]
     width = max(AROUND * case.xywh[2], AROUND * case.xywh[3] * ratio, LEAST)
     size = np.minimum([width, width / ratio], whole.size)
-    low = np.clip(centre - size / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
+    low = np.clip(center - size / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
     scale = min(TILE[0] / size[0], TILE[1] / size[1])
     inner = tuple(max(1, round(n * scale)) for n in size.tolist())
     cut = whole.resize((inner[0], inner[1]), Image.Resampling.BICUBIC, box=(*low, *np.minimum(low + size, whole.size)))
@@ -168,17 +168,17 @@ def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
         true = [
             visible_corners(one.labels.annotations[k], one.labels.images[case.image]) for k in np.flatnonzero(shown)
         ]
-        for rings, colour in ((true, LABEL_COLOUR), (one.predictions.corners[counted], FOUND_COLOUR)):
+        for rings, color in ((true, LABEL_COLOR), (one.predictions.corners[counted], FOUND_COLOR)):
             for ring in rings:
-                pen.polygon([(x, y) for x, y in ((ring - low) * scale).tolist()], outline=colour, width=2)
+                pen.polygon([(x, y) for x, y in ((ring - low) * scale).tolist()], outline=color, width=2)
     else:
         found = one.predictions.xywh[counted]
-        for boxes, colour in ((one.labels.xywh[shown], LABEL_COLOUR), (found, FOUND_COLOUR)):
+        for boxes, color in ((one.labels.xywh[shown], LABEL_COLOR), (found, FOUND_COLOR)):
             for xywh in boxes:
                 start, stop = (xywh[:2] - low) * scale, (xywh[:2] + xywh[2:] - low) * scale
                 line = 3 if np.array_equal(xywh, case.xywh) else 2
                 corners = (*(start - line), *np.maximum(stop + line - 1, start - line))
-                pen.rectangle(tuple(float(n) for n in corners), outline=colour, width=line)
+                pen.rectangle(tuple(float(n) for n in corners), outline=color, width=line)
     tile = Image.new("RGB", TILE, BACKGROUND)
     tile.paste(cut, ((TILE[0] - cut.width) // 2, (TILE[1] - cut.height) // 2))
     return tile

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hulldown.dataset.reports.charts import BLUE, COLOURS, GREEN, INK, RED, axes_of, colours, short, svg
+from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, RED, axes_of, colors, short, svg
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import Evaluation
 
@@ -14,17 +14,17 @@ from hulldown.training.evaluation.evaluate import Evaluation
 def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
     """Precision over recall, with the operating points."""
     figure, axes = axes_of(5.4, 3.6)
-    for one, colour in zip(evaluations, colours(len(evaluations)), strict=True):
+    for one, color in zip(evaluations, colors(len(evaluations)), strict=True):
         name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
-        axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=colour, label=name)
+        axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=color, label=name)
         if len(evaluations) == 1:
             for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
-                colour_c = COLOURS[(c + 1) % len(COLOURS)]
+                color_c = COLORS[(c + 1) % len(COLORS)]
                 line = marker_of(curve.recall)
-                axes.plot(curve.recall, curve.precision, line, color=colour_c, linewidth=0.9, label=short(label))
+                axes.plot(curve.recall, curve.precision, line, color=color_c, linewidth=0.9, label=short(label))
         at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
         if at >= 0:
-            axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=colour)
+            axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=color)
     axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02), title="precision over recall")
     axes.legend(fontsize=7, loc="lower left")
     return svg(figure)
@@ -38,9 +38,9 @@ def marker_of(values: np.ndarray) -> str:
 def over_thresholds(one: Evaluation) -> bytes:
     """Precision, recall and F1 over the confidence from which detections count."""
     figure, axes = axes_of(5.4, 3.6)
-    for key, colour in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
+    for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
         label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
-        axes.plot(one.curves.threshold, values, marker_of(values), color=colour, label=label)
+        axes.plot(one.curves.threshold, values, marker_of(values), color=color, label=label)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="threshold of confidence", ylim=(0, 1.02), title="over the threshold (dotted: as evaluated)")
     axes.legend(fontsize=7, loc="lower center")

@@ -33,7 +33,7 @@ FIGURES = {
 COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
 MEANINGS = {
     "class": "in the right place, of the wrong class",
-    "localisation": "of the right class, overlapping too little",
+    "localization": "of the right class, overlapping too little",
     "both": "of the wrong class, and overlapping too little",
     "duplicate": "of a label that a more confident one has found",
     "background": "where there is nothing",

@@ -18,7 +18,7 @@ from hulldown.training.evaluation.matching import Matching, Pairs
 from hulldown.training.evaluation.predictions import Predictions
 
 BACKGROUND = 0.1  # the overlap below which a detection has to do with nothing
-CAUSES = ("class", "localisation", "both", "duplicate", "background", "missed")
+CAUSES = ("class", "localization", "both", "duplicate", "background", "missed")
 NONE = -1
 
 
@@ -80,10 +80,10 @@ def _causes(
     place = np.where(doubled >= 0, NONE, place)
     false = (matching.box < 0) & ~matching.ignored
     asked = [place >= 0, other >= 0, doubled >= 0, anything < 0]
-    names = ["localisation", "class", "duplicate", "background"]
+    names = ["localization", "class", "duplicate", "background"]
     cause = np.select(asked, [CAUSES.index(name) for name in names], CAUSES.index("both"))
     cause = np.where(false, cause, NONE)
-    meant = np.where(cause == CAUSES.index("localisation"), place, NONE)
+    meant = np.where(cause == CAUSES.index("localization"), place, NONE)
     return cause, np.where(cause == CAUSES.index("class"), other, meant)
 
 
@@ -115,7 +115,7 @@ def _losses(
             left = wanted - np.bincount(labels.label[missed], minlength=classes)
         else:
             kept[cause == number] = False
-        if name in ("class", "localisation"):
+        if name in ("class", "localization"):
             rows = np.flatnonzero(cause == number)
             free = rows[matching.detection[meant[rows]] < 0]  # what is for a found label would be a duplicate of it
             mended = _first_for_each(meant, predictions.score, free)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from hulldown.dataset.reports.charts import BLUE, GREEN, INK, RED, SOFT, tidy
 from hulldown.training.study.words import TITLES
 
-COLOURS = {
+COLORS = {
     "real": BLUE,
     "mixed": RED,
     "synthetic": GREEN,
@@ -27,9 +27,9 @@ PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("me
 BARS = 0.8  # of the room that the bars of one measure may take
 
 
-def colour_of(arm: str) -> str:
+def color_of(arm: str) -> str:
     """The color of an arm, the same in every chart; of a named arm by its name."""
-    return COLOURS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
+    return COLORS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
 def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
@@ -63,7 +63,7 @@ def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
 def _bars(axis: Axes, cell: Mapping[str, Any], keys: Sequence[str], *, shift: float, width: float) -> None:
     places = np.arange(len(keys)) + shift
     heights = [cell.get(key) or 0.0 for key in keys]
-    axis.bar(places, heights, width * 0.92, color=colour_of(cell["arm"]), label=cell["arm"])
+    axis.bar(places, heights, width * 0.92, color=color_of(cell["arm"]), label=cell["arm"])
     for place, key in zip(places, keys, strict=True):
         value, ends = cell.get(key), cell["intervals"].get(key)
         top = value
@@ -91,23 +91,23 @@ def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]
     axes = np.atleast_1d(figure.subplots(1, len(measures)))
     for axis, measure in zip(axes, measures, strict=True):
         for arm in dict.fromkeys(cell["arm"] for cell in cells):
-            colour = colour_of(arm)
+            color = color_of(arm)
             own = sorted((cell for cell in cells if cell["arm"] == arm), key=lambda cell: cell["photographs"])
             if not own:
                 continue
             counts, values = (np.array([cell[key] for cell in own], dtype=float) for key in ("photographs", measure))
             low, high = np.array([cell["intervals"][measure] or [np.nan, np.nan] for cell in own]).T
             if counts[0] == 0:
-                axis.axhspan(low[0], high[0], color=colour, alpha=0.12, linewidth=0)
-                axis.axhline(values[0], color=colour, linestyle="--", linewidth=1.2, label=f"{arm} alone")
+                axis.axhspan(low[0], high[0], color=color, alpha=0.12, linewidth=0)
+                axis.axhline(values[0], color=color, linestyle="--", linewidth=1.2, label=f"{arm} alone")
                 continue
-            axis.fill_between(counts, low, high, color=colour, alpha=0.18, linewidth=0)
-            axis.plot(counts, values, "o-", color=colour, markersize=4, linewidth=1.5, label=arm)
+            axis.fill_between(counts, low, high, color=color, alpha=0.18, linewidth=0)
+            axis.plot(counts, values, "o-", color=color, markersize=4, linewidth=1.5, label=arm)
             for cell in own:
                 points = np.array(cell["of_seeds"][measure], dtype=float)
                 if len(points) > 1:
                     places = [cell["photographs"]] * len(points)
-                    axis.plot(places, points, ".", color=colour, markersize=3, alpha=0.6)
+                    axis.plot(places, points, ".", color=color, markersize=3, alpha=0.6)
         shown = sorted({float(cell["photographs"]) for cell in cells if cell["photographs"] > 0})
         axis.set_xscale("log")
         axis.set_xticks(shown, [f"{n:.0f}" for n in shown])

@@ -42,7 +42,7 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
                 (f"{row['field']}: {row['bin']} (n {row['labels']})", row["difference"], *row["interval"])
                 for row in rows
             ]
-            xlabel = "difference of recall (grey: the interval holds 0)"
+            xlabel = "difference of recall (gray: the interval holds 0)"
             found[_bins_name(name)] = differences(f"recall: {name}", bars, xlabel=xlabel)
     return {name: (png(figure), svg(figure)) for name, figure in found.items()}
 

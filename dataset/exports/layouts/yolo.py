@@ -70,7 +70,7 @@ def label_lines(
 ) -> list[str]:
     """One line for each label, in shares of the image; crowds are left out, as YOLO has none.
 
-    Class, centre and size of its box; or, where a label has polygons, class and corners for all of them, since readers
+    Class, center and size of its box; or, where a label has polygons, class and corners for all of them, since readers
     take a file for one or the other. Several polygons are bridged into one.
     """
     labels = [annotation for annotation in annotations if not annotation.get("iscrowd")]

@@ -17,7 +17,7 @@ from hulldown.reading.blender.surfaces.opacity import NotUnderstoodError
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 WIDEST = 16.0  # times that an image may repeat in what is baked
-PIXEL_CENTRE = 0.01  # width of the pixel filter, the smallest that Blender takes
+PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 # Nodes whose outputs follow from their inputs.
 PLAIN = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
@@ -126,7 +126,7 @@ def _render(material: Any, layer: str, low: np.ndarray, high: np.ndarray, size: 
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_adaptive_sampling = "CPU", 1, False
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, 0
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTRE
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"

@@ -1,4 +1,4 @@
-"""What a vehicle's surface is of: each material's share of it, its mean colour, and whether it is paint."""
+"""What a vehicle's surface is of: each material's share of it, its mean color, and whether it is paint."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from hulldown.reading.vehicle.paintable import (
     told_apart,
 )
 
-BASE_COLOURS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
+BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 METAL = 0.5  # least metalness of what is not painted
 SIDE = 512  # pixels that images are shrunk to
 SAMPLES = 4096  # of an image, on each mesh
-DEEPEST = 48  # nodes between a shader and the images and colours that are looked at
-GREY = 0.5  # what is taken for the mean of nodes that are not understood
-# Nodes that change a colour little on the whole.
+DEEPEST = 48  # nodes between a shader and the images and colors that are looked at
+GRAY = 0.5  # what is taken for the mean of nodes that are not understood
+# Nodes that change a color little on the whole.
 PASSING = ("HueSaturation", "Gamma", "BrightContrast", "RGBCurve", "MixRGB")
 SOCKETS = {"RGBA": (0, 6, 7), "VECTOR": (0, 4, 5), "FLOAT": (0, 2, 3)}  # of a Mix node: factor, A, B
 
@@ -68,11 +68,11 @@ def material_rows(
     weights: dict[int, float] = defaultdict(float)
     for i, scale in zip(used, scales.tolist(), strict=True):
         weights[pieces[i].mesh] += 0.0 if i in kept else scale
-    colours = _MeanColours([(meshes[i], weight) for i, weight in weights.items() if weight > 0.0])
+    colors = _MeanColors([(meshes[i], weight) for i, weight in weights.items() if weight > 0.0])
     rows = []
     for material, one in areas.items():
-        colour, dark = colours.of_material(material)
-        rows.append(MaterialRow(material.name, one / total, colour, why_left_alone(material), dark))
+        color, dark = colors.of_material(material)
+        rows.append(MaterialRow(material.name, one / total, color, why_left_alone(material), dark))
     rows = told_apart(rows, parts=bool(kept))
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name))), [i in kept for i in range(len(pieces))]
 
@@ -98,8 +98,8 @@ def why_left_alone(material: Any) -> str:
     principled = [shader for shader in shaders if shader.type == "BSDF_PRINCIPLED"]
     if is_clear(material):
         return CLEAR
-    if not any(shader.type in BASE_COLOURS for shader in shaders):
-        return "it has no base colour"
+    if not any(shader.type in BASE_COLORS for shader in shaders):
+        return "it has no base color"
     if principled and all(_least(shader, "Metallic") >= METAL for shader in principled):
         return "it is bare metal"
     if any(_glows(shader) for shader in shaders):
@@ -121,7 +121,7 @@ def _glows(shader: Any) -> bool:
     return _least(shader, "Emission Strength") > 0.0 and max(shader.inputs["Emission Color"].default_value[:3]) > 0.0
 
 
-class _MeanColours:
+class _MeanColors:
     """Means of what is linked to sockets; looks at each image once.
 
     Parameters
@@ -139,9 +139,9 @@ class _MeanColours:
         """Mean color, and the share that is as dark as rubber."""
         found, dark = [], []
         for shader, around in surface_shaders(material):
-            if shader.type not in BASE_COLOURS:
+            if shader.type not in BASE_COLORS:
                 continue
-            socket = shader.inputs[BASE_COLOURS[shader.type]]
+            socket = shader.inputs[BASE_COLORS[shader.type]]
             worn = self._worn(material, source(socket, around))
             if worn is None:
                 found.append(self._of(socket, around, 0))
@@ -153,7 +153,7 @@ class _MeanColours:
             if DARK_SHARES[0] <= dark[-1] <= DARK_SHARES[1]:
                 texels, weight = texels[~black], weight[~black]
             found.append(np.average(texels, axis=0, weights=weight))
-        red, green, blue = np.mean(found or [np.full(3, GREY)], axis=0).tolist()
+        red, green, blue = np.mean(found or [np.full(3, GRAY)], axis=0).tolist()
         return (red, green, blue), float(np.mean(dark or [0.0]))
 
     def _worn(self, material: Any, found: Any) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]] | None:
@@ -180,11 +180,11 @@ class _MeanColours:
     def _of(self, socket: Any, stack: Stack, depth: int) -> Float[np.ndarray, "3"]:
         found = source(socket, stack)
         if found is None or not found[0].is_output:
-            return _three(getattr(found[0] if found else socket, "default_value", GREY))
+            return _three(getattr(found[0] if found else socket, "default_value", GRAY))
         output, stack = found
         key = (output.as_pointer(), *(node.as_pointer() for node in stack))
         if key not in self._seen:
-            self._seen[key] = self._of_node(output, stack, depth + 1) if depth < DEEPEST else np.full(3, GREY)
+            self._seen[key] = self._of_node(output, stack, depth + 1) if depth < DEEPEST else np.full(3, GRAY)
         return self._seen[key]
 
     def _of_node(self, output: Any, stack: Stack, depth: int) -> Float[np.ndarray, "3"]:
@@ -206,7 +206,7 @@ class _MeanColours:
             return self._of(node.inputs[0], stack, depth) * (1.0 if scale.is_linked else scale.default_value)
         if kind in PASSING:
             return self._of(node.inputs[1] if kind == "MixRGB" else node.inputs["Color"], stack, depth)
-        return np.full(3, GREY)
+        return np.full(3, GRAY)
 
     def _texels(self, image: Any) -> Float[np.ndarray, "h w 3"]:
         if image not in self._images:
@@ -245,7 +245,7 @@ def _three(value: Any) -> Float[np.ndarray, "3"]:
 def _texels(image: Any) -> Float[np.ndarray, "h w 3"]:
     """Of an image, in linear light; those that are transparent have the mean of the others."""
     if not all(image.size):
-        return np.full((1, 1, 3), GREY)
+        return np.full((1, 1, 3), GRAY)
     small = image.copy()
     try:
         small.scale(*(min(side, SIDE) for side in image.size))
@@ -255,10 +255,10 @@ def _texels(image: Any) -> Float[np.ndarray, "h w 3"]:
     finally:
         bpy.data.images.remove(small)
     pixels = flat.reshape(height, width, -1).astype(np.float64)
-    colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    color = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
     if image.colorspace_settings.name == "sRGB" and not image.is_float:
-        colour = linear_from_srgb(colour)
-    colour = np.nan_to_num(colour, nan=GREY).clip(0.0, 1.0)
+        color = linear_from_srgb(color)
+    color = np.nan_to_num(color, nan=GRAY).clip(0.0, 1.0)
     if pixels.shape[2] == 4 and (opaque := pixels[..., 3] > 0.5).any():
-        colour[~opaque] = colour[opaque].mean(axis=0)
-    return colour
+        color[~opaque] = color[opaque].mean(axis=0)
+    return color

@@ -95,7 +95,7 @@ def _shader(socket: Any, stack: Stack) -> Value:
 
 
 def _value(socket: Any, stack: Stack) -> Value:
-    """Of a socket that holds a number, or a colour that is taken for its luminance."""
+    """Of a socket that holds a number, or a color that is taken for its luminance."""
     found = source(socket, stack)
     if found is None:
         return constant(_own(socket))
@@ -188,19 +188,19 @@ _TURNED = {
 
 
 def _mix(node: Any, _: Any, stack: Stack) -> Value:
-    colours = node.data_type == "RGBA"
-    if node.data_type not in ("FLOAT", "RGBA") or (colours and node.blend_type not in ("MIX", "MULTIPLY")):
+    colors = node.data_type == "RGBA"
+    if node.data_type not in ("FLOAT", "RGBA") or (colors and node.blend_type not in ("MIX", "MULTIPLY")):
         raise NotUnderstoodError(f"the node {node.name!r}")
     share, a, b = [socket for socket in node.inputs if socket.enabled]
     weight = _value(share, stack)
     if node.clamp_factor:
         weight = weight.clamped()
-    if colours and node.blend_type == "MULTIPLY":
+    if colors and node.blend_type == "MULTIPLY":
         first = _value(a, stack)
         value = _mixed(weight, lambda: first, lambda: _times(first, _value(b, stack)))
     else:
         value = _mixed(weight, lambda: _value(a, stack), lambda: _value(b, stack))
-    return value.clamped() if colours and node.clamp_result else value
+    return value.clamped() if colors and node.clamp_result else value
 
 
 def _map_range(node: Any, _: Any, stack: Stack) -> Value:
@@ -225,8 +225,8 @@ def _clamp(node: Any, _: Any, stack: Stack) -> Value:
 
 
 def _invert(node: Any, _: Any, stack: Stack) -> Value:
-    colour = _value(node.inputs["Color"], stack)
-    return _mixed(_value(node.inputs["Fac"], stack), lambda: colour, lambda: _minus(constant(1.0), colour))
+    color = _value(node.inputs["Color"], stack)
+    return _mixed(_value(node.inputs["Fac"], stack), lambda: color, lambda: _minus(constant(1.0), color))
 
 
 def _channel(node: Any, output: Any, stack: Stack) -> Value:
@@ -234,8 +234,8 @@ def _channel(node: Any, output: Any, stack: Stack) -> Value:
     found = source(node.inputs[0], stack)
     mode = getattr(node, "mode", "RGB")
     if found is None or not found[0].is_output:
-        colour = (found[0] if found else node.inputs[0]).default_value
-        return constant(colour[list(node.outputs).index(output)])
+        color = (found[0] if found else node.inputs[0]).default_value
+        return constant(color[list(node.outputs).index(output)])
     below, around = found
     if mode != "RGB" or below.node.bl_idname != "ShaderNodeTexImage" or below.name != "Color":
         raise NotUnderstoodError(f"the node {node.name!r}")
@@ -243,7 +243,7 @@ def _channel(node: Any, output: Any, stack: Stack) -> Value:
 
 
 def _image(node: Any, output: Any, stack: Stack) -> Value:
-    return Value(_lookup(node, "alpha" if output.name == "Alpha" else "grey", stack))
+    return Value(_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack))
 
 
 def _lookup(node: Any, channel: str, stack: Stack) -> Lookup:

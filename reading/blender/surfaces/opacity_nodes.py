@@ -42,7 +42,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     if kind == "NodeReroute":
         return _opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
-        return _math(tree, "SUBTRACT", 1.0, _grey(tree, node.inputs["Color"]))
+        return _math(tree, "SUBTRACT", 1.0, _gray(tree, node.inputs["Color"]))
     if kind == "ShaderNodeBsdfPrincipled":
         return _clamped(tree, _own(node.inputs["Alpha"]))
     if kind == "ShaderNodeMixShader":
@@ -92,14 +92,14 @@ def _own(socket: Any) -> Any:
     return links[0].from_socket if links else socket.default_value
 
 
-def _grey(tree: Any, socket: Any) -> Any:
-    to_grey = tree.nodes.new("ShaderNodeRGBToBW")
+def _gray(tree: Any, socket: Any) -> Any:
+    to_gray = tree.nodes.new("ShaderNodeRGBToBW")
     value = _own(socket)
     if socket.is_linked:
-        tree.links.new(value, to_grey.inputs[0])
+        tree.links.new(value, to_gray.inputs[0])
     else:
-        to_grey.inputs[0].default_value = value
-    return to_grey.outputs[0]
+        to_gray.inputs[0].default_value = value
+    return to_gray.outputs[0]
 
 
 def _clamped(tree: Any, value: Any) -> Any:

@@ -21,9 +21,9 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
     image
         With pixels.
     channel
-        "alpha", "red", "green", "blue", or "grey", which is the luminance.
+        "alpha", "red", "green", "blue", or "gray", which is the luminance.
     alpha_used
-        Whether the image node's alpha is used too; if not, Cycles leaves colours multiplied by it.
+        Whether the image node's alpha is used too; if not, Cycles leaves colors multiplied by it.
     """
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8), ()
@@ -31,19 +31,19 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
     if channel == "alpha":
         return _stored(pixels[..., 3], image), ()
     is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
-    colour = pixels[..., :3]
+    color = pixels[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
-        colour = colour * pixels[..., 3:]
+        color = color * pixels[..., 3:]
     # Cycles interpolates what is in sRGB before it makes it linear; Blender's floats are linear.
     curved = image.colorspace_settings.name == "sRGB"
     if curved and image.is_float:
-        colour = srgb_from_linear(colour)
-    if channel != "grey":
-        value = colour[..., ("red", "green", "blue").index(channel)]
-    elif (colour == colour[..., :1]).all():
-        value = colour[..., 0]
+        color = srgb_from_linear(color)
+    if channel != "gray":
+        value = color[..., ("red", "green", "blue").index(channel)]
+    elif (color == color[..., :1]).all():
+        value = color[..., 0]
     else:
-        linear = stepped(colour, [(Step.LINEAR, 0.0)]) if curved else colour
+        linear = stepped(color, [(Step.LINEAR, 0.0)]) if curved else color
         value = linear @ LUMINANCE.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
     return _stored(value, image), ((Step.LINEAR, 0.0),) if curved else ()

@@ -1,4 +1,4 @@
-"""Renders a gray card on open land: `python -P grey_cards.py JOBS.json ANSWERS.json`.
+"""Renders a gray card on open land: `python -P gray_cards.py JOBS.json ANSWERS.json`.
 
 A job holds the fields of `Job`; an answer is the mean color, from 0 to 255, of a picture that shows only the card.
 """
@@ -25,7 +25,7 @@ from hulldown.render.blender.light import HdriWorld
 from hulldown.render.messages import Settings
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
-EYE = 0.15  # metres above the card: hardly any air between
+EYE = 0.15  # meters above the card: hardly any air between
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def main() -> None:
         fog.clear()
         if job.visibility_m is not None:
             glow, eye = airlight(job.kind, world.airlight()), np.array([0.0, 0.0, EYE])
-            where = {"below": EYE, "file_from_scenery": np.eye(4), "units_per_metre": 1.0}
+            where = {"below": EYE, "file_from_scenery": np.eye(4), "units_per_meter": 1.0}
             fog.fill(job.kind, job.visibility_m, glow, eye, **where)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)

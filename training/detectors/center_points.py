@@ -1,13 +1,13 @@
-"""A network that finds objects as points: maps of how likely each class has a centre in a cell, and of its box.
+"""A network that finds objects as points: maps of how likely each class has a center in a cell, and of its box.
 
 It is small enough to learn from random weights on a CPU. Objects are the peaks of its maps, so no anchors are matched
-and no boxes are suppressed. Targets are as wide as their boxes, and every cell near a centre learns box and class,
-which takes fewer steps than the centre's cell alone.
+and no boxes are suppressed. Targets are as wide as their boxes, and every cell near a center learns box and class,
+which takes fewer steps than the center's cell alone.
 
 References
 ----------
 Zhou, Wang, Krähenbühl, Objects as points, 2019. Liu, Zheng, Xu, Yang, Liu, Cai, Training-time-friendly network for
-real-time object detection, AAAI 2020: targets of a box's width and height, boxes learnt near centres. Lin et al.,
+real-time object detection, AAAI 2020: targets of a box's width and height, boxes learnt near centers. Lin et al.,
 Feature pyramid networks for object detection, CVPR 2017.
 """
 
@@ -28,8 +28,8 @@ BLOCKS = (1, 1, 2, 2)  # residual blocks there
 STRIDE = 8  # pixels between cells of the maps; at 4 a step takes longer, and as many steps teach no more
 SKIPPED = 1  # stages finer than the maps
 NECK = 48  # channels on the way back to the maps; the head has twice as many
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colours, from 0 to 1
-RARE = 0.01  # how likely a centre is in a cell before anything is learnt
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
+RARE = 0.01  # how likely a center is in a cell before anything is learnt
 USUAL = (32.0, 16.0)  # pixels: width and height of a box before anything is learnt
 SPREAD = 0.15  # standard deviation of a target as a share of its box's sides
 LEAST_SPREAD = 0.4  # cells
@@ -37,13 +37,13 @@ AXIS_WEIGHTS = (0.5, 0.5, 1.0, 1.0)  # of errors of x, y, width and height
 NEAR_BOX, NEAR_CLASS = 0.5, 0.3  # height of a target from which cells learn its box and class
 
 
-class CentreMaps(NamedTuple):
+class CenterMaps(NamedTuple):
     """What the network says of n pictures in cells of `STRIDE` pixels.
 
     Parameters
     ----------
     heat
-        (n, classes, h, w) logits of a centre.
+        (n, classes, h, w) logits of a center.
     box
         (n, 4, h, w) from the cell's middle to the box's, x and y in cells; logarithms of width and height over `USUAL`.
     """
@@ -88,7 +88,7 @@ class Peaks(NamedTuple):
     label: Int[Tensor, "n k"]
 
 
-class CentreNetwork(nn.Module):
+class CenterNetwork(nn.Module):
     """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps.
 
     Parameters
@@ -112,7 +112,7 @@ class CentreNetwork(nn.Module):
         for name, values in (("mean", MEAN), ("deviation", DEVIATION)):
             self.register_buffer(name, 255 * torch.tensor(values).view(1, 3, 1, 1), persistent=False)
 
-    def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CentreMaps:
+    def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CenterMaps:
         """Maps of RGB pictures."""
         x = ((pictures.float() - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
         x = self.stem(x)
@@ -126,7 +126,7 @@ class CentreNetwork(nn.Module):
             height, width = level.shape[-2:]
             found = merged(across(level) + functional.interpolate(found, scale_factor=2.0)[..., :height, :width])
         found = self.head(found)
-        return CentreMaps(self.heat(found).float(), self.box(found).float())
+        return CenterMaps(self.heat(found).float(), self.box(found).float())
 
 
 def _convolved(before: int, after: int, *, stride: int = 1) -> nn.Module:
@@ -153,8 +153,8 @@ def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
     )
 
 
-def centre_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:
-    """For each object, 1 in the cell of its centre and a Gaussian of its box's width and height around it."""
+def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:
+    """For each object, 1 in the cell of its center and a Gaussian of its box's width and height around it."""
     middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
     spread = ((xyxy[:, 2:] - xyxy[:, :2]) * (SPREAD / STRIDE)).clamp(min=LEAST_SPREAD)
 
@@ -166,14 +166,14 @@ def centre_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[T
     return along(1, height)[:, :, None] * along(0, width)[:, None, :]
 
 
-def centre_loss(maps: CentreMaps, truth: Truth) -> Tensor:
-    """The focal loss of centres and, over the cells near each, the loss of boxes and the cross-entropy of classes.
+def center_loss(maps: CenterMaps, truth: Truth) -> Tensor:
+    """The focal loss of centers and, over the cells near each, the loss of boxes and the cross-entropy of classes.
 
     The focal loss asks each class for itself, and mostly whether there is anything at all: a small network finds
     objects long before it tells them apart.
     """
     height, width = maps.heat.shape[-2:]
-    bumps = centre_bumps(truth.xyxy, height, width)
+    bumps = center_bumps(truth.xyxy, height, width)
     target = torch.zeros_like(maps.heat)
     for owner, label, bump in zip(truth.owner.tolist(), truth.label.tolist(), bumps, strict=True):
         target[owner, label] = torch.maximum(target[owner, label], bump)
@@ -191,7 +191,7 @@ def centre_loss(maps: CentreMaps, truth: Truth) -> Tensor:
 
 
 def _near(bumps: Tensor, least: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Object, row, column and weight of each cell near a centre; an object's weights add up to its part of all."""
+    """Object, row, column and weight of each cell near a center; an object's weights add up to its part of all."""
     which, row, column = torch.where(bumps > least)
     weight = bumps[which, row, column]
     sums = torch.zeros(len(bumps), device=weight.device).index_add_(0, which, weight)
@@ -199,7 +199,7 @@ def _near(bumps: Tensor, least: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 
 def _focal(logits: Tensor, target: Tensor) -> Tensor:
-    """Zhou et al., equation 1, summed; cells near a centre count less."""
+    """Zhou et al., equation 1, summed; cells near a center count less."""
     score = logits.sigmoid()
     there = (1 - score) ** 2 * functional.logsigmoid(logits)
     nothing = (1 - target) ** 4 * score**2 * functional.logsigmoid(-logits)
@@ -220,7 +220,7 @@ def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tenso
     return torch.cat((middle - half, middle + half), dim=1)
 
 
-def peaks(maps: CentreMaps, count: int) -> Peaks:
+def peaks(maps: CenterMaps, count: int) -> Peaks:
     """The likeliest objects: cells that are as likely as any of the eight around them."""
     scores = maps.heat.sigmoid()
     highest = functional.max_pool2d(scores, 3, 1, 1)

@@ -4,13 +4,13 @@ import torch
 
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.augment import TABLE
-from hulldown.training.detectors.centre_points import (
+from hulldown.training.detectors.center_points import (
     STRIDE,
-    CentreMaps,
-    CentreNetwork,
+    CenterMaps,
+    CenterNetwork,
     Truth,
-    centre_bumps,
-    centre_loss,
+    center_bumps,
+    center_loss,
     corners,
     encoded,
     peaks,
@@ -34,18 +34,18 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
-def perfect_maps(truth: Truth, pictures: int, classes: int) -> CentreMaps:
+def perfect_maps(truth: Truth, pictures: int, classes: int) -> CenterMaps:
     """What a network says that knows the truth."""
     heat = torch.full((pictures, classes, HEIGHT, WIDTH), -20.0)
     box = torch.zeros(pictures, 4, HEIGHT, WIDTH)
     row, column = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
-    bumps = centre_bumps(truth.xyxy, HEIGHT, WIDTH)
+    bumps = center_bumps(truth.xyxy, HEIGHT, WIDTH)
     for owner, xyxy, label, bump in zip(truth.owner, truth.xyxy, truth.label, bumps, strict=True):
         near = bump > 0.1
         heat[owner, label, near] = -4.0
         heat[owner, label, bump == 1] = 20.0
         box[owner][:, near] = encoded(xyxy.expand(int(near.sum()), 4), row[near], column[near]).T
-    return CentreMaps(heat, box)
+    return CenterMaps(heat, box)
 
 
 def test_corners_are_what_was_encoded():
@@ -53,8 +53,8 @@ def test_corners_are_what_was_encoded():
     torch.testing.assert_close(corners(encoded(XYXY, row, column), row, column), XYXY)
 
 
-def test_a_bump_is_one_in_the_cell_of_its_centre_alone():
-    bumps = centre_bumps(XYXY, HEIGHT, WIDTH)
+def test_a_bump_is_one_in_the_cell_of_its_center_alone():
+    bumps = center_bumps(XYXY, HEIGHT, WIDTH)
     middle = ((XYXY[:, :2] + XYXY[:, 2:]) / 2 / STRIDE).long()
     assert torch.nonzero(bumps == 1).tolist() == [[i, y, x] for i, (x, y) in enumerate(middle.tolist())]
     assert bumps.max() == 1
@@ -71,33 +71,33 @@ def test_peaks_of_perfect_maps_are_the_truth():
         assert found.label[picture, order].tolist() == TRUTH.label[own].tolist()
 
 
-def with_heat(maps: CentreMaps, value: float, picture: int, label: int, row: int, column: int) -> CentreMaps:
+def with_heat(maps: CenterMaps, value: float, picture: int, label: int, row: int, column: int) -> CenterMaps:
     heat = maps.heat.clone()
     heat[picture, label, row, column] = value
-    return CentreMaps(heat, maps.box)
+    return CenterMaps(heat, maps.box)
 
 
 def test_the_loss_is_nothing_for_the_truth_and_something_for_each_mistake():
     maps = perfect_maps(TRUTH, 2, 3)
-    row, column = 0, 13  # the cell of the third object's centre
-    assert centre_loss(maps, TRUTH) < 0.02
-    assert centre_loss(with_heat(maps, -20.0, 1, 1, row, column), TRUTH) > 5  # missed
-    assert centre_loss(with_heat(maps, 20.0, 1, 2, 9, 2), TRUTH) > 5  # something where nothing is
-    assert centre_loss(CentreMaps(maps.heat, maps.box + 0.3), TRUTH) > 0.5
-    assert centre_loss(with_heat(maps, 0.0, 0, 1, 2, 3), TRUTH) < centre_loss(with_heat(maps, 0.0, 0, 1, 9, 3), TRUTH)
+    row, column = 0, 13  # the cell of the third object's center
+    assert center_loss(maps, TRUTH) < 0.02
+    assert center_loss(with_heat(maps, -20.0, 1, 1, row, column), TRUTH) > 5  # missed
+    assert center_loss(with_heat(maps, 20.0, 1, 2, 9, 2), TRUTH) > 5  # something where nothing is
+    assert center_loss(CenterMaps(maps.heat, maps.box + 0.3), TRUTH) > 0.5
+    assert center_loss(with_heat(maps, 0.0, 0, 1, 2, 3), TRUTH) < center_loss(with_heat(maps, 0.0, 0, 1, 9, 3), TRUTH)
 
 
-def test_cells_near_a_centre_learn_its_class():
+def test_cells_near_a_center_learn_its_class():
     maps = perfect_maps(TRUTH, 2, 3)
     beside = with_heat(maps, -2.0, 0, 2, 2, 3)  # where another class has -4: too faint for the focal loss
-    assert centre_loss(beside, TRUTH) > centre_loss(maps, TRUTH) + 0.05
-    assert centre_loss(with_heat(maps, -2.0, 0, 2, 9, 3), TRUTH) < centre_loss(maps, TRUTH) + 0.01  # far from it
+    assert center_loss(beside, TRUTH) > center_loss(maps, TRUTH) + 0.05
+    assert center_loss(with_heat(maps, -2.0, 0, 2, 9, 3), TRUTH) < center_loss(maps, TRUTH) + 0.01  # far from it
 
 
 def test_pictures_without_objects_have_a_loss_and_gradients():
-    network = CentreNetwork(2)
+    network = CenterNetwork(2)
     truth = truth_of([torch.zeros(0, 4)] * 2, [torch.zeros(0, dtype=torch.int64)] * 2)
-    loss = centre_loss(network(torch.zeros(2, 3, 32, 64, dtype=torch.uint8)), truth)
+    loss = center_loss(network(torch.zeros(2, 3, 32, 64, dtype=torch.uint8)), truth)
     loss.backward()
     assert torch.isfinite(loss)
     assert float(network.heat.weight.grad.abs().sum()) > 0
@@ -105,7 +105,7 @@ def test_pictures_without_objects_have_a_loss_and_gradients():
 
 @pytest.mark.parametrize(("width", "height"), [(64, 32), (80, 48), (256, 144)])
 def test_maps_cover_the_picture(width, height):
-    maps = CentreNetwork(3)(torch.zeros(2, 3, height, width, dtype=torch.uint8))
+    maps = CenterNetwork(3)(torch.zeros(2, 3, height, width, dtype=torch.uint8))
     assert maps.heat.shape == (2, 3, height // STRIDE, width // STRIDE)
     assert maps.box.shape == (2, 4, height // STRIDE, width // STRIDE)
 
