@@ -16,7 +16,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 5  # also when what finds undersides or extreme vertices changes
+FORMAT = 6  # also when what finds undersides or extreme vertices changes
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"

@@ -24,7 +24,7 @@ from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.pose import decoded_pose
 
-FORMAT = 2
+FORMAT = 3
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -333,7 +333,7 @@ class MoreOf(Struct, frozen=True, kw_only=True):
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
-    hulldown_plan: Annotated[int, _is("2"), _means("format version, 2")]
+    hulldown_plan: Annotated[int, _is("3"), _means("format version, 3")]
     images: Annotated[Count, _means("how many lines follow")]
     seed: Annotated[PlanSeed, _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan: what the paths below are relative to")]
