@@ -25,6 +25,7 @@ from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.arrays import checked
 
 POSES = 4096  # poses of a batch whose matrices are held at a time
+FAR = 1e9  # pixels; polynomials of a lens take what stands beside it beyond the numbers that plans hold
 CLEAR = 1e-6  # pixels beside the image from which on no rounding brings a point into it
 BLOCK = 1 << 15  # points moved at a time: what stays in the second-level cache
 
@@ -86,7 +87,7 @@ def surface_box(
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
     lens = lenses(camera.intrinsics)
     if lens.distorted:
-        return _xywh(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY))
+        return _xywh(np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR))
     return _xywh(extremes_of_mesh(points, triangles, Frustum.of(lens, frame=frame)))
 
 
@@ -224,7 +225,7 @@ class VehicleBoxes:
     def _curved(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses, *, frame: bool
     ) -> Float[np.ndarray, "4"] | None:
-        return _xywh(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)))
+        return _xywh(np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)), -FAR, FAR))
 
     def _hull(self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses) -> _Hull:
         width, height = lens.size.T

@@ -75,6 +75,15 @@ def test_nothing_is_seen_beyond_the_fold():
     assert surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera).tolist() == [0.0, 0.0, 1920.0, 1080.0]
 
 
+def test_boxes_of_what_stands_beside_the_camera_end_somewhere():
+    camera = Camera(
+        Intrinsics.calibrated(160, 90, (140.0, 139.0, 82.0, 44.0), (-0.2, 0.05, 1e-3, -1e-3, 0.0)), np.eye(4)
+    )
+    wall = np.array([[2.0, -1.0, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 9.0], [2.0, -1.0, 9.0]])
+    x, y, w, h = surface_box(wall * 1e4, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
+    assert max(-x, -y, x + w, y + h) == 1e9  # plans hold numbers up to 1e12
+
+
 def test_a_lens_that_folds_inside_the_image_is_refused():
     with pytest.raises(ValueError, match=r"distortion: .*folds at 1.29"):
         Intrinsics.calibrated(1920, 1080, (800.0, 800.0, 960.0, 540.0), LENSES["folding"])
