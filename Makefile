@@ -61,7 +61,7 @@ check: setup ## linters: ruff, mypy, import rules, spelling
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	git ls-files -z | xargs -0 $(BIN)/codespell
+	git ls-files -z ':!.dev' | xargs -0 $(BIN)/codespell
 
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)
 	$(BIN)/python -m hulldown.benchmarks $(BENCH)

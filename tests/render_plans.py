@@ -96,7 +96,7 @@ def make_row(i, **changes):
 def write_plan(folder, rows):
     folder.mkdir(parents=True, exist_ok=True)
     header = {
-        **{"hulldown_plan": 2, "seed": 0, "root": ".", "images": len(rows)},
+        **{"hulldown_plan": 3, "seed": 0, "root": ".", "images": len(rows)},
         "config": {
             "assets": {
                 "vehicles": [{"path": "cube.blend", "category": "box"}],

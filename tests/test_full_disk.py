@@ -9,7 +9,7 @@ from hulldown.planning.row import Header
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = Header(
-    **{"hulldown_plan": 2, "images": 0, "seed": 0, "root": ".", "config": {}, "vehicles": {}, "sceneries": {}},
+    **{"hulldown_plan": 3, "images": 0, "seed": 0, "root": ".", "config": {}, "vehicles": {}, "sceneries": {}},
     **{"hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
 )
 FILL = """

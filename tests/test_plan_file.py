@@ -14,7 +14,7 @@ from hulldown.planning.plan_file import PlanWriter, read_plan
 from hulldown.planning.row import PlannedVehicle, Row, decode_header, encode, fields
 
 HEADER = {
-    "hulldown_plan": 2,
+    "hulldown_plan": 3,
     "config": {},
     "seed": 0,
     "root": ".",
@@ -223,11 +223,11 @@ HEADERS = [
         (b"", "line 1 is no header of a plan"),
         (b"\x89PNG\r\n", "line 1 is no header of a plan"),
         (b'{"images": [], "annotations": []}\n', "line 1 is no header of a plan"),
-        (line({**HEADER, "hulldown_plan": 1}), "line 1 has plan format 1, this is format 2; plan again"),
-        (line({**HEADER, "hulldown_plan": 3}), "line 1 has plan format 3, this is format 2; plan again"),
+        (line({**HEADER, "hulldown_plan": 1}), "line 1 has plan format 1, this is format 3; plan again"),
+        (line({**HEADER, "hulldown_plan": 4}), "line 1 has plan format 4, this is format 3; plan again"),
         (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
         (b"[" * 100_000, "line 1 is no header of a plan"),
-        (b'{"hulldown_plan": 2, "a": "\xff"}', "line 1 is no header of a plan"),
+        (b'{"hulldown_plan": 3, "a": "\xff"}', "line 1 is no header of a plan"),
         *((line({**HEADER, key: value}), f"line 1 has {key} ") for key, value in HEADERS),
     ],
 )

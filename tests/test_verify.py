@@ -155,7 +155,7 @@ def make_row(i, **changes):
 
 
 HEADER = {
-    **{"hulldown_plan": 2, "images": 4, "seed": 0, "root": ".", "config": {}},
+    **{"hulldown_plan": 3, "images": 4, "seed": 0, "root": ".", "config": {}},
     **{"vehicles": {}, "sceneries": {}, "hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
 }
 
