@@ -55,7 +55,7 @@ SCALES = (
     _scale("elevation", "camera elevation", "°", -INFINITY, 0.0, 5.0, 10.0, 20.0, 30.0, 45.0, INFINITY),
     _scale("slope", "slope", "°", 0.0, 5.0, 10.0, 15.0, 20.0, 25.0, INFINITY),
     _scale(
-        "air_contrast", "contrast that the air leaves", "", -INFINITY, 0.05, 0.2, 0.5, 0.8, 1.0, INFINITY,
+        "air_contrast", "contrast after haze", "", -INFINITY, 0.05, 0.2, 0.5, 0.8, 1.0, INFINITY,
         bins=("under 5 %", "5 to 20 %", "20 to 50 %", "50 to 80 %", "80 to 100 %", "100 %"),
     ),
     _scale("contrast", "contrast", "", 0.0, 0.05, 0.1, 0.2, 0.4, INFINITY),

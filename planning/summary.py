@@ -38,7 +38,7 @@ QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "visible_fraction": ("visible fraction", np.linspace(0.0, 1.0, 21)),
     "truncated_fraction": ("truncated fraction", np.linspace(0.0, 1.0, 21)),
     "exposure_ev": ("exposure (EV)", np.linspace(-32.0, 32.0, 129)),
-    "air_contrast": ("contrast that the air leaves, where it is not clear", np.linspace(0.0, 1.0, 21)),
+    "air_contrast": ("contrast after haze, images with weather only", np.linspace(0.0, 1.0, 21)),
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
 _BARS = " ▁▂▃▄▅▆▇█"

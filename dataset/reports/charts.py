@@ -114,7 +114,7 @@ def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> bytes:
     figure, axes = axes_of(3.6, 2.2)
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
-    axes.set(title="middles of labels in the picture", xticks=[], yticks=[])
+    axes.set(title="label positions", xticks=[], yticks=[])
     return svg(figure)
 
 
