@@ -94,6 +94,7 @@ def read(tmp_path_factory):
         "max": write_obj(folder / "max/max.obj", CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
         "clear": write_obj(folder / "clear/clear.obj", CAR, {"*": "window"}, GLASS),
         "atlas": write_obj(folder / "atlas/atlas.obj", NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
+        "dim": write_obj(folder / "dim/dim.obj", NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "plain": write_obj(folder / "plain/plain.obj", NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
         "moved": write_obj(folder / "moved/meshes/moved.obj", CAR, {"*": "tire", "hull": "body"}, MOVED),
         "sheet": write_obj(
@@ -114,6 +115,8 @@ def read(tmp_path_factory):
     atlas.paste((60, 66, 40), (1, 1, 4, 7))
     atlas.paste((25, 25, 27), (5, 1, 7, 7))
     atlas.save(folder / "atlas/atlas.png")
+    atlas.paste((56, 56, 58), (1, 1, 4, 7))
+    atlas.save(folder / "dim/atlas.png")
     tube = trimesh.creation.cylinder(0.12, 5.5, sections=12)
 
     def tubes(tilt):
@@ -232,13 +235,13 @@ def test_fog_is_gray_unless_the_light_is_colored(light, kept):
 
 
 def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
-    rows = {name: read[name].report.materials[0] for name in ("max", "atlas", "plain")}
+    rows = {name: read[name].report.materials[0] for name in ("max", "atlas", "dim", "plain")}
     assert rows["max"].left_alone == "", "its wheels are named"
     assert rows["atlas"].left_alone == "", rows
     assert rows["atlas"].keeps_dark
     olive = linear_color("#3c4228")
     np.testing.assert_allclose(rows["atlas"].color, olive, rtol=0.05)  # neither tires nor white that isn't shown
-    assert "nothing tells" in rows["plain"].left_alone
+    assert all("nothing tells" in rows[name].left_alone for name in ("dim", "plain"))
     (doubt,) = paint_doubts([PaintEntry(colors=("#4b5320",))], [rows["plain"]])
     assert "give its whole name" in doubt
 

@@ -28,6 +28,7 @@ BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by s
 METAL = 0.5  # least metalness of what is not painted
 SIDE = 512  # pixels that images are shrunk to
 SAMPLES = 4096  # of an image, on each mesh
+DARK_EDGE, MOST_BETWEEN = 1.5, 0.2  # factor about the darkness of rubber, and share of texels there: dark paint
 DEEPEST = 48  # nodes between a shader and the images and colors that are looked at
 GRAY = 0.5  # what is taken for the mean of nodes that are not understood
 # Nodes that change a color little on the whole.
@@ -149,7 +150,9 @@ class _MeanColors:
                 continue
             texels, weight = worn
             black = is_dark(texels)
-            dark.append(float(weight[black].sum() / weight.sum()))
+            between = is_dark(texels / DARK_EDGE) & ~is_dark(texels * DARK_EDGE)
+            unclear = weight[between].sum() > MOST_BETWEEN * weight.sum()
+            dark.append(1.0 if unclear else float(weight[black].sum() / weight.sum()))
             if DARK_SHARES[0] <= dark[-1] <= DARK_SHARES[1]:
                 texels, weight = texels[~black], weight[~black]
             found.append(np.average(texels, axis=0, weights=weight))
