@@ -119,7 +119,7 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     uses = [names[part] if part >= 0 else "dropped" for part in built.piece_part]
     rows = [Row(p.name, "", u, r.why, 1, p.faces) for p, u, r in zip(drawn.pieces, uses, built.roles, strict=True)]
     length, width, height = built.shape.size_xyz.tolist()
-    sizes = vehicle_doubts((length, width, height), rows, (), unit=opened.unit, options=options)
+    sizes = vehicle_doubts((length, width, height), rows, (), materials=(), unit=opened.unit, options=options)
     return built.shape, uses, [*built.doubts, *sizes, *opened.doubts]
 
 

@@ -35,7 +35,7 @@ def main() -> None:
         path = folder / f"{number:04d}{case.suffix}"
         world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)
         _write(model, case, path)
-        opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]))
+        opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]), Options())
         meters = meters_from_file(opened.unit, opened.up)
         drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
         points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
@@ -47,7 +47,7 @@ def main() -> None:
 
 def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
-    opened = open_file(path, "blend")
+    opened = open_file(path, "blend", Options())
     meters = meters_from_file(opened.unit, "z")
     drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
     upright = stand_upright(drawn, unit=opened.unit, said="z", up="z")
