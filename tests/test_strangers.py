@@ -115,7 +115,7 @@ def read(tmp_path_factory):
     atlas.paste((60, 66, 40), (1, 1, 4, 7))
     atlas.paste((25, 25, 27), (5, 1, 7, 7))
     atlas.save(folder / "atlas/atlas.png")
-    atlas.paste((56, 56, 58), (1, 1, 4, 7))
+    atlas.paste((64, 64, 66), (1, 1, 4, 7))
     atlas.save(folder / "dim/atlas.png")
     tube = trimesh.creation.cylinder(0.12, 5.5, sections=12)
 
