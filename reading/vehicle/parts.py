@@ -132,7 +132,7 @@ def find_parts(
         own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
         behind = pivots[-1] if len(pivots) > 1 else middle
         pivot = _asked_pivot(name, options, pieces, markers, vehicle_from_file)
-        pivot = pivot or helper_pivot(name, pieces, markers, middles, vehicle_from_file)
+        pivot = pivot or helper_pivot(name, pieces, middles)
         if pivot is None:
             guess = _guess(name, own, points, part_of, solids, behind)
             nodes = nodes_of(pieces, markers, mine, namer, name)

@@ -124,7 +124,8 @@ def find_pivot(
     def first(some: list[Node]) -> Node | None:
         return min(some, key=rank, default=None)
 
-    if node := first([n for n in nodes if says(n.link.name, PIVOT) and believed(n)]):
+    helpers = [n for n in nodes if says(n.link.name, PIVOT) or pivot_named(n.link.name) == part]
+    if node := first([n for n in helpers if believed(n)]):
         return Pivot(origin(node), f"origin of {node.link.name!r}, named pivot")
     if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
         return Pivot(origin(node), f"origin of the empty {node.link.name!r}")
@@ -316,22 +317,15 @@ def gun_ends(
     return rear, front
 
 
-def helper_pivot(
-    part: str,
-    pieces: Sequence[Piece],
-    markers: Sequence[tuple[Link, ...]],
-    middles: Mapping[Key, Float[np.ndarray, "3"]],
-    vehicle_from_file: Float[np.ndarray, "4 4"],
-) -> Pivot | None:
-    """The pivot of an object that is there for nothing else, such as ``turretpivot`` or ``gun_axis``; None if none is.
+def helper_pivot(part: str, pieces: Sequence[Piece], middles: Mapping[Key, Float[np.ndarray, "3"]]) -> Pivot | None:
+    """The pivot of a mesh that is there for nothing else, such as ``turretpivot`` or ``gun_axis``; None if none is.
 
-    Of a mesh the middle of its box counts, since its origin often stays at the file's; of an empty its origin.
+    The middle of its box counts, since its origin often stays at the file's. Empties are among a part's nodes.
     """
-    for chain in (*(piece.chain for piece in pieces), *markers):
-        link = chain[0]
+    for piece in pieces:
+        link = piece.chain[0]
         if pivot_named(link.name) == part:
-            at = middles.get(key_of(link), apply(vehicle_from_file, link.pose[:3, 3][None])[0])
-            return Pivot(at, f"the middle of {link.name!r}, named as a pivot")
+            return Pivot(middles[key_of(link)], f"the middle of {link.name!r}, named as a pivot")
     return None
 
 
