@@ -20,6 +20,7 @@ from hulldown.annotate.sheets import encoded, notebook_page
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.planned import image_record, label_records
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan
 
@@ -178,10 +179,9 @@ class Dataset:
         DatasetError
             If the dataset has no images, or one of them can't be read.
         """
-        n = len(self.images)
-        if not n:
+        if not self.images:
             raise DatasetError("has no images yet", path=self.name, remedy="render some first")
-        chosen = np.unique(np.linspace(0, n - 1, min(count, n)).round().astype(int)).tolist()
+        chosen = spread(len(self.images), count).tolist()
         return contact_sheet([self.picture(i, masks=masks) for i in chosen], columns=columns, tile_width=tile_width)
 
     def __len__(self) -> int:

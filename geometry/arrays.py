@@ -1,4 +1,4 @@
-"""Checking arrays where they enter: shape, dtype and finiteness, in one place and with one wording."""
+"""Arrays: checked where they enter, in one place and with one wording; and two kinds of index."""
 
 from __future__ import annotations
 
@@ -80,6 +80,17 @@ def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[
     i = np.repeat(np.arange(len(keys)), last - first)
     before = np.cumsum(last - first) - (last - first)
     return i, np.arange(len(i)) - before[i] + first[i]
+
+
+def spread(n: int, most: int) -> Int[np.ndarray, " k"]:
+    """Indices of at most `most` of `n` things, ascending, spread evenly from the first to the last.
+
+    Examples
+    --------
+    >>> spread(10, 4)
+    array([0, 3, 6, 9])
+    """
+    return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))
 
 
 def _matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:

@@ -19,10 +19,11 @@ from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.projection import NEAR
 from hulldown.camera.world import Kind
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room, replace_file
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.preview import Artist, evenly
+from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row, encode
 
 PASSES = ("depth", "normal", "instance", "part", "category")
@@ -202,7 +203,7 @@ def write_passes(
         If the plan names what isn't there, or the folder can't be written.
     """
     artist = Artist(plan, assets)
-    chosen = evenly(len(plan), len(plan) if count is None else count)
+    chosen = spread(len(plan), len(plan) if count is None else count).tolist()
     names = [*plan.header.categories, *STUFF]
     things = len(plan.header.categories)
     categories = [{"id": i, "name": name, "isthing": int(i <= things)} for i, name in enumerate(names, start=1)]

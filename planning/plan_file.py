@@ -21,6 +21,7 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import open_in_place
 from hulldown.planning.misfit import misfit
@@ -146,9 +147,9 @@ class Plan:
         HulldownError
             If an asset can't be read any more, or a row is damaged.
         """
-        from hulldown.planning.preview import evenly, sheet
+        from hulldown.planning.preview import sheet
 
-        chosen = evenly(len(self), 6) if indices is None else indices
+        chosen = spread(len(self), 6).tolist() if indices is None else indices
         return sheet(self, self._artist, chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
 
     @cached_property

@@ -17,6 +17,7 @@ from hulldown.camera.response import ALBEDO
 from hulldown.camera.target import PosedVehicle
 from hulldown.camera.weather_kinds import Weather
 from hulldown.camera.world import World
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
@@ -58,14 +59,9 @@ def preview_sheet(
     progress
         Called with images done and their number.
     """
-    chosen = evenly(len(plan), count)
+    chosen = spread(len(plan), count).tolist()
     made = sheet(plan, Artist(plan, assets), chosen, columns=columns, tile_width=tile_width, progress=progress)
     save_sheet(made, Path(path))
-
-
-def evenly(n: int, count: int) -> list[int]:
-    """At most `count` of the indices below `n`, spread evenly."""
-    return np.unique(np.linspace(0, n - 1, min(count, n)).round().astype(int)).tolist()
 
 
 def sheet(

@@ -23,6 +23,7 @@ from hulldown.dataset.store.runs import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
 from hulldown.dataset.verification.verify import compare
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
@@ -128,9 +129,7 @@ def verify_masks(
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
     names = {image["id"]: image["file_name"] for image in coco["images"]}
     finished = [i for i in range(len(plan)) if run.image_offset + i + 1 in names]
-    chosen = sorted(
-        {finished[i] for i in np.linspace(0, len(finished) - 1, min(count, len(finished))).round().astype(int)}
-    )
+    chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
     assets = assets or render_assets(plan, cache=cache, limits=limits)

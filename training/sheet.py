@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.annotate.drawing import contact_sheet, draw
+from hulldown.geometry.arrays import spread
 from hulldown.training.augment import Augmenter, Sample, changed_table
 from hulldown.training.data import at_work_size
 from hulldown.training.settings import load_settings
@@ -51,7 +52,7 @@ def augmentation_sheet(
     classes, (source,) = read_sources({"dataset": dataset})
     names = dict(enumerate(classes, start=1))
     augment = Augmenter(table, height=WORK_SIZE[1])
-    chosen = np.unique(np.linspace(0, len(source) - 1, min(rows, len(source))).round().astype(int))
+    chosen = spread(len(source), rows)
     pictures = []
     for row, i in enumerate(chosen.tolist()):
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)

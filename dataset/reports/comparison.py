@@ -17,12 +17,13 @@ from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.page import Block, Chart, Charts, Items, Section, Table, Words
 from hulldown.dataset.table import Dataset
+from hulldown.geometry.arrays import spread
+from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import DatasetError
 
 SPLITS = 40  # random halves of the photographs
 MOST_PICTURES = 500  # whose pixels are measured, taken evenly from the whole
 SIDE = 512  # pixels of the longer side at which pictures are measured
-LUMA = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
 COARSEST = 4  # cycles per picture from which the spectrum's slope is fitted: below, it's the scene's layout
 
 
@@ -246,7 +247,7 @@ def compare(
     folder = photographs.path.parent
     files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
     if pixels and files:
-        mine, theirs = evenly(len(dataset.images)), evenly(len(files))
+        mine, theirs = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
         total = len(mine) + len(theirs)
         own_pictures, pictures = [], []
         for done, i in enumerate(mine.tolist()):
@@ -293,15 +294,10 @@ def distance(own: Float[np.ndarray, " n"], photographs: Float[np.ndarray, " m"])
     return float(ks_2samp(own, photographs, method="asymp").statistic)
 
 
-def evenly(count: int) -> Int[np.ndarray, " k"]:
-    """Indices of at most `MOST_PICTURES` pictures, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(MOST_PICTURES, count)).round().astype(int))
-
-
 def looks(picture: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "5"]:
     """Brightness, contrast, saturation, warmth, and slope of the power spectrum (nan if it's too small for one)."""
     colors = picture / 255.0
-    luma = colors @ LUMA
+    luma = colors @ LUMINANCE
     warmth = float(colors[..., 0].mean() - colors[..., 2].mean())
     saturation = float(np.ptp(colors, axis=2).mean())
     return np.array([luma.mean(), luma.std(), saturation, warmth, spectral_slope(luma)])

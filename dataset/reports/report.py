@@ -35,6 +35,7 @@ from hulldown.dataset.reports.page import (
     page,
 )
 from hulldown.dataset.table import Dataset, Image
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import replace_file
 
@@ -77,7 +78,7 @@ def write_report(
     if not dataset.images:
         raise DatasetError("has no images yet", path=Path(dataset.name), remedy="render some first")
     _refuse_foreign(path)
-    chosen = np.unique(np.linspace(0, len(dataset.images) - 1, min(most, len(dataset.images))).round().astype(int))
+    chosen = spread(len(dataset.images), most)
     tiles = []
     for done, i in enumerate(chosen.tolist(), start=1):
         tiles.append(_tile(dataset, i))

@@ -10,6 +10,7 @@ import numpy as np
 from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.camera.world import World
+from hulldown.geometry.arrays import spread
 from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
@@ -31,7 +32,7 @@ def land_above_horizon(plan: Plan, assets: Assets) -> tuple[int, int]:
         Those the plan was made from.
     """
     fallback_z = parse_config(plan.header.config, path=plan.path).ground.fallback_z
-    chosen = np.unique(np.linspace(0, len(plan) - 1, min(LOOKED_AT, len(plan))).round().astype(int)).tolist()
+    chosen = spread(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:
         row = plan[index]

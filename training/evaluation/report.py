@@ -17,6 +17,7 @@ import numpy as np
 import orjson
 from jaxtyping import Float
 
+from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.geometry.files import replace_file, replacing
 from hulldown.geometry.terminal import shown
@@ -310,6 +311,5 @@ def _bins(found: BinFigures) -> list[dict[str, Any]]:
 def _thinned(one: Evaluation) -> dict[str, Float[np.ndarray, " k"]]:
     """The curves at two hundred of their thresholds."""
     curve = one.curves
-    rows = np.unique(np.linspace(0, max(len(curve.threshold) - 1, 0), CURVE_POINTS).round().astype(int))
-    rows = rows[: len(curve.threshold)]
+    rows = spread(len(curve.threshold), CURVE_POINTS)
     return {key: getattr(curve, key)[rows] for key in ("threshold", "precision", "recall", "f1")}
