@@ -16,9 +16,9 @@ from jaxtyping import UInt8
 
 from hulldown.dataset.picture_files import read_picture, read_pixels
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
-from hulldown.dataset.store.foreign import PICTURES, read_foreign
+from hulldown.dataset.store.foreign import PICTURES, foreign_reader
 from hulldown.geometry.errors import DatasetError
-from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.evaluation.labels import Labels, read_labels
 
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 READERS = 2  # threads
@@ -49,6 +49,12 @@ class Pictures:
     records: Sequence[Mapping[str, Any]]
     categories: Mapping[str, int]
     video: bool = False
+
+    @classmethod
+    def of(cls, labels: Labels) -> Pictures:
+        """Return those of a dataset."""
+        ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
+        return cls(labels.path, labels.folder, labels.images, ids)
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
         """Yield RGB pictures, (h, w, 3), at some ascending indices.
@@ -96,9 +102,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     """
     first = Path(paths[0])
     if len(paths) == 1 and _has_records(first):
-        labels = read_labels(first)
-        ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
-        return Pictures(first, labels.folder, labels.images, ids)
+        return Pictures.of(read_labels(first))
     if len(paths) == 1 and first.suffix.lower() in VIDEOS:
         width, height, frames = _video_size(first)
         record = {"file_name": first.name, "width": width, "height": height}
@@ -115,7 +119,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
 
 def _has_records(path: Path) -> bool:
     ours = path.suffix == ".json" or any((path / name).exists() for name in (ANNOTATIONS_NAME, JOURNAL_NAME, COCO_NAME))
-    return ours or (path.is_dir() and read_foreign(path) is not None)
+    return ours or (path.is_dir() and foreign_reader(path) is not None)
 
 
 def _files_of(path: str) -> list[Path]:

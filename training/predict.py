@@ -201,8 +201,7 @@ def validation_figures(
     progress
         Told (images done, all).
     """
-    by_name = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
-    pictures = Pictures(labels.path, labels.folder, labels.images, by_name)
+    pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
     done: dict[int, Found] = {}
     for found in _detected(detector, pictures, ids, range(len(labels.images)), BATCH):

@@ -16,7 +16,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.store.foreign import read_foreign
+from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line, write_coco
@@ -257,8 +257,8 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
     ours = (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
     if not ours and (folder / COCO_NAME).exists():
         return _read_annotations(folder / COCO_NAME).to_dict()
-    if not ours and (foreign := read_foreign(folder)) is not None:
-        return foreign
+    if not ours and (read := foreign_reader(folder)) is not None:
+        return read()
     check_is_dataset(folder)
     return read_document(folder).to_dict()
 

@@ -10,6 +10,8 @@ challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,8 +25,8 @@ PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
 
 
-def read_foreign(folder: Path) -> dict[str, Any] | None:
-    """Return the COCO dictionary of a YOLO or VOC folder; None if it's neither.
+def foreign_reader(folder: Path) -> Callable[[], dict[str, Any]] | None:
+    """Return what reads the COCO dictionary of a YOLO or VOC folder; None if it's neither.
 
     Parameters
     ----------
@@ -35,12 +37,12 @@ def read_foreign(folder: Path) -> dict[str, Any] | None:
     Raises
     ------
     DatasetError
-        Naming the file and line that can't be read.
+        If it's a YOLO dataset of several splits. The reader's name the file and line that can't be read.
     """
     if (folder / "Annotations").is_dir():
-        return _voc(folder, folder / "Annotations", folder / "JPEGImages")
+        return partial(_voc, folder, folder / "Annotations", folder / "JPEGImages")
     if any(folder.glob("*.xml")):
-        return _voc(folder, folder, folder)
+        return partial(_voc, folder, folder, folder)
     described = [
         path for parent in (folder, *folder.parents[:2]) for name in YAML_NAMES if (path := parent / name).is_file()
     ]
@@ -49,7 +51,7 @@ def read_foreign(folder: Path) -> dict[str, Any] | None:
         (folder, Path(*("labels" if part == "images" else part for part in folder.parts))),
     ):
         if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _pictures(pictures):
-            return _yolo(folder, pictures, labels, described[0])
+            return partial(_yolo, folder, pictures, labels, described[0])
     if described and described[0].parent == folder:
         remedy = "name one of its splits, such as images/train or train"
         raise DatasetError("is a YOLO dataset of several splits", path=folder, remedy=remedy)
