@@ -140,7 +140,7 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     )
     families: dict[str, list[Piece]] = {}
     for piece in able:
-        families.setdefault(re.match(r"[^\d]*", piece.name)[0].rstrip("_- .") or piece.name, []).append(piece)  # type: ignore[index]
+        families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)
     stem, family = max(families.items(), key=lambda one: sum(_level_area(piece) for piece in one[1]))
     if len(family) > MOST and sum(map(_level_area, family)) > _level_area(widest):
         return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import make_room, replace_file
-from hulldown.training.detectors.detector import read_weights
 from hulldown.training.extra import quiet, require_extra
 from hulldown.training.predict import load_detector, weights_of
 
@@ -51,20 +50,20 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
     require_extra()
     import onnx
 
+    from hulldown.training.detectors.small import SmallDetector
+
     output = Path(output)
     if output.suffix.lower() != ".onnx":
         raise HulldownError("is no name of an ONNX file", path=output, remedy="end it in .onnx")
     make_room(output)
     weights = weights_of(Path(run))
     detector = load_detector(weights, "cpu")
-    small = "hulldown" in read_weights(weights)
-    content = _small(detector) if small else _detr(weights)  # type: ignore[arg-type]
+    if isinstance(detector, SmallDetector):
+        content, taken, given = _small(detector), SMALL_INPUT, SMALL_OUTPUT
+    else:
+        content, taken, given = _detr(weights), DETR_INPUT, DETR_OUTPUT
     model = onnx.load_from_string(content)
-    about: dict[str, object] = {
-        "classes": list(detector.classes),
-        "input": SMALL_INPUT if small else DETR_INPUT,
-        "output": SMALL_OUTPUT if small else DETR_OUTPUT,
-    }
+    about: dict[str, object] = {"classes": list(detector.classes), "input": taken, "output": given}
     onnx.helper.set_model_props(
         model, {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
     )

@@ -5,6 +5,7 @@ The one owner of rasterio and pyproj, which the extra `geo` installs.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -172,14 +173,12 @@ def _opened(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF, whatever else GDAL could read."""
     try:
         import rasterio
-        from rasterio.errors import RasterioError
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
     except ModuleNotFoundError:
         raise AssetError("needs rasterio and pyproj to be read", path=path, remedy=NO_GEO) from None
-    import warnings
-
-    warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
     try:
-        with rasterio.open(path, driver="GTiff") as raster:
+        unplaced = warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning)
+        with unplaced, rasterio.open(path, driver="GTiff") as raster:
             yield raster
     except RasterioError as error:
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None

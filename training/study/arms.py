@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Int
 
 from hulldown.training.draws import Draws, make_draws
-from hulldown.training.study.config import Arm, NamedArm, StudyConfig
+from hulldown.training.study.config import Arm, StudyConfig
 from hulldown.training.subset import subset_name
 
 SOURCES: dict[Arm, tuple[str, ...]] = {
@@ -65,13 +65,13 @@ class StudyRun:
 
 def study_runs(config: StudyConfig) -> list[StudyRun]:
     """Every run, those of one seed after those of another, so that a study that is stopped early says something."""
-    arms = [NamedArm.model_construct(name=a, base=a, train={}) if isinstance(a, str) else a for a in config.arms]
+    arms = config.settled_arms
     return [
-        StudyRun(arm.name, fraction, seed, arm.base, arm.train)
+        StudyRun(name, fraction, seed, base, train)
         for seed in config.seeds
-        for arm, fraction in [
-            *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm.base]),
-            *((arm, None) for arm in arms if "real" not in SOURCES[arm.base]),
+        for (name, base, train), fraction in [
+            *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm[1]]),
+            *((arm, None) for arm in arms if "real" not in SOURCES[arm[1]]),
         ]
     ]
 

@@ -56,7 +56,12 @@ class StudyConfig(BaseModel):
     @property
     def arm_names(self) -> tuple[str, ...]:
         """Names of the arms."""
-        return tuple(arm if isinstance(arm, str) else arm.name for arm in self.arms)
+        return tuple(name for name, _, _ in self.settled_arms)
+
+    @property
+    def settled_arms(self) -> tuple[tuple[str, Arm, dict[str, Any]], ...]:
+        """Each arm's name, the arm whose draws it has, and the keys of `train` that differ."""
+        return tuple((a, a, {}) if isinstance(a, str) else (a.name, a.base, a.train) for a in self.arms)
 
     @model_validator(mode="after")
     def _sound(self) -> StudyConfig:
@@ -64,8 +69,7 @@ class StudyConfig(BaseModel):
             values = self.arm_names if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
                 raise ValueError(f"{key}: {repeated[0]} is there twice")
-        bases = [arm if isinstance(arm, str) else arm.base for arm in self.arms]
-        if "loop" in bases and (self.plan is None or self.valid is None):
+        if "loop" in [base for _, base, _ in self.settled_arms] and (self.plan is None or self.valid is None):
             raise ValueError(
                 "arms: loop needs plan, the config to plan more from, and valid, photographs to learn from"
             )
