@@ -86,25 +86,10 @@ NOT_GROUND = (
     *("prototype",),
 )
 WATER = (  # what it is made of
-    *(
-        "water",
-        "wasser",
-        "eau",
-        "agua",
-        "água",
-        "acqua",
-        "woda",
-        "voda",
-        "vatten",
-        "vann",
-        "vand",
-        "вода",
-        "水",
-        "水面",
-    ),
-    *("waterplane", "watersurface", "watermesh", "waterbody", "watersheet", "watervolume", "waterlevel"),
-    *("水面", "wasserfläche"),
-    *("wasserflaeche", "wasseroberfläche", "wasserspiegel", "seawater", "lakewater", "riverwater", "seewasser"),
+    *("water", "wasser", "eau", "agua", "água", "acqua", "woda", "voda", "vatten", "vann", "vand", "вода", "水"),
+    *("waterplane", "watersurface", "watermesh", "waterbody", "watersheet", "watervolume", "waterlevel", "水面"),
+    *("wasserfläche", "wasserflaeche", "wasseroberfläche", "wasserspiegel", "seawater", "lakewater", "riverwater"),
+    *("seewasser",),
 )
 WATERS = (  # where it is found
     *("lake", "river", "sea", "ocean", "pond", "pool", "stream", "creek", "brook", "lagoon", "canal", "swamp"),
