@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.cutouts import PASSED
-from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import apply, invert_rigid
 
 # A beam is cut into so many lengths, whose boxes hold less that is beside the beam than its own would.
@@ -50,26 +52,72 @@ def passed_in_beams(
     place[which] = np.arange(len(which))
     far = np.full((n, r), -np.inf)
     far.flat[which] = reach
-    length = np.maximum(far.max(axis=1), 0.0) + np.linalg.norm(camera_rays.edges(world_from_camera), axis=2).max(axis=1)
-    view, instance = _touched(scene, world_from_camera[:, :3, 3], camera_rays.edges(world_from_camera), length=length)
-    corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
-    pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
-    corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
-    local = apply(invert_rigid(world_from_camera)[view], corners)
-    box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
-    for some in _nearest_first(view, nearest, r):
-        # From the near plane to a box it is at least the box's depth less the plane's; once more, for rounding.
-        ahead = far[view[some]] > (nearest[some] - 2.0 * NEAR)[:, None]
-        pair, ray = np.nonzero(camera_rays.inside(box[some], view[some]) & ahead)
-        flat = view[some][pair] * r + ray
+    for flat, instance in _pairs(scene, camera_rays, world_from_camera, far):
         rays, index = np.unique(place[flat], return_inverse=True)
         passed[rays] *= scene.transmittance_by(
-            origins[rays], along[rays], index, instance=instance[some][pair], max_distance=reach[rays]
+            origins[rays], along[rays], index, instance=instance, max_distance=reach[rays]
         )
         blocked = rays[passed[rays] < PASSED]
         passed[blocked] = 0.0
         far.flat[which[blocked]] = -np.inf
     return passed
+
+
+def nearest_in_beams(
+    scene: InstancedScene,
+    camera_rays: CameraRays,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    *,
+    reach: Float[np.ndarray, " k"],
+) -> InstanceHits:
+    """What all rays of n cameras meet first: as `scene.cast`, several times as fast for whole pictures.
+
+    Parameters
+    ----------
+    scene
+        The obstacles.
+    camera_rays
+        The rays of n cameras, r each.
+    world_from_camera
+        (n, 4, 4) their poses.
+    reach
+        (n * r,) how far each looks, in meters from the near plane.
+    """
+    hits, far = InstanceHits.missed(len(reach)), reach.copy()
+    if not len(scene.bounds):
+        return hits
+    origins, along = camera_rays.rays(world_from_camera, np.arange(len(reach)))
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    for ray, instance in _pairs(scene, camera_rays, world_from_camera, far.reshape(-1, camera_rays.count)):
+        scene.cast_by(origins, along, ray, instance=instance, reach=far, hits=hits)
+    return hits
+
+
+def _pairs(
+    scene: InstancedScene,
+    camera_rays: CameraRays,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    far: Float[np.ndarray, "n r"],
+) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
+    """Rays and instances that may meet, in blocks, each camera's nearest instances first.
+
+    `far` is how far each ray still looks: callers lower it as rays meet something.
+    """
+    edges, apex = camera_rays.edges(world_from_camera), world_from_camera[:, :3, 3]
+    low, high = scene.bounds[:, 0].min(axis=0), scene.bounds[:, 1].max(axis=0)
+    end = np.linalg.norm(np.maximum(np.abs(apex - low), np.abs(apex - high)), axis=1)
+    length = np.clip(far.max(axis=1), 0.0, end) + np.linalg.norm(edges, axis=2).max(axis=1)
+    view, instance = _touched(scene, apex, edges, length=length)
+    corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
+    pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
+    corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
+    local = apply(invert_rigid(world_from_camera)[view], corners)
+    box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
+    for some in _nearest_first(view, nearest, camera_rays.count):
+        # From the near plane to a box it is at least the box's depth less the plane's; once more, for rounding.
+        ahead = far[view[some]] > (nearest[some] - 2.0 * NEAR)[:, None]
+        pair, ray = np.nonzero(camera_rays.inside(box[some], view[some]) & ahead)
+        yield view[some][pair] * camera_rays.count + ray, instance[some][pair]
 
 
 def _touched(

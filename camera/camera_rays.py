@@ -71,6 +71,11 @@ class CameraRays:
         low, across, down = np.moveaxis(rotate(frame_from_camera[:, :3, :3], self._rows), 1, 0)
         return np.stack([low, low + across, low + across + down, low + down], 1)
 
+    def overlap(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
+        """Which boxes, low and high corners at unit depth, overlap their camera's window."""
+        low = self.low[view]
+        return ((box[:, 1] >= low) & (box[:, 0] <= low + self.extent[view])).all(axis=1)
+
     def inside(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, "p r"]:
         """Which rays of a box's camera go through it; low and high corners, at unit depth."""
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
-from hulldown.camera.beams import passed_in_beams
+from hulldown.camera.beams import nearest_in_beams, passed_in_beams
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
+from hulldown.camera.lenses import lenses
+from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.rays import RayCaster, RayHits
+from hulldown.geometry.rays import RayCaster, RayHits, WorkerThreads
 from hulldown.geometry.transforms import apply, invert_rigid
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.
 BATCH = 4095
+TILE = 64  # pixels, each way, that are traced together
 
 
 class Kind(IntEnum):
@@ -90,12 +94,18 @@ class WorldHits:
     face: Int[np.ndarray, " n"]
     normal: Float[np.ndarray, "n 3"]
 
+    @classmethod
+    def missed(cls, n: int) -> WorldHits:
+        """Those of n rays that met nothing."""
+        return cls(np.full(n, np.inf), np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1), np.full((n, 3), np.nan))
+
     @property
     def hit(self) -> Bool[np.ndarray, " n"]:
         """Whether each ray met anything."""
         return self.face >= 0
 
 
+Thing: TypeAlias = RayCaster | CutoutCaster | Plane | InstancedScene | PosedVehicle
 _HIDERS = (Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE)
 NO_OBSTACLES = InstancedScene([], [], [])
 
@@ -157,12 +167,72 @@ class World:
     ) -> WorldHits:
         """What each ray meets first; of equals ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        n = len(start)
-        hits = WorldHits(
-            np.full(n, np.inf), np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1), np.full((n, 3), np.nan)
-        )
+
+        def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
+            return thing.cast(start, along, max_distance=np.minimum(max_distance, reach), threads=threads)
+
+        return self._first(along, cast)
+
+    def seen_by(self, camera: Camera, *, threads: int = 1) -> WorldHits:
+        """What the centers of a camera's pixels show, row by row; (n,) is (height * width,).
+
+        As `nearest` for rays from the near plane on, with distances from the camera's position; several times as fast,
+        since the pixels of a tile go down the tree of instances together.
+
+        Parameters
+        ----------
+        camera
+            The camera.
+        threads
+            How many threads share the work.
+        """
+        width, height = camera.intrinsics.width, camera.intrinsics.height
+        hits = WorldHits.missed(width * height)
+        # Beyond the picture's last row and column, tiles repeat them.
+        rows, columns = (np.arange(-(-n // TILE) * TILE).clip(max=n - 1).reshape(-1, TILE) for n in (height, width))
+
+        def trace(band: Int[np.ndarray, " t"]) -> None:
+            pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE * TILE)
+            at = lenses(camera.intrinsics).at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
+            u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
+            low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
+            extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)
+            rays = CameraRays(low, extent, (at - low[:, None]) / extent[:, None])
+            met = self._seen(rays, np.tile(camera.world_from_camera, (len(low), 1, 1)))
+            before = NEAR * np.sqrt(1.0 + u * u + v * v)
+            hits.distance[pixel] = before + met.distance.reshape(pixel.shape)
+            for to, values in ((hits.kind, met.kind), (hits.which, met.which), (hits.face, met.face)):
+                to[pixel] = values.reshape(pixel.shape)
+            hits.normal[pixel] = met.normal.reshape(*pixel.shape, 3)
+
+        with WorkerThreads(threads) as pool:
+            for _ in pool.map(trace, rows):
+                pass
+        return hits
+
+    def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> WorldHits:
+        """What all rays of n cameras meet, from the near plane on."""
+        start, along = camera_rays.rays(world_from_camera, np.arange(len(world_from_camera) * camera_rays.count))
+
+        def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
+            match thing:
+                case InstancedScene():
+                    return nearest_in_beams(thing, camera_rays, world_from_camera, reach=reach)
+                case PosedVehicle():
+                    return _met_in_beams(thing, camera_rays, world_from_camera, reach)
+            return thing.cast(start, along, max_distance=reach)
+
+        return self._first(along, cast)
+
+    def _first(
+        self,
+        along: Float[np.ndarray, "n 3"],
+        cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits | InstanceHits],
+    ) -> WorldHits:
+        """The nearest of what `cast` meets of each thing, within the reach that it's given."""
+        hits = WorldHits.missed(len(along))
         for kind, i, thing in self._things():
-            met = thing.cast(start, along, max_distance=np.minimum(max_distance, hits.distance), threads=threads)
+            met = cast(thing, hits.distance)
             closer = np.flatnonzero(met.distance < hits.distance)
             face = met.face[closer]
             hits.distance[closer], hits.kind[closer], hits.face[closer] = met.distance[closer], kind, face
@@ -253,12 +323,34 @@ class World:
             passed[left, 2] *= _passed_by(vehicle, camera_rays, world_from_camera, which=which[left], reach=reach[left])
         return passed
 
-    def _things(self) -> Iterator[tuple[Kind, int, RayCaster | CutoutCaster | Plane | InstancedScene | PosedVehicle]]:
+    def _things(self) -> Iterator[tuple[Kind, int, Thing]]:
         if self.ground is not None:
             yield Kind.GROUND, 0, self.ground
         yield Kind.OBSTACLE, 0, self.obstacles
         for i, vehicle in enumerate(self.vehicles):
             yield Kind.VEHICLE, i, vehicle
+
+
+def _met_in_beams(
+    vehicle: PosedVehicle,
+    camera_rays: CameraRays,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    reach: Float[np.ndarray, " k"],
+) -> RayHits:
+    """The first face of a vehicle that all rays of n cameras meet."""
+    distance, face = reach.copy(), np.full(len(reach), -1)
+    camera, parts = vehicle.seen_from(world_from_camera)
+    for part, camera_from_part in parts:
+        box = box_at_unit_depth(apply(camera_from_part, part.around))
+        seen = np.flatnonzero(camera_rays.overlap(box, camera))
+        pose, ray = np.nonzero(camera_rays.inside(box[seen], camera[seen]))
+        pose = seen[pose]
+        at = camera[pose] * camera_rays.count + ray
+        rays = camera_rays.rays(invert_rigid(camera_from_part), pose * camera_rays.count + ray, camera)
+        met = part.caster.cast(*rays, max_distance=distance[at])
+        nearer = met.distance < distance[at]
+        distance[at[nearer]], face[at[nearer]] = met.distance[nearer], part.face[met.face[nearer]]
+    return RayHits(np.where(face >= 0, distance, np.inf), face)
 
 
 def _passed_by(

@@ -47,6 +47,11 @@ class InstanceHits:
     face: Int[np.ndarray, " n"]
     instance: Int[np.ndarray, " n"]
 
+    @classmethod
+    def missed(cls, n: int) -> InstanceHits:
+        """Those of n rays that met nothing."""
+        return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
+
     @property
     def hit(self) -> Bool[np.ndarray, " n"]:
         """Whether each ray met anything."""
@@ -109,9 +114,8 @@ class InstancedScene:
     ) -> InstanceHits:
         """The first face along each ray; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
-        n = len(start)
-        hits = InstanceHits(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
-        for i in range(0, n, RAYS):
+        hits = InstanceHits.missed(len(start))
+        for i in range(0, len(start), RAYS):
             part = slice(i, i + RAYS)
             self._cast_block(
                 start[part], along[part], reach[part].copy(), threads,
@@ -174,6 +178,42 @@ class InstancedScene:
                 np.multiply.at(passed, ray[rows], caster.transmittance(inside, inward, max_distance=limit))
         return passed
 
+    def cast_by(
+        self,
+        start: Float[np.ndarray, "n 3"],
+        along: Float[np.ndarray, "n 3"],
+        ray: Int[np.ndarray, " p"],
+        *,
+        instance: Int[np.ndarray, " p"],
+        reach: Float[np.ndarray, " n"],
+        hits: InstanceHits,
+        threads: int = 1,
+    ) -> None:
+        """Let rays meet the instances that they're paired with.
+
+        Parameters
+        ----------
+        start, along
+            (n, 3) origins and unit directions.
+        ray, instance
+            (p,) indices: the pairs to try.
+        reach, hits
+            (n,) how far each ray looks and what it has met so far; both are updated.
+        threads
+            How many threads share the work.
+        """
+        distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
+        for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+            met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+            distance[rows], face[rows] = met.distance / scale, met.face
+        # The nearest of each ray; of equals, the instance that comes first.
+        nearer = np.flatnonzero(distance < hits.distance[ray])
+        order = nearer[np.lexsort((instance[nearer], distance[nearer], ray[nearer]))]
+        first = order[np.diff(ray[order], prepend=-1) > 0]
+        at = ray[first]
+        reach[at] = hits.distance[at] = distance[first]
+        hits.face[at], hits.instance[at] = face[first], instance[first]
+
     def _cast_block(
         self,
         start: Float[np.ndarray, "n 3"],
@@ -184,18 +224,7 @@ class InstancedScene:
     ) -> None:
         for ray, instance, entry in self._queue(start, along, reach, threads).rounds():
             on = entry <= reach[ray]
-            ray, instance = ray[on], instance[on]
-            distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
-            for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
-                met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
-                distance[rows], face[rows] = met.distance / scale, met.face
-            # The nearest of each ray; of equals, the instance that comes first.
-            order = np.lexsort((instance, distance, ray))
-            first = order[np.diff(ray[order], prepend=-1) > 0]
-            first = first[distance[first] < hits.distance[ray[first]]]
-            at = ray[first]
-            reach[at] = hits.distance[at] = distance[first]
-            hits.face[at], hits.instance[at] = face[first], instance[first]
+            self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits, threads=threads)
 
     def _occlude_block(
         self,

@@ -17,8 +17,8 @@ from PIL import Image
 
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
-from hulldown.camera.projection import NEAR
-from hulldown.camera.world import Kind
+from hulldown.camera.projection import directions
+from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room, replace_file
@@ -29,7 +29,6 @@ from hulldown.planning.row import Row, encode
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # what has no instances in COCO panoptic
 STUFF_SEGMENT = 1 << 16  # segments of vehicles have the numbers of their instances, those of stuff begin here
-RAYS = 1 << 16  # cast together
 MOST_INSTANCES = (1 << 16) - 1
 
 
@@ -75,28 +74,18 @@ def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
     artist, scenery
         Of its plan, and its own.
     """
-    world, camera, n = artist.world(row), row.camera, row.width * row.height
-    forward = camera.world_from_camera[:3, 2]
-    axis, ray = np.full((2, n), np.inf, np.float32)
-    normal = np.full((n, 3), np.nan, np.float32)
-    kind, which, face = np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1)
-    for start in range(0, n, RAYS):
-        i = np.arange(start, min(start + RAYS, n))
-        along = camera.ray_directions(np.stack([i % row.width, i // row.width], axis=1) + 0.5)
-        cosine = along @ forward
-        before = NEAR / cosine
-        hits = world.nearest(camera.position + before[:, None] * along, along, threads=os.cpu_count() or 1)
-        distance = before + hits.distance
-        ray[i], axis[i] = distance, distance * cosine
-        normal[i], kind[i], which[i], face[i] = hits.normal, hits.kind, hits.which, hits.face
-    shape = row.height, row.width
-    instance, table = _instances(row, kind, which, scenery)
+    camera, shape = row.camera, (row.height, row.width)
+    hits = artist.world(row).seen_by(camera, threads=os.cpu_count() or 1)
+    y, x = np.indices(shape).reshape(2, -1)
+    through = directions(camera.intrinsics, np.stack([x, y], axis=1) + 0.5)
+    along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
+    instance, table = _instances(row, hits.kind, hits.which, scenery)
     return Pixels(
-        axis.reshape(shape),
-        ray.reshape(shape),
-        normal.reshape(*shape, 3),
+        along_axis.astype(np.float32).reshape(shape),
+        hits.distance.astype(np.float32).reshape(shape),
+        hits.normal.astype(np.float32).reshape(*shape, 3),
         instance.reshape(shape),
-        _parts(row, artist, kind, which, face).reshape(shape),
+        _parts(row, artist, hits).reshape(shape),
         table,
     )
 
@@ -123,19 +112,13 @@ def _instances(
     return instance.astype(np.uint16), [{"id": i, **record} for i, record in enumerate(table, start=1)]
 
 
-def _parts(
-    row: Row,
-    artist: Artist,
-    kind: UInt8[np.ndarray, " n"],
-    which: Int[np.ndarray, " n"],
-    face: Int[np.ndarray, " n"],
-) -> UInt16[np.ndarray, " n"]:
+def _parts(row: Row, artist: Artist, hits: WorldHits) -> UInt16[np.ndarray, " n"]:
     first = {record["vehicle"]: record["id"] for record in part_table(artist)[::-1]}
-    part = np.zeros(len(kind), np.uint16)
+    part = np.zeros(len(hits.kind), np.uint16)
     for i, vehicle in enumerate(row.vehicles):
-        here = np.flatnonzero((kind == Kind.VEHICLE) & (which == i))
+        here = np.flatnonzero((hits.kind == Kind.VEHICLE) & (hits.which == i))
         shape = artist.models[vehicle.vehicle].shape
-        part[here] = first[vehicle.vehicle] + shape.vertex_part[shape.mesh.faces[face[here], 0]]
+        part[here] = first[vehicle.vehicle] + shape.vertex_part[shape.mesh.faces[hits.face[here], 0]]
     return part
 
 

@@ -103,7 +103,7 @@ def _weather(weather: Weather | None) -> str:
 
 
 class Artist:
-    """RandomStreams rows of a plan. Hierarchies are built when the first row needs them, and kept.
+    """Draws rows of a plan. Hierarchies are built when the first row needs them, and kept.
 
     Parameters
     ----------
@@ -173,12 +173,9 @@ class Artist:
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Colors from 0 to 1, without boxes."""
         camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
-        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
         colors = look(
             self.world(row),
-            np.tile(camera.position, (len(along), 1)),
-            along,
+            camera,
             paints=[
                 previewed(paint_of(v.vehicle, distractor=v.vehicle in self._distractors), v.paint) for v in row.vehicles
             ],

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.camera.projection import Camera
 from hulldown.camera.weather import air_contrast
 from hulldown.camera.weather_kinds import KINDS, Weather
 from hulldown.camera.world import Kind, World
@@ -22,22 +23,21 @@ _TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
 
 def look(
     world: World,
-    origin: Float[np.ndarray, "n 3"],
-    along: Float[np.ndarray, "n 3"],
+    camera: Camera,
     *,
     paints: Sequence[Float[np.ndarray, "3"]] = (),
     sun: Float[np.ndarray, "3"],
     strength: float = 1.0,
     weather: Weather | None = None,
 ) -> Float[np.ndarray, "n 3"]:
-    """Colors from 0 to 1 of what rays with unit directions meet.
+    """Colors from 0 to 1 of a camera's pixels, row by row.
 
     Parameters
     ----------
     world
         Everything there is besides the sky.
-    origin, along
-        (n, 3) rays.
+    camera
+        The camera; n is the number of its pixels.
     paints
         (3,) the color of each vehicle of the world.
     sun
@@ -47,12 +47,15 @@ def look(
     weather
         What is in the air and lies on things, if anything: a veil and a cover, no streaks and flakes.
     """
+    width, rows = camera.intrinsics.width, camera.intrinsics.height
+    pixel = np.arange(width * rows)
+    along = camera.ray_directions(np.stack([pixel % width, pixel // width], axis=1) + 0.5)
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
-    hits = world.nearest(origin, along)
+    hits = world.seen_by(camera)
     met = np.flatnonzero(hits.hit)
     distance = hits.distance[met, None]
-    points = origin[met] + distance * along[met]
+    points = camera.position + distance * along[met]
     # A face without area has no normal and no side in the light.
     normal = np.nan_to_num(hits.normal[met])
     direct = np.clip(normal @ sun, 0.0, None)

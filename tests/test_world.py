@@ -1,11 +1,14 @@
 """One world, one query: what a ray meets first among ground, obstacles and vehicles, and whether anything is there."""
 
 import numpy as np
+import pytest
 import trimesh
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.camera_rays import CameraRays
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, Plane, World
@@ -125,6 +128,33 @@ def test_camera_rays_are_hidden_as_their_rays_are_one_by_one():
     np.testing.assert_array_equal(
         passed[:, 2] == 0.0, WORLD.occluded(*camera_rays.rays(cameras, which), max_distance=reach)
     )
+
+
+@pytest.mark.parametrize(
+    ("intrinsics", "position"),
+    [
+        (Intrinsics(200, 131, 1.2), [14.0, 9.0, 6.0]),
+        (Intrinsics(150, 90, 1.0, (110.0, 95.0, 40.0, 50.0), (-0.2, 0.05, 0.01, -0.01, 0.0)), [-12.0, 8.0, 3.0]),
+        (Intrinsics(130, 70, 2.9), [-6.0, 3.0, 2.4]),  # inside of an instance, with a wide view
+        (Intrinsics(1, 1, 0.1), [14.0, 9.0, 6.0]),
+    ],
+)
+def test_a_camera_sees_what_the_rays_of_its_pixels_meet(intrinsics, position):
+    toward = np.array([0.0, 0.0, 1.0]) - position
+    across = np.cross(toward, [0.0, 0.0, 1.0])
+    axes = np.stack([across, np.cross(toward, across), toward])
+    camera = Camera(intrinsics, rigid((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
+    pixel = np.indices((intrinsics.height, intrinsics.width))[::-1].reshape(2, -1).T + 0.5
+    along = camera.ray_directions(pixel)
+    before = NEAR / (along @ camera.world_from_camera[:3, 2])
+    rays = WORLD.nearest(camera.position + before[:, None] * along, along)
+    for threads in (1, 3):
+        seen = WORLD.seen_by(camera, threads=threads)
+        same = (seen.kind == rays.kind) & (seen.which == rays.which) & (seen.face == rays.face)
+        assert same.mean() > 0.9995  # rays that graze an edge differ in their last digit
+        assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)
+        np.testing.assert_array_equal(seen.normal[same], rays.normal[same])
+    assert len(pixel) == 1 or set(seen.kind) >= {Kind.GROUND, Kind.OBSTACLE}
 
 
 def test_an_empty_world_and_no_rays_are_legal():
