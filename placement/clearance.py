@@ -67,5 +67,5 @@ class Obstacles:
             directions = np.tile(SKYWARD[begin:end], (len(left), 1))
             blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
             free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
-            found = free >= (1 if begin == 0 else OPEN)
+            found |= free >= (1 if begin == 0 else OPEN)
         return found

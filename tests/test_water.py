@@ -164,9 +164,16 @@ def house(*, open_front=False, size=12.0):
     return Mesh(walls.vertices, walls.faces[~across] if open_front else walls.faces, "house")
 
 
+def shaft():
+    """Walls 60 m high around the origin, 3 m apart, open at the top."""
+    walls = box((-1.5, -1.5, -0.1), (1.5, 1.5, 60.0))
+    return Mesh(walls.vertices, walls.faces[walls.triangles[..., 2].min(axis=1) < 60.0], "shaft")
+
+
 @pytest.mark.parametrize(
     ("mesh", "lit"),
     [
+        pytest.param(shaft(), True, id="a shaft that the sky is straight above"),
         pytest.param(house(), False, id="a closed house"),
         pytest.param(house(open_front=True), True, id="a garage without its door"),
         pytest.param(sheet((-30, -30), (30, 30), 5.0), True, id="a roof on posts"),
