@@ -43,7 +43,7 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
     ConfigError
         If a line of the plan is damaged, or its config can't be met.
     """
-    planner = Planner(plan.config, assets, more_of=plan.header.more_of)
+    planner = Planner(plan.config, assets, more_of=plan.header.more_of, poses=plan.header.poses)
     followed, known = plan.header.photographs, planner.assets.photographs
     if followed is not None and (known is None or known.sha256 != followed.sha256):
         raise ConfigError(

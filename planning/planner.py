@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -21,12 +22,14 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.schema import Config
 from hulldown.planning.more_of import CANDIDATES, kept, position_weights
+from hulldown.planning.poses import GivenPoses
 from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import Extras, extras_at, framed_on
+from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import plan_block
@@ -50,6 +53,8 @@ class Planner:
         Which vehicle is planned on which scenery, if another planner of the same config has found it out.
     more_of
         What a detector missed, see `planning.more_of`; None: as the config has it alone.
+    poses
+        What is given of each image, see `planning.poses`; the config's numbers of images don't count then.
 
     Raises
     ------
@@ -65,12 +70,15 @@ class Planner:
         strict: bool = False,
         pairs: Pairs | None = None,
         more_of: MoreOf | None = None,
+        poses: GivenPoses | None = None,
     ) -> None:
         like = config.camera.like
         if like is not None and assets.photographs is None:
             assets = replace(assets, photographs=read_photographs(config.folder / like))
         self.config, self.assets = config, assets
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
+        if poses is not None:
+            self.budget = pose_budget(poses, self.budget)
         self._draws = RandomStreams(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
         self.stage = make_stage(config, assets)
@@ -78,6 +86,8 @@ class Planner:
         self.strict = strict
         self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
         self.more_of, self._turn = more_of, 0
+        self.poses = poses
+        self.given = None if poses is None else given_of(poses, self.stage.sites)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """All rows of the positions from `start` to before `stop`, in order.
@@ -125,6 +135,10 @@ class Planner:
         held = self.budget.positions(position)
         held = replace(held, vehicle=self.budget.turned(held.vehicle, self._turn))
         weights = np.where(held.background[:, None], self.pairs.sites, self.pairs.weights[held.vehicle])
+        if self.poses is not None:
+            for k, line in enumerate(self.poses.lines[i] for i in held.first_image.tolist()):
+                if line.scenery is not None:
+                    weights[k] = [float(site.name == line.scenery) for site in self.stage.sites]
         rows: list[Row] = []
         hopeless: HopelessPosition | None = None
         pending, attempt = np.arange(len(position)), 0
@@ -137,7 +151,12 @@ class Planner:
                 if not len(block.position):
                     continue
                 lights = draw_lights(
-                    self.config.light, self.config.weather, self._hdri_weights, draws=self._draws, image=block.image
+                    self.config.light,
+                    self.config.weather,
+                    self._hdri_weights,
+                    draws=self._draws,
+                    image=block.image,
+                    scene=block.scene,
                 )
                 try:
                     planned = plan_block(block, self.config, self._draws, visibility_m=lights.air.visibility_m)
@@ -149,8 +168,11 @@ class Planner:
                 homeless.append(planned_rows[: len(block.position)][~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
-            problem = f"position {hopeless.position}: {hopeless.problem}"
-            raise ConfigError(problem, path=hopeless.path, remedy=hopeless.remedy)
+            place, path = f"position {hopeless.position}", hopeless.path
+            if self.poses is not None:
+                first = int(self.budget.positions([hopeless.position]).first_image[0])
+                place, path = f"line {self.poses.lines[first].line}", Path(self.poses.path)
+            raise ConfigError(f"{place}: {hopeless.problem}", path=path, remedy=hopeless.remedy)
         rows.sort(key=lambda row: row.index)
         return rows
 
@@ -195,6 +217,7 @@ class Planner:
                     shots=held.shots[rows],
                     first_image=held.first_image[rows],
                     likeness=self.likeness,
+                    given=self.given,
                 ),
                 rows,
             )

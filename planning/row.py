@@ -23,6 +23,7 @@ from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.pose import decoded_pose
+from hulldown.planning.poses import GivenPoses
 
 FORMAT = 3
 
@@ -97,6 +98,7 @@ OneLabel = Annotated[Label, _is('"full", "ignored" or "none"')]
 PictureName = Annotated[str, _is("a path like images/1.png in plain characters", pattern=PICTURE_NAME)]
 Count = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**53)]
 Number = Annotated[int, _is("a whole number of at least 1", ge=1, le=2**53 + 1)]
+NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _is("a whole number of at least 1")]
 Size = Annotated[int, _is("a whole number from 1 to 65536", ge=1, le=65536)]
 Seed = Annotated[int, _is("a whole number", ge=-(2**63), le=2**63 - 1)]
 PlanSeed = Annotated[int, _is("a whole number of at least 0", ge=0, le=2**63 - 1)]
@@ -165,6 +167,9 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
         OnMapOrNone,
         _means("`crs`, `easting`, `northing`, `longitude`, `latitude` of its origin, on a GeoTIFF"),
     ] = None
+    track_id: Annotated[
+        NumberOrNone, _means("the same in all images of a sequence, and in no others; not there without `sequence`")
+    ] = None
 
 
 class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
@@ -191,6 +196,10 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
             "null, where limits refuse it; not there if none was sampled",
             recorded=False,
         ),
+    ] = None
+    sequence: Annotated[
+        NameOrNone,
+        _means("name of the sequence, of `plan --poses`, whose frame `shot` this is; not there without one"),
     ] = None
     width: Annotated[Size, _means("of the picture, in pixels")]
     height: Annotated[Size, _means("of the picture, in pixels")]
@@ -357,6 +366,11 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
         MoreOf | None,
         _is("`weights` by field and bin, and `picture_px`"),
         _means("what `plan --more-of` planned more of; not there without it"),
+    ] = None
+    poses: Annotated[
+        GivenPoses | None,
+        _is("`path` and `lines`"),
+        _means("name and lines of the file of `plan --poses`; not there without it"),
     ] = None
 
     @property

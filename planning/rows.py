@@ -20,7 +20,7 @@ from hulldown.planning.row import Bounds, Box, Followed, OnMap, PlannedVehicle, 
 from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.block import Block, InstanceTable, Planned
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.planning.search.extras import Role
+from hulldown.planning.search.extras import MOST, Role
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
 from hulldown.planning.search.stage import Site
@@ -41,8 +41,8 @@ def rows_of(
     beside = _extras(planned, vehicles, config)
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
-    ev, white_balance, horizon = exposures(image, hdris, strength, light=config.light, assets=assets, draws=draws)
-    sensors = draw_sensors(config.sensor, draws=draws, image=image)
+    ev, white_balance, horizon = exposures(block.scene, hdris, strength, light=config.light, assets=assets, draws=draws)
+    sensors = draw_sensors(config.sensor, draws=draws, image=block.scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
@@ -62,6 +62,7 @@ def rows_of(
         "white_balance_k": white_balance.tolist(),
         "weather": lights.air.weathers(),
         "like": _followed(block, views),
+        "sequence": block.given_of(image).name.tolist(),
         "sample_seed": lights.sample_seed.tolist(),
         "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
@@ -143,9 +144,17 @@ def _vehicles(block: Block, table: InstanceTable, *, config: Config, draws: Rand
             "tries": table.tries.tolist(),
             "bounds": bounds_in_rows(instances),
             "geo": geo_in_rows(settled.world_from_vehicle, block.site),
+            "track_id": _tracks(block, table),
             "paint": _coats(block, table, config=config, draws=draws),
         }
     )
+
+
+def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
+    """The number of each instance in its sequence's images; None where there is no sequence."""
+    number = 1 + (block.position[table.row] * len(Role) + table.role) * MOST + table.number
+    named = (block.given_of(block.first_image).sequence >= 0)[table.row]
+    return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
 def _coats(block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams) -> list[list[Coat]]:

@@ -25,6 +25,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.more_of import read_more_of
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.poses import GivenPoses, read_poses
 from hulldown.planning.row import (
     FORMAT,
     DistractorSource,
@@ -52,6 +53,7 @@ def plan(
     workers: int | None = None,
     strict: bool = False,
     more_of: Path | None = None,
+    poses: Path | None = None,
     cache: Path | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Progress | None = None,
@@ -72,6 +74,9 @@ def plan(
         Refuse missing textures and libraries, and vehicles without a place on a scenery.
     more_of
         ``report.json`` of an evaluation: bins in which the detector missed more get more images.
+    poses
+        CSV file with a line for each image, whose empty cells are planned, see docs/poses.md; the config's numbers of
+        images don't count then.
     cache
         Where what is read of assets is kept; what the config says if None.
     limits
@@ -95,7 +100,10 @@ def plan(
     from hulldown.planning.appearance.land import land_above_horizon
     from hulldown.planning.loading import load_assets
 
-    missed = read_more_of(more_of) if more_of else None
+    if more_of and poses:
+        remedy = "leave one of them out: with poses given, there are no candidates to choose from"
+        raise ConfigError("--more-of and --poses exclude each other", remedy=remedy)
+    missed, given = read_more_of(more_of) if more_of else None, read_poses(poses) if poses else None
     path = Path(path)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan is text, and its picture gets this name", path=path, remedy="name it .jsonl")
@@ -117,6 +125,7 @@ def plan(
             workers=workers or os.cpu_count() or 1,
             strict=strict,
             more_of=missed,
+            poses=given,
             progress=advance,
         )
     if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
@@ -137,6 +146,7 @@ def write_plan(
     workers: int = 1,
     strict: bool = False,
     more_of: MoreOf | None = None,
+    poses: GivenPoses | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan everything and write it; an attempt that was killed is continued.
@@ -155,6 +165,8 @@ def write_plan(
         Whether a vehicle that finds no place on one of its sceneries is a mistake; if not, it is planned on the others.
     more_of
         What a detector missed, see `planning.more_of`.
+    poses
+        What is given of each image, see `planning.poses`.
     progress
         Called with the images planned so far and their total.
 
@@ -166,13 +178,19 @@ def write_plan(
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
-        planner = Planner(config, assets, strict=strict, more_of=more_of)
+        planner = Planner(config, assets, strict=strict, more_of=more_of, poses=poses)
     except ConfigError as error:
         # What looks at a section does not know its file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
     header = make_header(
-        config, planner.assets, path, images=budget.n_images, left_out=planner.pairs.left_out, more_of=more_of
+        config,
+        planner.assets,
+        path,
+        images=budget.n_images,
+        left_out=planner.pairs.left_out,
+        more_of=more_of,
+        poses=poses,
     )
     with PlanWriter(path, header) as writer:
         start = _resume(writer, planner)
@@ -197,6 +215,7 @@ def make_header(
     images: int,
     left_out: Sequence[LeftOut] = (),
     more_of: MoreOf | None = None,
+    poses: GivenPoses | None = None,
 ) -> Header:
     """The plan's first line."""
     none = AssetFile("")
@@ -232,6 +251,7 @@ def make_header(
         left_out=list(left_out),
         photographs=None if known is None else Source(path=str(config.camera.like), sha256=known.sha256),
         more_of=more_of,
+        poses=poses,
     )
 
 
@@ -262,7 +282,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     # Not forked from this process: what its threads lock, such as the progress bar's and Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
-    made_from = (planner.config, planner.assets, planner.strict, planner.pairs, planner.more_of)
+    made_from = (planner.config, planner.assets, planner.strict, planner.pairs, planner.more_of, planner.poses)
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=made_from)
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
@@ -279,12 +299,14 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(config: Config, assets: Assets, strict: bool, pairs: Pairs, more_of: MoreOf | None) -> None:
+def _begin(
+    config: Config, assets: Assets, strict: bool, pairs: Pairs, more_of: MoreOf | None, poses: GivenPoses | None
+) -> None:
     global _planner
     # Ctrl-C is the parent's to handle; the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _planner = Planner(config, assets, strict=strict, pairs=pairs, more_of=more_of)
+    _planner = Planner(config, assets, strict=strict, pairs=pairs, more_of=more_of, poses=poses)
 
 
 def _end_with_parent() -> None:

@@ -76,7 +76,7 @@ def test_rain_and_snow_fall_from_overcast_skies():
     weights = hdri_weights(light, ("noon", "gray_one", "dusk", "gray_two"))
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
     lights = draw_lights(
-        light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=RandomStreams(5), image=IMAGES
+        light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=RandomStreams(5), image=IMAGES, scene=IMAGES
     )
     assert set(lights.hdri[lights.air.overcast].tolist()) == {1, 3}
     assert set(lights.hdri[~lights.air.overcast].tolist()) == {0}

@@ -133,6 +133,7 @@ def _plan(arguments: argparse.Namespace) -> int:
             workers=arguments.workers,
             strict=arguments.strict,
             more_of=arguments.more_of,
+            poses=arguments.poses,
             cache=arguments.cache,
             limits=read_limits(arguments),
             progress=advance,
@@ -253,6 +254,10 @@ def add(verb: AddVerb) -> None:
     sub.add_argument(
         "--more-of", type=Path, metavar="REPORT.json",
         help="of `hulldown evaluate`: plan more images of the sizes, sides, light, ... in which labels were missed",
+    )  # fmt: skip
+    sub.add_argument(
+        "--poses", type=Path, metavar="POSES.csv",
+        help="a line for each image: scenery, vehicle, place, camera; what is left empty is planned",
     )  # fmt: skip
     add_cache(sub, "the config's; with --check .hulldown-cache beside the plan")
     add_read_limits(sub)

@@ -80,10 +80,23 @@ def draw_lights(
     *,
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
+    scene: Int[np.ndarray, " n"],
 ) -> Lights:
-    """Light and weather of the images with these indices; `weights` are those of `hdri_weights`."""
-    u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
-    air = draw_air(weather, draws=draws, image=image)
+    """Light and weather of the images with these indices.
+
+    Parameters
+    ----------
+    light, weather, draws
+        The plan's.
+    weights
+        See `hdri_weights`.
+    image
+        (n,) indices.
+    scene
+        (n,) index of the image that each one shares light and weather with: its own, but in a sequence.
+    """
+    u = draws.uniform(Purpose.LIGHT, scene, 0, count=3)
+    air = draw_air(weather, draws=draws, image=scene)
     usual, cloudy = (choose(one, u[:, 0]) for one in weights)
     return Lights(
         hdri=np.where(air.overcast, cloudy, usual),

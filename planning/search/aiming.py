@@ -11,22 +11,26 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.masks import show_pixels
-from hulldown.camera.framing import Framed, frame_target
+from hulldown.camera.framing import Framed, frame_target, turned
 from hulldown.camera.lenses import Lenses, lenses
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.camera.visibility import visibility_of
 from hulldown.camera.weather import air_contrast
+from hulldown.geometry.portable import arctan2, hypot
+from hulldown.geometry.transforms import rigid
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import CameraSection, Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
+from hulldown.planning.search.given import Given
 from hulldown.planning.search.instances import Instances, hull_of
 from hulldown.planning.search.likeness import Likeness, directions_of, matching_cameras
 from hulldown.planning.search.sizing import boxes_of, fraction_of, image_size, sized_cameras
 from hulldown.planning.search.stage import Site
 
 SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
+NEAREST = 1e-6  # meters from a target's center to a given camera; within the target it's refused anyway
 PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
 
 
@@ -88,6 +92,7 @@ def try_cameras(
     *,
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
+    given: Given,
     attempt: Int[np.ndarray, " n"],
     others: Instances,
     visibility_m: Float[np.ndarray, " n"],
@@ -96,6 +101,7 @@ def try_cameras(
 ) -> Views:
     """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
 
+    A given camera isn't asked whether its distance is within the config's range, nor how large its target is.
     `quarter` tells how much of an image's tries is used up; see `Likeness.wishes`.
 
     Row i of the targets and of what stands beside them is image i. Checks go from cheap to dear, and each is asked
@@ -105,16 +111,20 @@ def try_cameras(
     views = no_views(n)
     rng = RowStreams(draws, Purpose.CAMERA, image, attempt)
     uniform = rng.random((n, 3))
+    together, free = given.sequence >= 0, np.isnan(given.camera[:, 0])
+    of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(given.sequence, 0), 0, count=2)
+    uniform[:, 0] = np.where(together, of_sequence[:, 0], uniform[:, 0])
     lens = drawn_lenses(config, uniform[:, 0])
     put(views.lens, np.arange(n), lens)
     fraction = between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
-    roll = np.radians(between(*limits.roll_deg, rng.random((n, 1))[:, 0]))
+    roll = np.where(together, of_sequence[:, 1], rng.random((n, 1))[:, 0])
+    roll = np.radians(between(*limits.roll_deg, roll))
 
     def framed(poses: Float[np.ndarray, "k 4 4"], rows: Int[np.ndarray, " k"]) -> Framed:
-        return frame_target(
+        found = frame_target(
             poses,
             targets.take(rows).corners(),
             lens.rows(rows),
@@ -123,15 +133,21 @@ def try_cameras(
             spread=limits.framing,
             truncated=limits.truncated_fraction,
         )
+        aimed, points = found.world_from_camera, given.look_at[rows]
+        at = np.flatnonzero(~np.isnan(points[:, 0]))
+        level = looking_at(poses[at, :3, 3], points[at])
+        aimed[at] = turned(level, lens.rows(rows[at]), lens.rows(rows[at]).center, roll[rows[at]])
+        return found
 
     wishes = None
     if likeness is not None:
         wishes = likeness.wishes(draws, targets, image=image, attempt=attempt, quarter=quarter)
-        views.asked[:], views.followed[:] = wishes.asked, wishes.box
+        unasked = ~free | ~np.isnan(given.look_at[:, 0])
+        views.asked[:], views.followed[:] = (np.where(unasked, -1, of) for of in (wishes.asked, wishes.box))
     measure = limits.size_measure
     # Those whose box has exactly a wanted size: what it measures there, and how much.
     alike = views.followed >= 0
-    exact = alike if measure == "paper" else np.ones(n, dtype=bool)
+    exact = alike if measure == "paper" else free
     sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
     if measure == "paper":
         smallest = targets.fleet.size.min(axis=1)[targets.model]
@@ -139,7 +155,7 @@ def try_cameras(
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
         for model, i in targets.by_model():
-            i = i[~alike[i]]
+            i = i[free[i] & ~alike[i]]
             hull = hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i))
             sized[i], distance[i] = sized_cameras(
                 targets.take(i),
@@ -162,9 +178,14 @@ def try_cameras(
             roll=roll[rows],
             rng=directions_of(draws, image[rows], attempt[rows]),
         )
+    away = given.camera - targets.centers
+    across = hypot(away[:, 0], away[:, 1])
+    distance = np.where(free, distance, np.maximum(hypot(across, away[:, 2]), NEAREST))
+    azimuth = np.where(free, azimuth, arctan2(away[:, 1], away[:, 0]))
+    elevation = np.where(free, elevation, arctan2(away[:, 2], across))
     faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
     apart = outside(distance, *limits.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
-    views.rejection[:] = np.where(apart, apart, faint)
+    views.rejection[:] = np.where(free & (apart != Rejection.NONE), apart, faint)
     views.rejection[np.isnan(distance)] = Rejection.SIZE
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
@@ -193,7 +214,7 @@ def try_cameras(
     # The box leaves out what is nearer than the near plane.
     if measure != "paper":
         filled, wanted = fraction_of(boxes.amodal, measure, render), fraction[rows]
-        views.rejection[rows[~alike[rows] & ~(np.abs(filled - wanted) <= SIZED * wanted)]] = Rejection.SIZE
+        views.rejection[rows[free[rows] & ~alike[rows] & ~(np.abs(filled - wanted) <= SIZED * wanted)]] = Rejection.SIZE
     if wishes is not None:
         found, wanted = np.where(wishes.wide[rows], *boxes.amodal[:, 2:].T), wishes.pixels[rows]
         views.rejection[rows[alike[rows] & ~(np.abs(found - wanted) <= SIZED * wanted)]] = Rejection.SIZE
@@ -223,6 +244,14 @@ def try_cameras(
     )
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
+
+
+def looking_at(position: Float[np.ndarray, "n 3"], point: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4 4"]:
+    """Level cameras whose optical axes meet points."""
+    away = position - point
+    across = hypot(away[:, 0], away[:, 1])
+    azimuth, elevation = arctan2(away[:, 1], away[:, 0]), arctan2(away[:, 2], across)
+    return rigid(shell_axes(azimuth, elevation)[1], position)
 
 
 def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:

@@ -12,8 +12,10 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.placement.settle import Settled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.aiming import Views
+from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams
 from hulldown.planning.search.extras import MOST, Extras, Role
+from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instances import drawn_angles
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.placing import unsettled
@@ -44,6 +46,8 @@ class Block:
         (n,) index of each one's first image.
     likeness
         The photographs that cameras follow, if any.
+    given
+        What users give of all images of the plan, if any.
     """
 
     site: Site
@@ -57,6 +61,7 @@ class Block:
     shots: Int[np.ndarray, " n"]
     first_image: Int[np.ndarray, " n"]
     likeness: Likeness | None = None
+    given: Given | None = None
 
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
@@ -72,6 +77,16 @@ class Block:
     def image(self) -> Int[np.ndarray, " m"]:
         """Index of each image."""
         return self.first_image[self.owner] + self.shot
+
+    @property
+    def scene(self) -> Int[np.ndarray, " m"]:
+        """Index of the image that each one has its light, weather, and lens of: of a sequence's first."""
+        sequence = self.given_of(self.image).sequence
+        return np.where(sequence >= 0, sequence, self.image)
+
+    def given_of(self, image: Int[np.ndarray, " k"]) -> Given:
+        """What is given of the images with these indices."""
+        return nothing_given(len(image)) if self.given is None else take(self.given, image)
 
 
 def before(block: Block, position: int) -> Block:

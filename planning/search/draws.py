@@ -44,6 +44,7 @@ class Purpose(IntEnum):
     DIRECTION = 27
     MORE_OF = 29
     SENSOR = 30
+    SEQUENCE = 31
 
 
 class RandomStreams:

@@ -8,12 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.geometry.overlap import boxes_touch
-from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid
-from hulldown.placement.contact import depth_below
+from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, rotation_z
+from hulldown.placement.contact import depth_below, gap_and_penetration
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, settle_each
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
+from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
@@ -28,7 +29,13 @@ def unsettled(n: int) -> Settled:
 
 
 def settle_clear(
-    site: Site, instances: Instances, config: Config, *, xy: Float[np.ndarray, "n 2"], yaw: Float[np.ndarray, " n"]
+    site: Site,
+    instances: Instances,
+    config: Config,
+    *,
+    xy: Float[np.ndarray, "n 2"],
+    yaw: Float[np.ndarray, " n"],
+    z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
     """Vehicles settled at these places with these headings and clear of obstacles, or the rejections.
 
@@ -42,11 +49,16 @@ def settle_clear(
         Whose limits hold.
     xy, yaw
         (n, 2) meters and (n,) radians.
+    z
+        (n,) heights of vehicles that stand upright instead of settling; nan: they settle.
     """
     limits = config.placement
     settled = settle_each(
         site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=settle_rules(limits)
     )
+    if z is not None:
+        rows = np.flatnonzero(~np.isnan(z))
+        put(settled, rows, _upright(site, instances.take(rows), np.column_stack([xy, z])[rows], yaw[rows], config))
     rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     placed = replace(instances, world_from_vehicle=poses)
@@ -58,6 +70,22 @@ def settle_clear(
     rows = rows[clear]
     rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
+
+
+def _upright(
+    site: Site, instances: Instances, xyz: Float[np.ndarray, "n 3"], yaw: Float[np.ndarray, " n"], config: Config
+) -> Settled:
+    """Upright vehicles at given heights; gap and penetration are limited as those of settled ones."""
+    settled, limits = unsettled(len(instances)), config.placement
+    settled.world_from_vehicle[:] = rigid(rotation_z(yaw), xyz)
+    settled.tilt[:] = 0.0
+    settled.gap[:], settled.penetration[:] = gap_and_penetration(
+        site.terrain, settled.world_from_vehicle, instances.fleet.contacts.of(instances.model)
+    )
+    settled.rejection[settled.penetration > limits.max_penetration] = Rejection.PENETRATION
+    settled.rejection[settled.gap > limits.max_gap] = Rejection.GAP
+    settled.rejection[~site.terrain.top_hits(xyz[:, :2]).hit] = Rejection.OFF_GROUND
+    return settled
 
 
 def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:

@@ -125,6 +125,7 @@ class _Search:
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
         """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
+        given = self.block.given_of(self.block.first_image)
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful(pending)):
             now = pending[: max(1, CANDIDATES // ahead)]
@@ -134,7 +135,12 @@ class _Search:
             attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
             rng = RowStreams(self.draws, Purpose.PLACE, self.block.position[row], attempt)
             xy, yaw = candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
-            found = settle_clear(self.block.site, self._instances(self.target[row]), self.config, xy=xy, yaw=yaw)
+            here = take(given, row)
+            xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
+            yaw = np.where(np.isnan(here.yaw), yaw, here.yaw)
+            found = settle_clear(
+                self.block.site, self._instances(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
+            )
             rejection = found.rejection.reshape(-1, ahead)
             allowed = np.arange(ahead) < left[:, None]
             good = allowed & (rejection == Rejection.NONE)
@@ -144,6 +150,8 @@ class _Search:
             self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
             put(table.settled, self.target[now[taken]], take(found, np.flatnonzero(taken) * ahead + first[taken]))
             table.tries[self.target[now]] += used + taken
+            # A given place that is refused once is refused always.
+            table.tries[self.target[now[~taken & given.fixed[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
             ahead = min(2 * ahead, CANDIDATES // 8)
@@ -284,6 +292,7 @@ class _Search:
                     self.config,
                     draws=self.draws,
                     image=self.image[rows],
+                    given=self.block.given_of(self.image[rows]),
                     # Numbered through all places of the position, so that a new place gets new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[some],
                     others=extras.beside(owner)[0],

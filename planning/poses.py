@@ -1,0 +1,171 @@
+"""Poses that users give: a CSV file with a line for each image, whose empty cells are planned."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+from msgspec import Struct
+
+from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.files import open_regular
+from hulldown.planning.pose import FARTHEST
+
+NAMES = ("scenery", "vehicle", "sequence")
+NUMBERS = (
+    *("x", "y", "z", "yaw_deg"),
+    *("camera_x", "camera_y", "camera_z"),
+    *("look_at_x", "look_at_y", "look_at_z"),
+)
+SHARED = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # what all lines of a sequence have in common
+CAMERA, LOOK_AT = NUMBERS[4:7], NUMBERS[7:]
+
+Vector = tuple[float, float, float]
+
+
+class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What one line gives of an image; None is planned.
+
+    Parameters
+    ----------
+    line
+        Its number in the file.
+    scenery, vehicle
+        Names.
+    x, y, z
+        Meters in the coordinates of the scenery's file: of the vehicle's origin, the center of its underside.
+    yaw_deg
+        Heading in degrees, counter-clockwise from +x.
+    camera, look_at
+        Where the camera is and what point its optical axis meets, in the same coordinates.
+    sequence
+        Neighboring lines with the same name are one sequence: the vehicle stands, the camera moves.
+    """
+
+    line: int
+    scenery: str | None = None
+    vehicle: str | None = None
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+    yaw_deg: float | None = None
+    camera: Vector | None = None
+    look_at: Vector | None = None
+    sequence: str | None = None
+
+
+class GivenPoses(Struct, frozen=True, kw_only=True):
+    """The lines of a file, by its name."""
+
+    path: str
+    lines: list[PoseLine]
+
+
+def read_poses(path: Path) -> GivenPoses:
+    """The poses in a CSV file, with commas or semicolons between its columns.
+
+    Raises
+    ------
+    ConfigError
+        If it can't be read, or at the first line that gives no pose, with the line's number and its column.
+    """
+    try:
+        with open_regular(path) as file:
+            text = file.read().decode("utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"cannot be read ({error.strerror})", path=path, remedy="name a CSV file") from None
+    except UnicodeDecodeError:
+        raise ConfigError("is no text in UTF-8", path=path, remedy="name a CSV file") from None
+    header = text.partition("\n")[0]
+    table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
+    try:
+        columns = _columns(next(table, []), path)
+        lines = [_line(cells, columns, table.line_num, path) for cells in table if any(map(str.strip, cells))]
+    except csv.Error as error:
+        raise _refused(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
+    if not lines:
+        raise ConfigError("gives no pose", path=path, remedy="add a line for each image under the names of the columns")
+    _check_sequences(lines, path)
+    return GivenPoses(path=path.name, lines=lines)
+
+
+def _columns(cells: list[str], path: Path) -> list[str]:
+    columns, known = [cell.strip() for cell in cells], f"columns are {', '.join((*NAMES, *NUMBERS))}"
+    for k, name in enumerate(columns):
+        if name not in NAMES and name not in NUMBERS:
+            raise _refused(path, 1, f"has the unknown column {name!r:.60}", known)
+        if name in columns[:k]:
+            raise _refused(path, 1, f"has the column {name} twice", "remove one")
+    if not columns:
+        raise ConfigError("is empty", path=path, remedy=f"begin with a line of column names; {known}")
+    return columns
+
+
+def _line(cells: list[str], columns: list[str], number: int, path: Path) -> PoseLine:
+    if len(cells) != len(columns):
+        raise _refused(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
+    given = {name: cell.strip() for name, cell in zip(columns, cells, strict=True) if cell.strip()}
+    values = {name: _number(given[name], name, number, path) for name in NUMBERS if name in given}
+    for name, needed in _needed(given):
+        if needed not in given:
+            raise _refused(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
+    camera, look_at = _vector(values, CAMERA), _vector(values, LOOK_AT)
+    if camera is not None and camera == look_at:
+        raise _refused(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
+    x, y, z, yaw_deg = map(values.get, NUMBERS[:4])
+    scenery, vehicle, sequence = map(given.get, NAMES)
+    return PoseLine(
+        line=number, scenery=scenery, vehicle=vehicle, x=x, y=y, z=z, yaw_deg=yaw_deg,
+        camera=camera, look_at=look_at, sequence=sequence,
+    )  # fmt: skip
+
+
+def _needed(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Each column that is given, with one that it needs."""
+    groups = {**dict.fromkeys(("x", "y"), ("x", "y")), "z": ("x", "y"), "sequence": CAMERA}
+    groups |= {**dict.fromkeys(CAMERA, (*CAMERA, "x", "y")), **dict.fromkeys(LOOK_AT, LOOK_AT)}
+    for name in given:
+        for needed in groups.get(name, ()):
+            yield name, needed
+
+
+def _number(cell: str, name: str, number: int, path: Path) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= FARTHEST:
+        unit = "degrees" if name == "yaw_deg" else "meters"
+        raise _refused(path, number, f"column {name}: {cell!r:.60} is no number", f"give {unit}, or leave it empty")
+    return value
+
+
+def _vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector | None:
+    if names[0] not in values:
+        return None
+    x, y, z = (values[name] for name in names)
+    return x, y, z
+
+
+def _check_sequences(lines: list[PoseLine], path: Path) -> None:
+    """A sequence's lines follow each other, and give the same vehicle in the same place."""
+    ended: set[str | None] = set()
+    for before, line in pairwise(lines):
+        if line.sequence != before.sequence:
+            ended.add(before.sequence)
+            if line.sequence is not None and line.sequence in ended:
+                what = f"column sequence: {line.sequence!r:.60} goes on after other lines"
+                raise _refused(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
+        elif line.sequence is not None:
+            for name in SHARED:
+                if getattr(line, name) != getattr(before, name):
+                    what = f"column {name}: differs from line {before.line} of sequence {line.sequence!r:.60}"
+                    raise _refused(path, line.line, what, "in a sequence only the camera moves")
+
+
+def _refused(path: Path, number: int, what: str, remedy: str) -> ConfigError:
+    return ConfigError(f"line {number}: {what}", path=path, remedy=remedy)

@@ -1,0 +1,151 @@
+"""What users give of poses, as arrays; and the budget of a plan with a line for each image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from hulldown.geometry.errors import ConfigError
+from hulldown.planning.poses import GivenPoses, PoseLine
+from hulldown.planning.search.budget import Budget, Positions
+from hulldown.planning.search.columns import take
+from hulldown.planning.search.stage import Site
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Given:
+    """What is given of n images, in the world of their sceneries; nan is planned.
+
+    Parameters
+    ----------
+    xyz, yaw
+        (n, 3) meters and (n,) radians of the vehicles.
+    camera, look_at
+        (n, 3) meters.
+    sequence, name
+        (n,) index of the first image of each one's sequence, and its name; -1 and None where there is none.
+    """
+
+    xyz: Float[np.ndarray, "n 3"]
+    yaw: Float[np.ndarray, " n"]
+    camera: Float[np.ndarray, "n 3"]
+    look_at: Float[np.ndarray, "n 3"]
+    sequence: Int[np.ndarray, " n"]
+    name: np.ndarray
+
+    @property
+    def fixed(self) -> Bool[np.ndarray, " n"]:
+        """Whether an image's vehicle has one possible place."""
+        return ~np.isnan(self.xyz[:, 0] + self.yaw)
+
+
+def nothing_given(n: int) -> Given:
+    """Return n images of which all is planned."""
+    points = np.full((3, n, 3), np.nan)
+    return Given(points[0], points[0, :, 0].copy(), points[1], points[2], np.full(n, -1), np.full(n, None))
+
+
+def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
+    """The arrays of a file's lines.
+
+    Raises
+    ------
+    ConfigError
+        If a line names a scenery that isn't there, or gives coordinates without saying on which of several.
+    """
+    given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
+    positions = position_starts(poses)
+    for i, line in enumerate(poses.lines):
+        origin = origins.get(line.scenery or sites[0].name)
+        if origin is None:
+            raise _refused(poses, line, f"column scenery: {line.scenery!r:.60} is none", f"they are {list(origins)}")
+        if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
+            raise _refused(poses, line, "gives coordinates but no scenery", f"name one of {list(origins)}")
+        xyz = [np.nan if value is None else value for value in (line.x, line.y, line.z)]
+        given.xyz[i] = np.array(xyz) - origin
+        given.yaw[i] = np.nan if line.yaw_deg is None else np.radians(line.yaw_deg)
+        for table, point in ((given.camera, line.camera), (given.look_at, line.look_at)):
+            if point is not None:
+                table[i] = np.array(point) - origin
+        if line.sequence is not None:
+            given.sequence[i] = positions[np.searchsorted(positions, i, side="right") - 1]
+            given.name[i] = line.sequence
+    return given
+
+
+def position_starts(poses: GivenPoses) -> Int[np.ndarray, " p"]:
+    """Index of the first line of each position: a sequence is one, and so is every other line."""
+    lines = poses.lines
+    return np.array(
+        [i for i, line in enumerate(lines) if not i or line.sequence is None or line.sequence != lines[i - 1].sequence]
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PoseBudget(Budget):
+    """A position for each sequence and for each other line; where no vehicle is named, vehicles take turns.
+
+    Parameters
+    ----------
+    held
+        What the positions hold.
+    """
+
+    held: Positions = field(kw_only=True)
+
+    @property
+    def n_images(self) -> int:
+        """Images in all."""
+        return int(self.held.shots.sum())
+
+    @property
+    def n_positions(self) -> int:
+        """Positions in all."""
+        return len(self.held.shots)
+
+    def positions(self, index: ArrayLike) -> Positions:
+        """What the positions with these (n,) indices hold."""
+        return take(self.held, np.asarray(index, dtype=np.int64))
+
+
+def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
+    """The budget of a file's lines, with the vehicles of a config's budget.
+
+    Its `images` count what has no scenery: only these vehicles must find places on one.
+
+    Raises
+    ------
+    ConfigError
+        If a line names a vehicle that isn't there.
+    """
+    starts = position_starts(poses)
+    shots = np.diff(np.append(starts, len(poses.lines)))
+    index = {name: v for v, name in enumerate(budget.vehicles)}
+    turns, turn = np.flatnonzero(budget.images > 0), 0
+    vehicle, ordinal = np.zeros(len(starts), dtype=np.int64), np.zeros(len(starts), dtype=np.int64)
+    images, before = np.zeros(len(index), dtype=np.int64), np.zeros(len(index), dtype=np.int64)
+    for k, start in enumerate(starts.tolist()):
+        line = poses.lines[start]
+        if line.vehicle is None:
+            v, turn = int(turns[turn % len(turns)]), turn + 1
+        elif line.vehicle in index:
+            v = index[line.vehicle]
+        else:
+            what = f"column vehicle: {line.vehicle!r:.60} is none"
+            raise _refused(poses, line, what, f"they are {list(index)}")
+        vehicle[k], ordinal[k] = v, before[v]
+        before[v] += 1
+        images[v] += shots[k] if line.scenery is None else 0
+    return PoseBudget(
+        budget.vehicles, budget.class_names, budget.class_starts, images, budget.shots,
+        held=Positions(vehicle, ordinal, shots, starts),
+    )  # fmt: skip
+
+
+def _refused(poses: GivenPoses, line: PoseLine, what: str, remedy: str) -> ConfigError:
+    return ConfigError(f"line {line.line}: {what}", path=Path(poses.path), remedy=remedy)
