@@ -38,6 +38,8 @@ class Options:
         West, south, east, and north end of what is read of a GeoTIFF, in its own coordinates.
     texture
         A GeoTIFF's orthophoto, relative to its folder.
+    buildings
+        Outlines of buildings on a GeoTIFF, relative to its folder.
     """
 
     up: str | None = None
@@ -58,6 +60,7 @@ class Options:
     texture_size: int = TEXTURE_SIZE
     area: tuple[float, float, float, float] | None = None
     texture: str | None = None
+    buildings: str | None = None
 
 
 DEFAULTS = Options()

@@ -1,18 +1,23 @@
 """Terrain from GeoTIFFs: the heights that rasterio reads, whatever they are stored as, and where on Earth they are."""
 
+import json
+
 import numpy as np
 import pytest
 import rasterio
+from pyproj import Transformer
 from rasterio.transform import Affine, from_origin
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.config_file import parse_config
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
+from hulldown.reading.scenery.buildings import USUAL, read_buildings
 from hulldown.reading.scenery.geotiff import longitude_latitude, read_elevations, read_orthophoto
 
 UTM = "EPSG:32632"
@@ -225,3 +230,69 @@ def test_keys_of_geotiffs_are_checked(keys):
     scenery = {"path": "dem.tif", **keys}
     with pytest.raises(ConfigError, match=r"assets\.sceneries"):
         parse_config({"assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [scenery]}})
+
+
+def feature(corner, size, properties, *, hole=None):
+    """A rectangle of a map in meters, in degrees."""
+    to_degrees = Transformer.from_crs(UTM, "OGC:CRS84", always_xy=True)
+    x, y = corner
+    rings = [[(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]]
+    if hole:
+        a, b = size / 2 - hole / 2, size / 2 + hole / 2
+        rings.append([(x + a, y + a), (x + a, y + b), (x + b, y + b), (x + b, y + a), (x + a, y + a)])
+    rings = [[list(to_degrees.transform(*point)) for point in ring] for ring in rings]
+    return {"type": "Feature", "properties": properties, "geometry": {"type": "Polygon", "coordinates": rings}}
+
+
+@pytest.mark.blender
+def test_buildings_stand_on_the_terrain(tmp_path):
+    path = write(tmp_path / "dem.tif", np.tile(300.0 + 0.1 * np.arange(50), (40, 1)))
+    x, y = CORNER
+    features = [
+        feature((x + 10, y - 40), 12.0, {"height": "8.5 m"}),
+        feature((x + 40, y - 70), 20.0, {"building:levels": 4}, hole=8.0),
+        feature((x + 70, y - 30), 5.0, {}),
+        feature((x - 3, y - 30), 5.0, {}),  # over the edge
+    ]
+    (tmp_path / "town.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    read = export(path, tmp_path, options=Options(buildings="town.geojson"))
+    scenery = load_scenery(read.bundle)
+    assert read.files == (str(tmp_path / "town.geojson"),)
+    assert scenery.instance_names == ("building 1", "building 2", "building 3")
+    ground = Terrain(scenery.ground)
+    for k, (height, area) in enumerate([(8.5, 144.0), (12.0, 336.0), (USUAL, 25.0)]):
+        mesh = scenery.obstacle_meshes[scenery.instance_mesh[k]]
+        vertices = apply(scenery.world_from_instance[k], mesh.vertices)
+        below = ground.top_hits(vertices[:, :2]).z
+        low, high = vertices[:, 2].min(), vertices[:, 2].max()
+        assert high == pytest.approx(below.mean() + height, abs=1e-3)
+        assert low == pytest.approx(below.min() - 1.0, abs=1e-3)
+        a, b, c = np.moveaxis(vertices[mesh.faces], 1, 0)
+        cross = np.cross(b - a, c - a)
+        assert (a * cross).sum() / 6 == pytest.approx(area * (high - low), rel=1e-3), "closed, faces outward"
+        assert cross[cross[:, 2] > 1e-6, 2].sum() / 2 == pytest.approx(area, rel=1e-3), "a roof with its courtyard"
+    (tmp_path / "town.geojson").write_text(json.dumps(feature((x + 9000, y), 12.0, {})))
+    with pytest.raises(AssetError, match="no building on the terrain"):
+        export(path, tmp_path, options=Options(buildings="town.geojson"))
+
+
+@pytest.mark.parametrize(
+    ("ring", "crs", "message"),
+    [
+        ('["west", 1], [2, 3], [3, 4], [1, 1]', "EPSG:4326", "no GeoJSON"),
+        ("[1, 2], [3, 4], [3, 5], [1, 2]", "EPSG:0", "unknown coordinate reference system 'EPSG:0'"),
+        ("[1, 2], [3, 4], [3, 5], [1, 2]]]]", "EPSG:4326", "no GeoJSON"),
+        ("", "EPSG:4326", "no building on the terrain"),
+    ],
+)
+@pytest.mark.blender
+def test_files_without_buildings_are_refused(tmp_path, ring, crs, message):
+    crs = {"properties": {"name": crs}}
+    text = f'{{"type": "Polygon", "coordinates": [[{ring}]], "crs": {json.dumps(crs)}}}'
+    (tmp_path / "town.geojson").write_text(text)
+    path = write(tmp_path / "dem.tif", heights())
+    with pytest.raises(AssetError, match=message):
+        export(path, tmp_path, options=Options(buildings="town.geojson"))
+    (tmp_path / "town.geojson").write_text('{"type": "Point", "coordinates": [1, 2]}')
+    with pytest.raises(AssetError, match="has 0 polygons"):
+        read_buildings(tmp_path / "town.geojson", UTM)

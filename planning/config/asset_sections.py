@@ -186,6 +186,12 @@ class SceneryEntry(FileEntry):
         examples=["ortho.tif"],
         exclude_if=is_absent,
     )
+    buildings: str | None = Field(
+        default=None,
+        description="GeoJSON file of outlines of buildings that stand on a GeoTIFF's terrain; default: none",
+        examples=["buildings.geojson"],
+        exclude_if=is_absent,
+    )
     ground: Patterns = Field(
         default=(), description="whole names of objects that are its ground; * for any part of a name"
     )
@@ -211,8 +217,8 @@ class SceneryEntry(FileEntry):
 
     @model_validator(mode="after")
     def _is_geotiff(self) -> SceneryEntry:
-        if (self.area or self.texture) and not self.path.lower().endswith((".tif", ".tiff")):
-            raise ValueError("`area` and `texture` are for GeoTIFFs (.tif)")
+        if (self.area or self.texture or self.buildings) and not self.path.lower().endswith((".tif", ".tiff")):
+            raise ValueError("`area`, `texture`, and `buildings` are for GeoTIFFs (.tif)")
         return self
 
 

@@ -1,4 +1,4 @@
-"""A GeoTIFF's elevations as an object in Blender, which wears an orthophoto or is colored by slope."""
+"""A GeoTIFF's elevations as an object in Blender, which wears an orthophoto or is colored by slope; with buildings."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from jaxtyping import UInt8
 from PIL import Image
 
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.buildings import add_buildings
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.options import Options
+from hulldown.reading.scenery.buildings import read_buildings
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
 
 NAME = "terrain"
@@ -54,16 +56,27 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     color = _by_slope(material.node_tree)
     files = []
     if options.texture:
-        file = Path(os.path.normpath(path.parent / options.texture))
-        if not is_inside(file, asset_folders(path)):
-            raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
+        file = _beside(path, options.texture)
         files.append(str(file))
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
         picture = read_orthophoto(file, crs=terrain.crs, low=anchor + low, high=anchor + high)
         color = _over(material.node_tree, color, picture, low.tolist(), high.tolist())
     material.node_tree.links.new(color, shader.inputs["Base Color"])
+    if options.buildings:
+        file = _beside(path, options.buildings)
+        files.append(str(file))
+        if not add_buildings(read_buildings(file, terrain.crs), terrain):
+            raise AssetError("has no building on the terrain", path=file, remedy="check its coordinates and the `area`")
     return terrain, files
+
+
+def _beside(path: Path, name: str) -> Path:
+    """A file that the elevations in `path` come with."""
+    file = Path(os.path.normpath(path.parent / name))
+    if not is_inside(file, asset_folders(path)):
+        raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
+    return file
 
 
 def _by_slope(tree: Any) -> Any:

@@ -160,11 +160,27 @@ def longitude_latitude(crs: str, points: Float[np.ndarray, "n 2"]) -> Float[np.n
     HulldownError
         If pyproj isn't installed.
     """
+    return on_map(points, crs, "EPSG:4326")
+
+
+def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
+    """Points of one map on another one, x east and y north on both.
+
+    Raises
+    ------
+    HulldownError
+        If pyproj isn't installed.
+    ValueError
+        If it doesn't know a map.
+    """
     try:
         import pyproj
     except ModuleNotFoundError:
         raise HulldownError("a scenery from a GeoTIFF needs pyproj", remedy=NO_GEO) from None
-    transformer = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    try:
+        transformer = pyproj.Transformer.from_crs(crs, other, always_xy=True)
+    except pyproj.exceptions.ProjError:
+        raise ValueError(f"unknown coordinate reference system {crs!r:.60}") from None
     return np.stack(transformer.transform(points[:, 0], points[:, 1]), axis=1)
 
 

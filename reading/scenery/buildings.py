@@ -1,0 +1,87 @@
+"""Outlines of buildings in a GeoJSON file, on the map of a terrain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.geometry.errors import AssetError
+from hulldown.geometry.files import open_regular
+from hulldown.reading.scenery.geotiff import on_map
+
+# Keys of OpenStreetMap, Overture, and OpenMapTiles, with meters to one unit.
+HEIGHTS = {"height": 1.0, "building:height": 1.0, "render_height": 1.0, "building:levels": 3.0, "num_floors": 3.0}
+USUAL = 6.0  # meters, where a file has none of them
+MOST = 20_000  # each is an object in Blender
+
+
+class Building(NamedTuple):
+    """An outline and those of its courtyards, (n, 2) meters each, and a height in meters."""
+
+    rings: list[Float[np.ndarray, "n 2"]]
+    height: float
+
+
+def read_buildings(path: Path, crs: str) -> list[Building]:
+    """Read the polygons of a GeoJSON file, transformed to a terrain's map.
+
+    Parameters
+    ----------
+    path
+        The file: longitudes and latitudes, unless its `crs` names another map.
+    crs
+        The terrain's; "" where it's unknown: the file's coordinates are then the terrain's.
+
+    Raises
+    ------
+    AssetError
+        If it's no GeoJSON, or has none or too many polygons.
+
+    References
+    ----------
+    RFC 7946. `crs` is of the GeoJSON of 2008, which GIS programs still write.
+    """
+    try:
+        with open_regular(path) as file:
+            data = msgspec.json.decode(file.read(), type=dict[str, Any])
+        buildings = list(_buildings(data, {}))
+        there = ((data.get("crs") or {}).get("properties") or {}).get("name", "OGC:CRS84")
+        buildings = [Building([on_map(ring, there, crs or there) for ring in rings], h) for rings, h in buildings]
+    except OSError as error:
+        raise AssetError(f"cannot be read ({error.strerror})", path=path, remedy="check its name") from None
+    except (msgspec.MsgspecError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise AssetError(f"is no GeoJSON ({error})", path=path, remedy="export polygons as GeoJSON in WGS 84") from None
+    if not 0 < len(buildings) <= MOST:
+        problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
+        raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")
+    return buildings
+
+
+def _buildings(record: Mapping[str, Any], properties: Mapping[str, Any]) -> Iterator[Building]:
+    kind = record.get("type")
+    if kind in ("FeatureCollection", "GeometryCollection"):
+        for each in record["features" if kind == "FeatureCollection" else "geometries"]:
+            yield from _buildings(each, properties)
+    elif kind == "Feature":
+        yield from _buildings(record.get("geometry") or {}, record.get("properties") or {})
+    elif kind in ("Polygon", "MultiPolygon"):
+        for rings in record["coordinates"] if kind == "MultiPolygon" else [record["coordinates"]]:
+            outlines = [np.array([point[:2] for point in ring[:-1]], dtype=np.float64) for ring in rings]
+            yield Building([outline for outline in outlines if len(outline) >= 3], _height(properties))
+
+
+def _height(properties: Mapping[str, Any]) -> float:
+    """Meters, from numbers or texts such as "12.5 m"."""
+    for key, unit in HEIGHTS.items():
+        try:
+            height = float(str(properties.get(key)).removesuffix("m")) * unit
+        except ValueError:
+            continue
+        if 0.0 < height < 1000.0:
+            return height
+    return USUAL
