@@ -31,6 +31,7 @@ from hulldown.geometry.files import replacing
 from hulldown.planning.config.config_file import load_config
 from hulldown.planning.config.template import config_text
 from hulldown.planning.loading import load_assets
+from hulldown.planning.more_of import read_more_of
 from hulldown.planning.write import write_plan
 from hulldown.render.supervisor import Progress, render_plan
 
@@ -116,6 +117,19 @@ def write_side(side: Side, folder: Path) -> Path:
     return path
 
 
+def make_side(side: Side, folder: Path, *, more_of: Path | None = None) -> Path:
+    """The dataset of one half, planned and rendered as far as it isn't there; `more_of` is an evaluation's report."""
+    plan, dataset = folder / f"{side.name}.jsonl", folder / side.name
+    if not plan.exists():
+        config = load_config(write_side(side, folder))
+        missed = None if more_of is None else read_more_of(more_of)
+        workers = os.cpu_count() or 1
+        write_plan(config, load_assets(config), plan, workers=workers, more_of=missed, progress=_say(side.name))
+    if not render_plan(plan, dataset, progress=_rendered(side)).complete:
+        raise SystemExit(f"{dataset}: not all images could be rendered; see failures.jsonl there")
+    return dataset
+
+
 def photographed(picture: UInt8[np.ndarray, "h w 3"], *, rng: np.random.Generator) -> bytes:
     """A JPEG of a render as a poor camera might have taken it: exposure, white balance, focus, noise, compression."""
     light = (picture / 255.0) ** 2.2 * 2.0 ** rng.normal(0.0, 0.6) * np.exp(rng.normal(0.0, 0.06, 3))
@@ -128,11 +142,11 @@ def photographed(picture: UInt8[np.ndarray, "h w 3"], *, rng: np.random.Generato
     return file.getvalue()
 
 
-def write_stand_ins(dataset: Path, out: Path) -> None:
+def write_stand_ins(dataset: Path, out: Path, shares: tuple[float, float, float] = SHARES) -> None:
     """Train, valid and test folders of a dataset's images as stand-ins for photographs; no position is in two."""
     unfinished = out.with_name(f"{out.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
-    export(dataset, unfinished, layout="coco", fractions=SHARES)
+    export(dataset, unfinished, layout="coco", fractions=shares)
     for split in SPLITS:
         coco = read_coco(unfinished / split)
         images = []
@@ -189,12 +203,7 @@ def main() -> None:
     if not all((folder / file).exists() for file in FILES):
         build_demo_assets(folder, progress=_say("asset"))
     for side in (STAND_INS, SYNTHETIC):
-        plan = folder / f"{side.name}.jsonl"
-        if not plan.exists():
-            config = load_config(write_side(side, folder))
-            write_plan(config, load_assets(config), plan, workers=os.cpu_count() or 1, progress=_say(side.name))
-        if not render_plan(plan, folder / side.name, progress=_rendered(side)).complete:
-            raise SystemExit(f"{folder / side.name}: not all images could be rendered; see failures.jsonl there")
+        make_side(side, folder)
     photographs = folder / "stand-in-photographs"
     if not photographs.exists():
         write_stand_ins(folder / STAND_INS.name, photographs)

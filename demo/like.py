@@ -1,0 +1,164 @@
+"""`python -m hulldown.demo.like FOLDER SET`: whether renders that follow photographs make better detectors.
+
+The photographs are stand-ins as in `demo.study`, seen by cameras unlike the default one. Detectors learn from equal
+numbers of renders and draws: with the default camera (`default`), with `camera.like` (`like`), and with `camera.like`
+for half of them and `plan --more-of` for the others (`more_of`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hulldown.demo.build import FILES, build_demo_assets
+from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
+from hulldown.geometry.files import replace_file
+from hulldown.planning.config.schema import CameraSection
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
+from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.evaluation.report import evaluate_files
+from hulldown.training.settings import load_settings
+from hulldown.training.study.manifest import PlannedRun
+from hulldown.training.study.results import Cell, Judged, cell_interval, cells, difference, judged, mean
+
+# Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
+# image's height. Much smaller ones than these have no class that can be seen at this resolution.
+SETS: dict[str, dict[str, Any]] = {
+    "large": {
+        "camera.target_fraction": [0.4, 0.8],
+        "camera.elevation_deg": [3.0, 8.0],
+        "camera.fov_x_deg": [45.0, 60.0],
+        "camera.framing": 1.0,
+    },
+    "small": {
+        "camera.target_fraction": [0.12, 0.2],
+        "camera.elevation_deg": [25.0, 35.0],
+        "camera.fov_x_deg": [25.0, 40.0],
+        "camera.framing": 1.0,
+    },
+}
+SHARES = (0.2, 0.3, 0.5)  # of the stand-ins: for camera.like, for thresholds and plan --more-of, to test on
+STAND_INS_PER_CLASS, RENDERS_PER_CLASS = 60, 40
+DEFAULT = {
+    key: CameraSection.model_fields[key.removeprefix("camera.")].default for key in SHARED if key.startswith("camera.")
+}
+ARMS = {"default": ("default", "default-2"), "like": ("like", "like-2"), "more_of": ("like", "more")}
+SEEDS = (0, 1, 2)
+MEASURES = ("ap50", "f1")
+SETTINGS = {"model": "small", "budget": 18000, "resolution": 160}
+
+
+def stand_ins_of(name: str) -> Side:
+    """What the stand-ins of a set are rendered from."""
+    values = {**SETS[name], "budget.images_per_position": 1}
+    return replace(STAND_INS, name=f"{name}-stand-ins", images_per_class=STAND_INS_PER_CLASS, values=values)
+
+
+def renders_of(name: str) -> dict[str, Side]:
+    """What the arms of a set learn from, by the names in `ARMS`: each is half of an arm's images."""
+    like = {"camera.like": f"{name}-photographs/train"}
+    values = {**DEFAULT, "budget.images_per_position": 1}
+    half = replace(SYNTHETIC, images_per_class=RENDERS_PER_CLASS // 2, values=values)
+    return {
+        "default": replace(half, name="default"),
+        "default-2": replace(half, name="default-2", seed=1),
+        "like": replace(half, name=f"{name}-like", values={**values, **like}),
+        "like-2": replace(half, name=f"{name}-like-2", seed=1, values={**values, **like}),
+        "more": replace(half, name=f"{name}-more", seed=1, values={**values, **like}),
+    }
+
+
+def detector(run: Path, data: Sequence[Path], seed: int) -> Path:
+    """The folder of a detector that has learned from some datasets; a finished one stays."""
+    from hulldown.training.train import train
+
+    settings = load_settings(None, {**SETTINGS, "seed": seed})
+    train({path.name: path for path in data}, run, settings=settings, progress=lambda what, done, total: None)
+    return run
+
+
+def found(run: Path, photographs: Path) -> Path:
+    """The file of what a detector finds in photographs."""
+    from hulldown.training.predict import predict
+
+    path = run / f"{photographs.parent.name}-{photographs.name}.json"
+    if not path.exists():
+        predict(run, photographs, path, progress=lambda done, total: None)
+    return path
+
+
+def judge(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
+    """A detector's figures on the test photographs, at the threshold that is best on the validation photographs."""
+    valid, test = (read_labels(photographs / split) for split in ("valid", "test"))
+    best = best_threshold(valid, read_predictions(found(run, photographs / "valid"), valid), iou=0.5)
+    threshold = Threshold(1.0 if best is None else best, "validation")
+    predictions = read_predictions(found(run, photographs / "test"), test)
+    about = PlannedRun(
+        name=run.name, folder=run.name, arm=arm, base="synthetic", fraction=None, seed=seed, photographs=0,
+        sources=ARMS[arm], drawn={}, settings=load_settings(None, SETTINGS),
+    )  # fmt: skip
+    return judged(about, Evaluation(test, predictions, threshold=threshold, iou=0.5))
+
+
+def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
+    """Lines of a Markdown table, and its numbers, of each arm and of its difference from the one above it."""
+    lines, numbers = ["| arm | AP50 | F1 | AP50 - above | F1 - above |", "|---|---|---|---|---|"], {}
+    before: Cell | None = None
+    for name, cell in arms.items():
+        own = {key: (mean(cell, key), *cell_interval(cell, key).tolist()) for key in MEASURES}
+        gained = {}
+        for key in MEASURES:
+            if before is not None and (gain := difference(before, cell, key)) is not None:
+                gained[key] = (gain.value, *gain.ends.tolist())
+        numbers[name] = {
+            "figures": own,
+            "gained": gained,
+            "seeds": {key: [cell.judged[seed].values[key] for seed in SEEDS] for key in MEASURES},
+        }
+        shown = [f"{one[0]:.3f} ({one[1]:.3f} to {one[2]:.3f})" for one in own.values()]
+        shown += [f"{one[0]:+.3f} ({one[1]:+.3f} to {one[2]:+.3f})" for one in gained.values()]
+        lines.append(f"| `{name}` | {' | '.join([*shown, *[''] * (4 - len(shown))])} |")
+        before = cell
+    return lines, numbers
+
+
+def main() -> None:
+    """Make, train, and judge what isn't there yet, and print the table."""
+    parser = argparse.ArgumentParser(prog="python -m hulldown.demo.like", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("set", choices=SETS)
+    arguments = parser.parse_args()
+    folder, name = arguments.folder, arguments.set
+    if not all((folder / file).exists() for file in FILES):
+        build_demo_assets(folder)
+    photographs, runs = folder / f"{name}-photographs", folder / "runs"
+    if not photographs.exists():
+        write_stand_ins(make_side(stand_ins_of(name), folder), photographs, SHARES)
+    sides = renders_of(name)
+    more = sides.pop("more")
+    data = {key: make_side(side, folder) for key, side in sides.items()}
+    # One detector's misses for all seeds, as all seeds share the other arms' images.
+    first, report = detector(runs / f"{name}-first", [data["like"]], 0), folder / f"{name}-misses"
+    if not (report / "report.json").exists():
+        valid = photographs / "valid"
+        evaluate_files(valid, found(first, valid), report, threshold="best", progress=lambda done, total: None)
+    data["more"] = make_side(more, folder, more_of=report / "report.json")
+    results = []
+    for seed in SEEDS:
+        for arm, parts in ARMS.items():
+            run = runs / (f"{name}-{arm}-{seed}" if arm != "default" else f"{arm}-{seed}")
+            detector(run, [data[part] for part in parts], seed)
+            results.append(judge(run, photographs, arm=arm, seed=seed))
+            print(run.name, {key: round(results[-1].values[key], 3) for key in MEASURES}, flush=True)
+    lines, numbers = table({cell.arm: cell for cell in cells(results)})
+    replace_file(folder / f"{name}.json", json.dumps(numbers, indent=2).encode() + b"\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""demo.like: what its arms plan, so that they differ in nothing but the cameras."""
+
+import pytest
+
+from hulldown.demo.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
+from hulldown.demo.study import write_side
+from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import CameraSection
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_arms_differ_in_cameras_alone(name, tmp_path):
+    configs = {key: load_config(write_side(side, tmp_path)) for key, side in renders_of(name).items()}
+    assert set(configs) == {part for parts in ARMS.values() for part in parts}
+    sizes = [sum(configs[part].budget.images_per_class for part in parts) for parts in ARMS.values()]
+    assert len(set(sizes)) == 1
+    for parts in list(ARMS.values())[:2]:  # what is planned twice must not be planned equally
+        assert len({configs[part].seed for part in parts}) == 2
+    for key, config in configs.items():
+        like = None if key.startswith("default") else f"{name}-photographs/train"
+        assert config.camera == CameraSection(like=like)
+        same = {section: getattr(config, section) for section in ("assets", "placement", "light", "budget", "render")}
+        assert same == {section: getattr(configs["default"], section) for section in same}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_stand_ins_share_neither_assets_nor_cameras_with_renders(name, tmp_path):
+    stand_ins, renders = (load_config(write_side(s, tmp_path)) for s in (stand_ins_of(name), renders_of(name)["like"]))
+    for kind in ("vehicles", "sceneries"):
+        first, second = ({one.path for one in getattr(config.assets, kind)} for config in (stand_ins, renders))
+        assert len(first | second) == len(first) + len(second) > 1
+    assert not set(stand_ins.assets.hdris) & set(renders.assets.hdris)
+    low, high = stand_ins.camera.elevation_deg
+    assert renders.camera.elevation_deg[0] <= low < high <= renders.camera.elevation_deg[1]  # else limits win
+    assert sum(SHARES) == 1.0
