@@ -115,8 +115,7 @@ def document(results: dict, plots: Path) -> str:
         "# Benchmarks: speed against error",
         "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
         "ratios, since machines differ. Each section ends with the commit that was measured. Raw figures and versions "
-        "of libraries are in [benchmarks.json](benchmarks.json); [measured once](measured-once.md) has the studies "
-        "that no longer run.",
+        "of libraries are in [benchmarks.json](benchmarks.json).",
     ]
     for name in SUITES:
         if name not in results:

@@ -175,34 +175,25 @@ def report(results: dict[str, Any]) -> str:
         f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles.",
         table(["way", "candidates a second"], [(name, f"{rate:,.0f}") for name, rate in speed["rates"].items()]),
         "Error against the rest pose of a rigid footprint of 7 x 3.5 m: the plane above a 0.1 m sample that is lowest "
-        "under the center of gravity. `Sure` are the candidates whose center of gravity is more than 20 cm inside "
-        "its contact triangle: elsewhere the vehicle may tip either way. The gate is the reference's median slope.",
-    ]
-    head = [
-        "rule",
-        "n x n",
-        "angle median / p95 (deg)",
-        "median where sure",
-        "height median (m)",
-        "penetration p95 (m)",
+        "under the center of gravity. Angles are medians and 95th percentiles in degrees; in brackets the median where "
+        "the center of gravity is more than 20 cm inside its contact triangle (elsewhere a vehicle may tip either "
+        "way). Penetration is the 95th percentile and gap the median, in meters.",
     ]
     for name, rows in results["error"].items():
         lines = [
             (
                 r["rule"],
                 str(r["n"]),
-                f"{r['angle_median_deg']:.2f} / {r['angle_p95_deg']:.1f}",
-                f"{r['angle_median_sure_deg']:.2f}",
-                f"{r['height_median_m']:.3f}",
-                f"{r['penetration_p95_m']:.3f}",
-                f"{r['gap_median_m']:.3f}",
-                f"{100 * r['gate_flips']:.1f} %",
+                f"{r['angle_median_deg']:.2f} ({r['angle_median_sure_deg']:.2f})",
+                f"{r['angle_p95_deg']:.1f}",
+                f"{r['penetration_p95_m']:.2f}",
+                f"{r['gap_median_m']:.2f}",
             )
             for r in rows
             if r["n"] in SHOWN
         ]
-        parts += [f"### {name} ({100 * rows[0]['sure']:.0f} % sure)"]
-        parts += [table([*head, "gap median (m)", "gate flips"], lines)]
+        parts += [f"### {name[0].upper()}{name[1:]}"]
+        parts += [table(["rule", "n x n", "angle", "95 %", "penetration", "gap"], lines)]
     return "\n\n".join(parts)
 
 
