@@ -16,6 +16,11 @@ from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, s
 from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
 from hulldown.reading.wording import MOST, as_key, quoted
 
+PALE, TINT = (
+    0.6,
+    0.05,
+)  # linear light, 203 of 255 in sRGB: white, which is what importers give where a file has no color
+MOSTLY = 0.9  # of a vehicle's surface
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
@@ -62,6 +67,9 @@ def vehicle_doubts(
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
         doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
+    pale = [row for row in materials if min(row.color) > PALE and max(row.color) - min(row.color) < TINT]
+    if sum(row.share for row in pale) > MOSTLY:
+        doubts.append(f"nearly all of it is plain white ({quoted(row.name for row in pale)}), as without its textures")
     return (*doubts, *_missing(missing))
 
 

@@ -42,7 +42,7 @@ def add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
             spline = curve.splines.new("POLY")
             spline.points.add(len(outline) - 1)
             spline.points.foreach_set("co", np.pad(outline - center, ((0, 0), (0, 2))).ravel())
-            spline.use_cyclic_u = True
+            spline.use_cyclic_u, spline.use_smooth = True, False
         obj = bpy.data.objects.new(curve.name, curve)
         obj.location = terrain.anchor + np.append(center, (low + high) / 2)
         bpy.context.scene.collection.objects.link(obj)
