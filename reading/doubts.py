@@ -16,10 +16,8 @@ from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, s
 from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
 from hulldown.reading.wording import MOST, as_key, quoted
 
-PALE, TINT = (
-    0.6,
-    0.05,
-)  # linear light, 203 of 255 in sRGB: white, which is what importers give where a file has no color
+PALE = 0.55  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
+TINT = 0.05
 MOSTLY = 0.9  # of a vehicle's surface
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -69,7 +67,9 @@ def vehicle_doubts(
         doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
     pale = [row for row in materials if min(row.color) > PALE and max(row.color) - min(row.color) < TINT]
     if sum(row.share for row in pale) > MOSTLY:
-        doubts.append(f"nearly all of it is plain white ({quoted(row.name for row in pale)}), as without its textures")
+        doubts.append(
+            f"nearly all of it is white or light gray ({quoted(row.name for row in pale)}), as without its textures"
+        )
     return (*doubts, *_missing(missing))
 
 
