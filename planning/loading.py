@@ -352,7 +352,7 @@ def _refuse_size(entry: ModelEntry, report: FileReport) -> None:
     low, high = USUAL_LENGTHS[kind]
     if not low <= longest <= high:
         raise AssetError(
-            f"is {longest:.1f} m long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
+            f"is {longest:.3g} m long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
             remedy=f"set scale (now {report.unit:g} meters a unit), also to that value if the size is right",
         )  # fmt: skip
 
