@@ -126,12 +126,20 @@ def contact_sheet(
 
 
 def _broken(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
-    """A text in lines that are at most `width` pixels wide, but for words that are wider."""
+    """Break a text into lines that are at most `width` pixels wide: between words, or inside one that's wider."""
     lines = [""]
-    for word in text.split(" "):
+    for word in (part for whole in text.split(" ") for part in _narrow(whole, font, width)):
         longer = f"{lines[-1]} {word}".strip()
         lines[-1:] = [longer] if not lines[-1] or font.getlength(longer) <= width else [lines[-1], word]
     return "\n".join(lines)
+
+
+def _narrow(word: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
+    """A word in parts that are at most `width` pixels wide."""
+    parts = [""]
+    for letter in word:
+        parts[-1:] = [parts[-1] + letter] if font.getlength(parts[-1] + letter) <= width else [parts[-1], letter]
+    return parts
 
 
 def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:

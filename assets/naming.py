@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 TURRET = ("turret",)
-LAUNCHER = ("launcher",)  # the turret of files that have no turret
+LAUNCHER = ("launcher", "tower")  # the turret of files that have no turret
 NOT_LAUNCHER = ("smoke", "grenade")
 GUN = ("gun", "barrel", "cannon", "howitzer", "mantlet")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
@@ -51,6 +51,8 @@ VEHICLE = (  # what only a vehicle has
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
+NO_TURRET = ("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window")  # what moves with none
+
 BODY = (  # what else vehicles have: a file with such names would name a turret too
     *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window", "glass"),
     *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
@@ -71,7 +73,10 @@ HELPERS = (
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
 )
 FIGURES = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
-STAGES = ("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference")
+STAGES = (
+    *("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference", "platform", "pedestal"),
+    *("podium", "plinth", "turntable"),
+)
 PRIMITIVES = ("grid", "plane")  # what Blender calls a new sheet, and whatever is modelled from one: many a car's body
 
 GROUND = (

@@ -35,8 +35,9 @@ def vehicle_doubts(
     materials: Sequence[MaterialRow],
     unit: float,
     options: Options,
+    pictures: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """What is strange about a vehicle's size, and about what is dropped of it."""
+    """What is strange about a vehicle's size, its look, and what is dropped of it; `pictures` beside it aren't used."""
     doubts = []
     length, width, height = size
     longest = max(size)
@@ -65,12 +66,22 @@ def vehicle_doubts(
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
         doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
-    pale = [row for row in materials if min(row.color) > PALE and max(row.color) - min(row.color) < TINT]
-    if sum(row.share for row in pale) > MOSTLY:
+    if is_pale(materials):
+        beside = f"; pictures beside it aren't used: {quoted(pictures, most=4)}" if pictures else ""
         doubts.append(
-            f"nearly all of it is white or light gray ({quoted(row.name for row in pale)}), as without its textures"
+            f"nearly all of it is white or light gray ({quoted(row.name for row in materials if _pale(row))}), as without "
+            f"its textures{beside}; put them on its materials in Blender, or set paint"
         )
     return (*doubts, *_missing(missing))
+
+
+def is_pale(materials: Sequence[MaterialRow]) -> bool:
+    """Whether nearly all of a vehicle's surface has the light gray that materials begin with."""
+    return sum(row.share for row in materials if _pale(row)) > MOSTLY
+
+
+def _pale(row: MaterialRow) -> bool:
+    return min(row.color) > PALE and max(row.color) - min(row.color) < TINT
 
 
 def scenery_doubts(
@@ -101,6 +112,12 @@ def scenery_doubts(
     for piece, role in used:
         if role.use == "obstacle" and role.why.startswith("by shape"):
             doubts.append(f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}")
+    grounds = [piece for piece, role in used if role.use == "ground"]
+    if grounds and 0 < (main := max(grounds, key=lambda p: float(np.prod(np.ptp(p.bounds, axis=0)[:2])))).level < LEVEL:
+        doubts.append(
+            f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep: if buildings are part of it, "
+            "vehicles are placed on their roofs; make them objects of their own in Blender"
+        )
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     for i, above in canopies(range(len(solid)), solid, [p.bounds for p, role in used if role.use == "ground"]):
         name = as_key([solid[i].name])

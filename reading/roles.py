@@ -78,6 +78,8 @@ class Piece:
         Whether one sees through all of its materials, as through water or glass.
     level
         Share of its area that is nearly horizontal; 0 for what is too narrow, or too high, to be ground or water.
+    filled
+        That area over the area of its bounds, seen from above; small for a curb around a track.
     """
 
     data: str
@@ -95,6 +97,7 @@ class Piece:
     materials: tuple[str, ...] = ()
     clear: bool = False
     level: float = 0.0
+    filled: float = 1.0
 
     @property
     def name(self) -> str:

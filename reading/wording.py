@@ -10,6 +10,7 @@ SHOWN = 3  # doubts that a warning lists
 # Words of doubts about files whose pictures or labels are wrong unless somebody acts, the worst first,
 WORST = (
     *("NO GROUND", "missing: ", "isn't there, and", "through most of its surface", "level sheet", "hides the HDRI"),
+    *("plain white", "without its textures", "placed on their roofs"),
     *("set scale", "more triangles are dropped", 'set up = "', "set forward", "its light is tinted"),
     *("paint:", "above its horizon", "of what is overhead", "as warm as a ceiling"),
 )

@@ -245,6 +245,7 @@ def slopes(folder):
     studio = Studio(folder, "dome")
     for share in (0.3, 1.0):
         studio.picture(f"dome {share}", looking_down(0.0, 0.0, 16000.0, 160.0), weather("snow", share, 0.0))
+    studio.picture("drifts", looking_down(0.0, 0.0, 16000.0, 1.5), weather("snow", 0.5, 0.0))
 
 
 def yards(folder):

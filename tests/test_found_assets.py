@@ -53,7 +53,10 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     (tmp_path / "mine/.cache/tidy.blend").write_bytes(b"")
     assert cli.main(["init", "project", "--from", "mine"]) == 0
     assert [path.name for path in Path("project").iterdir()] == ["hulldown.toml"]
-    assert "with 3 of 6 files" in capsys.readouterr().err.replace("\n", " ")
+    told = " ".join(capsys.readouterr().err.split())
+    assert "with 3 of 6 files" in told
+    assert told.startswith("reading files ━")
+    assert " 6/6 " in told
     config = load_config("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
         ("../mine/tanks/one/scene.blend", "tanks", "scene")

@@ -71,6 +71,8 @@ def test_captions_need_room_and_one_for_each():
     assert long.height > captioned.height
     beside = np.asarray(long)[:, -480 - 6 :]
     assert (beside == contact_sheet([gray()]).getpixel((0, 0))).all(axis=2)[-40:].all()
+    name = contact_sheet([gray()] * 2, captions=["a_name_without_a_space_" * 9, ""])
+    assert (np.asarray(name)[-40:, -480 - 6 :] == contact_sheet([gray()]).getpixel((0, 0))).all()
     with pytest.raises(ValueError, match="captions: expected 1, one for each picture, got 2"):
         contact_sheet([gray()], captions=["a", "b"])
     with pytest.raises(ValueError, match="pictures: expected at least one"):

@@ -77,6 +77,12 @@ def test_snow_lies_by_the_law_of_slopes(folder, cover):
         assert white[ring].mean() == pytest.approx(law, abs=abs_)
 
 
+def test_snow_ends_in_soft_edges(folder):
+    """On 1.5 m of ground that is half covered. Where edges are sharp, a fifth of it is between bare and white."""
+    white = light(folder, "drifts").mean(axis=2) / np.mean(SNOW_ALBEDO)
+    assert ((white > 0.15) & (white < 0.85)).mean() > 0.33
+
+
 @pytest.mark.parametrize("yard", YARDS)
 @pytest.mark.parametrize(
     ("place", "share"),

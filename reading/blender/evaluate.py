@@ -99,7 +99,7 @@ class _Reader:
         self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
         self.unseen: dict[tuple[int, int], str | None] = {}
         self.clear: dict[int, bool] = {}  # by mesh, whether one sees through all of its materials
-        self.level: dict[tuple[int, bytes], float] = {}  # by mesh and turn
+        self.level: dict[tuple[int, bytes], tuple[float, float]] = {}  # by mesh and turn
         self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
     def read(self, depsgraph: Any) -> None:
@@ -186,6 +186,7 @@ class _Reader:
         self.keeper.keep_look(drawn)
         scattered = _is_scattered(instance)
         bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
+        level, filled = (0.0, 0.0) if hair else self._level(number, pose, bounds)
         self.result.pieces.append(
             Piece(
                 data=data,
@@ -202,7 +203,8 @@ class _Reader:
                 carrier=instance.parent.name if instance.is_instance else "",
                 materials=key[1] if not hair else (),
                 clear=self.clear.get(number, False),
-                level=0.0 if hair else self._level(number, pose, bounds),
+                level=level,
+                filled=filled,
             )
         )
         for duplicate in () if hair else self._duplicates(instance):
@@ -213,10 +215,9 @@ class _Reader:
         self.keeper.keep_look(drawn)
         bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
-        level = self._level(piece.mesh, duplicate.pose, bounds)
-        self.result.pieces.append(
-            replace(piece, data=duplicate.data, chain=(link,), pose=duplicate.pose, bounds=bounds, level=level)
-        )
+        level, filled = self._level(piece.mesh, duplicate.pose, bounds)
+        placed = replace(piece, data=duplicate.data, chain=(link,), pose=duplicate.pose, bounds=bounds)
+        self.result.pieces.append(replace(placed, level=level, filled=filled))
 
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
@@ -231,15 +232,18 @@ class _Reader:
             raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
         return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
-    def _level(self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]) -> float:
-        """How level a piece is, if it is as wide as ground or water might be."""
+    def _level(
+        self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]
+    ) -> tuple[float, float]:
+        """How level a piece is, if it is as wide as ground or water might be, and how much of its bounds it fills."""
         length, width, height = bounds[1] - bounds[0]
         if min(length, width) < NARROWEST or height > max(length, width):
-            return 0.0
+            return 0.0, 0.0
         key = number, pose[:3, :3].tobytes()
         if key not in self.level:
             self.level[key] = level_share(self.result.meshes[number], self.meters @ pose)
-        return self.level[key]
+        share, area = self.level[key]
+        return share, area / (length * width)
 
     def _doubt(self, drawn: Any) -> None:
         """Speak of what Cycles makes of a mesh only later, where it cannot be read."""

@@ -25,11 +25,11 @@ from hulldown.reading.blender.evaluate import HIDDEN, evaluate
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.pictures import read_picture
 from hulldown.reading.blender.surfaces.materials import material_rows
-from hulldown.reading.blender.surfaces.textures import missing_files, used_files
+from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
 from hulldown.reading.blender.terrain import NAME
 from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle, xyz
-from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
+from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.export import ANSWER, Job
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
@@ -103,7 +103,8 @@ def read(job: Job) -> dict[str, Any]:
         uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
         triangles, size = len(shape.mesh.faces), xyz(shape.size_xyz)
         rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=options)
+        near = pictures_near(path) if is_pale(materials) else []
+        more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=options, pictures=near)
         doubts = (*vehicle.doubts, *more)
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:

@@ -20,13 +20,14 @@ COVERED = 0.4  # and covers at least this share
 CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
 SMALLEST = 20.0  # meters; less is no scenery
 SHEET = 20.0  # meters; a narrower sheet without a name is not taken for water
+FILLED = 0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
 PUDDLE = 3.0  # meters; but is said to be one perhaps, down to this width
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
 DROWNED = 0.5  # meters of ground below such a sheet
 
 
-def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> float:
-    """Share of a mesh's area that is inclined by 30 degrees at most, whichever side of it is up.
+def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
+    """Share of a mesh's area that is inclined by 30 degrees at most, whichever side of it is up, and its square meters.
 
     Parameters
     ----------
@@ -38,8 +39,8 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> float
     corners = apply(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-    whole = float(area.sum())
-    return float(area[np.abs(normal[:, 2]) >= STEEP * area].sum()) / whole if whole > 0.0 else 0.0
+    whole, level = float(area.sum()), float(area[np.abs(normal[:, 2]) >= STEEP * area].sum())
+    return (level / whole if whole > 0.0 else 0.0), level / 2
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
@@ -120,7 +121,8 @@ def sheets_between(
 def _is_sheet(piece: Piece, least: float) -> bool:
     """Whether a piece is a wide flat sheet of its own, not one of many that are scattered."""
     size = piece.bounds[1] - piece.bounds[0]
-    return bool(size[2] <= FLAT * max(size[:2]) and is_wide_and_level(piece, least=least) and not piece.scattered)
+    flat = size[2] <= FLAT * max(size[:2]) and piece.filled >= FILLED
+    return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
 def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:

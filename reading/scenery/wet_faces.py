@@ -40,7 +40,8 @@ def is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4
     part, meters_from_mesh = part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
     seen = apply(meters_from_mesh, part.vertices)
     bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
-    return is_wide_and_level(replace(piece, bounds=bounds, level=level_share(part, meters_from_mesh)), least=NARROWEST)
+    level, _ = level_share(part, meters_from_mesh)
+    return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=NARROWEST)
 
 
 def part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:

@@ -23,12 +23,17 @@ TUBE = 5.0  # a launching tube is longer than this many times its width
 RISE = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
 TILTED = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
 ELEVATED = np.cos(np.radians(65.0))  # the same for what is named a gun, which may be raised
+NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
+GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
+TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
+PROTRUDES = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
 TUBES_CONTRADICTED = (
     "its tubes rise at one end and what is named front is at the other; forward is taken from the names"
 )
 ONE_CLUE = "only its raised tubes tell which end is its nose"
+NO_LINE = "along x, as nothing tells"
 NOT_FOUND = "which end is its nose was not found"
 
 
@@ -74,7 +79,7 @@ def find_forward(
     default
         Radians: which of two ends to take where nothing tells.
     """
-    line, why = _line(solids, wheels)
+    line, why = _line(solids, wheels, gun)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
     middle = (low + high) / 2
@@ -93,6 +98,9 @@ def find_forward(
     if barrel is not None:
         gun_end = float(np.sign((solids.center[barrel] - middle) @ ahead))
         gun_why = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
+    else:
+        gun_end, which = _muzzle_end(solids, ahead, half, gun)
+        gun_why = f"{names[which]!r} sticks out there" if gun_end else ""
     named = float(np.sign(votes)) * (abs(votes) >= VOTE)
     lifted = raised * tubes
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
@@ -134,7 +142,7 @@ def snapped(angle: float) -> float:
     return float(quarter) if abs(angle - quarter) < SNAP else angle
 
 
-def _line(solids: Solids, wheels: Wheels | None) -> tuple[float, str]:
+def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[float, str]:
     """The angle of the vehicle's long axis, either way round."""
     if wheels is not None:
         across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
@@ -147,7 +155,14 @@ def _line(solids: Solids, wheels: Wheels | None) -> tuple[float, str]:
         if abs(ahead @ across) > 0.1:
             ahead = np.array([across[1], -across[0]])
         return float(np.arctan2(ahead[1], ahead[0])), "by its wheels"
-    return _mirror_line(solids)
+    line, why = _mirror_line(solids)
+    if why == NO_LINE:
+        own = solids.where(np.asarray(gun, bool)[solids.piece])
+        slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (np.hypot(*own.axes[:, 0, :2].T) > ELEVATED)
+        if slender.any():
+            axis = own.axes[np.argmax(np.where(slender, own.size[:, 0], 0.0)), 0]
+            return snapped(float(np.arctan2(axis[1], axis[0]))), "along its gun"
+    return line, why
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
@@ -157,7 +172,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
     corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
     cloud = (solids.center[largest][:, None] + corners).reshape(-1, 3)
     if len(largest) < 3:
-        return 0.0, "along x, as nothing tells"
+        return 0.0, NO_LINE
     tree, size = cKDTree(cloud), float(np.ptp(cloud, axis=0).max())
 
     def gap(angle: float) -> float:
@@ -173,7 +188,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
     best = int(np.argmin(gaps))
     if gaps[best] < min(SYMMETRIC, gap(0.0) / 4):
         return float(angles[best]), "by its mirror plane"
-    return 0.0, "along x, as nothing tells"
+    return 0.0, NO_LINE
 
 
 def gun_barrel(
@@ -213,6 +228,41 @@ def gun_barrel(
     if not fits.any():
         return None
     return int(np.argmax(np.where(fits, length * (1 + is_named), 0)))
+
+
+def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
+    """The end at which the longest piece named gun sticks out of the rest, and that piece; (0, -1) if none does.
+
+    A gun on a hull reaches back over all of it, and its mesh has a mantlet or a brake, so that no barrel is found.
+
+    Parameters
+    ----------
+    solids, ahead, half, named
+        As of `gun_barrel`.
+    """
+    across = np.cross([0.0, 0.0, 1.0], ahead)
+    corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above
+    along, aside = corners @ ahead[:2], corners @ across[:2]
+    is_gun = np.asarray(named, bool)[solids.piece]
+    pieces = np.unique(solids.piece[is_gun])
+    reach = np.array([np.ptp(along[solids.piece == piece]) for piece in pieces])
+    # More than two alike are the tubes of a launcher, which lie over the cab for the road.
+    if not len(pieces) or reach.max() < NAMED_LONG * half or (reach > TUBES_ALIKE * reach.max()).sum() > 2:
+        return 0.0, -1
+    piece = int(pieces[reach.argmax()])
+    own = solids.piece == piece
+    middle = (aside[own].min() + aside[own].max()) / 2
+    height = (solids.bounds[own, 0, 2].min() + solids.bounds[own, 1, 2].max()) / 2
+    # What its middle line runs through, or would.
+    others = ~is_gun & (aside.min(axis=1) < middle) & (aside.max(axis=1) > middle)
+    others &= (solids.bounds[:, 0, 2] < height) & (solids.bounds[:, 1, 2] > height)
+    if not others.any():
+        return 0.0, -1
+    front = float(along[own].max() - along[others].max())
+    rear = float(along[others].min() - along[own].min())
+    if max(front, rear) <= 0 or abs(front - rear) <= PROTRUDES * reach.max():
+        return 0.0, -1
+    return float(np.sign(front - rear)), piece
 
 
 def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:

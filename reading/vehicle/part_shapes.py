@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import ARMED, BODY, FRONT, REAR, TURRET, VEHICLE, says
+from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, says
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
@@ -170,7 +170,9 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
     upper = [
         key
         for key, some in carried.items()
-        if 1 < len(some) < len(pieces) and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+        if 1 < len(some) < len(pieces)
+        and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+        and not says(key[0], NO_TURRET)
     ]
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))

@@ -17,6 +17,7 @@ from hulldown.reading.report import Missing
 TILES = "<UDIM>"
 DEPTH = 2  # folders below that of an asset in which its missing textures are sought
 TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
+PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
 MOST = 20_000  # files that are looked at for them
 
 
@@ -59,6 +60,12 @@ def find_moved(path: Path) -> list[str]:
             several = " and ".join(repr(os.path.relpath(file, path.parent)) for file in sorted(files)[:2])
             doubts.append(f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place")
     return doubts
+
+
+def pictures_near(path: Path) -> list[str]:
+    """Pictures near an asset that may be its textures: as `find_moved` seeks them, relative to its folder."""
+    files = (file for file in _files_near(path) if file.suffix.lower() in PICTURES)
+    return sorted({os.path.relpath(file, path.parent) for file in files})
 
 
 def _replace(image: Any, file: str) -> None:
