@@ -25,6 +25,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.doubts import length_said
 from hulldown.reading.export import Exported
 from hulldown.reading.inspect import Inspected, draw
 from hulldown.reading.options import Options
@@ -352,7 +353,7 @@ def _refuse_size(entry: ModelEntry, report: FileReport) -> None:
     low, high = USUAL_LENGTHS[kind]
     if not low <= longest <= high:
         raise AssetError(
-            f"is {longest:.3g} m long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
+            f"is {length_said(longest)} long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
             remedy=f"set scale (now {report.unit:g} meters a unit), also to that value if the size is right",
         )  # fmt: skip
 

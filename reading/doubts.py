@@ -43,7 +43,7 @@ def vehicle_doubts(
     longest = max(size)
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = _likely_scale(longest, unit)
-        doubts.append(f"the vehicle is {_meters(longest)} long; set scale{hint} if that is wrong")
+        doubts.append(f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
     if width > 1.2 * length and height <= width:
         doubts.append(f"it is longer across ({width:.1f} m) than along x ({length:.1f} m); set forward to +y or -y")
     elif height > 1.5 * max(length, width) and options.up is None:
@@ -67,10 +67,11 @@ def vehicle_doubts(
     if sum(row.share for row in clear) > 0.5:
         doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
     if is_pale(materials):
+        those = quoted(row.name for row in materials if _pale(row))
         beside = f"; pictures beside it aren't used: {quoted(pictures, most=4)}" if pictures else ""
         doubts.append(
-            f"nearly all of it is white or light gray ({quoted(row.name for row in materials if _pale(row))}), as without "
-            f"its textures{beside}; put them on its materials in Blender, or set paint"
+            f"nearly all of it is white or light gray ({those}), as without its textures{beside}; put them on its "
+            "materials in Blender, or set paint"
         )
     return (*doubts, *_missing(missing))
 
@@ -132,7 +133,7 @@ def scenery_doubts(
         )
     across, height = max(size[:2]), size[2]
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
-        doubts.append(f"the scenery is {_meters(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
+        doubts.append(f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
     if height > across and options.up is None:
         doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "y" if it lies on its side')
     return (*doubts, *_missing(missing))
@@ -187,7 +188,8 @@ def _likely_scale(longest: float, unit: float) -> str:
     return f" = {usual:g} (now {unit:g})" if 2.0 <= longest / unit * usual <= 20.0 else f" (now {unit:g})"
 
 
-def _meters(length: float) -> str:
+def length_said(length: float) -> str:
+    """Return a length in meters as people write it: "6,000 m", "5.42 cm"."""
     if length >= 100:
         return f"{length:,.0f} m"
     return f"{length:.3g} m" if length >= 1 else f"{100 * length:.3g} cm"

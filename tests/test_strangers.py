@@ -327,7 +327,7 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ({"name": "suv", "category": "car"}, "is 6000.0 m long, and a car has 2 to 9 m"),
+        ({"name": "suv", "category": "car"}, "is 6,000 m long, and a car has 2 to 9 m"),
         ({"name": "suv", "category": "car", "scale": 0.001}, "allow_missing"),
         ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
     ],
