@@ -52,7 +52,7 @@ def refuse_foreign(path: Path) -> None:
         ours = False
     if not ours:
         raise HulldownError(
-            "exists and is no picture that hulldown drew", path=path, remedy="name another file by -o, or move it away"
+            "exists and wasn't drawn by hulldown", path=path, remedy="name another file by -o, or move it away"
         )
 
 

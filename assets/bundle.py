@@ -145,7 +145,7 @@ def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
             if any(member.compress_type for member in file.zip.infolist()):
                 raise ValueError("it is compressed, which bundles never are")
             if "hulldown_bundle" not in file or "kind" not in file:
-                raise AssetError("is no bundle of hulldown", path=path, remedy=REMEDY)
+                raise AssetError("isn't a hulldown bundle", path=path, remedy=REMEDY)
             if (version := int(file["hulldown_bundle"])) != FORMAT:
                 raise AssetError(f"is a bundle of format {version}, this is {FORMAT}", path=path, remedy=REMEDY)
             if str(file["kind"]) != kind:

@@ -176,12 +176,12 @@ class _Asked(NamedTuple):
 def _asked(patterns: tuple[str, ...]) -> _Asked:
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
     others = {i: "".join(words(pattern)) for i, pattern in enumerate(patterns)}
-    said: dict[str, int] = {}
+    first_index: dict[str, int] = {}
     for i, word in others.items():
         if word and i not in dict(globs):
-            said.setdefault(word, i)
-            said.setdefault(word + "s", i)
-    return _Asked(said, max(map(len, said), default=0), globs)
+            first_index.setdefault(word, i)
+            first_index.setdefault(word + "s", i)
+    return _Asked(first_index, max(map(len, first_index), default=0), globs)
 
 
 def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:

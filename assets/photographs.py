@@ -124,7 +124,7 @@ def read_photographs(path: Path) -> Photographs:
         remedy = "name a COCO file, or a folder with annotations.json"
         raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy=remedy) from None
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise DatasetError(f"is no COCO file ({error})", path=path, remedy="export your labels as COCO") from None
+        raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
     index = {image.id: i for i, image in enumerate(coco.images)}
     names = {category.id: category.name for category in coco.categories}
     if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in names), None):

@@ -74,8 +74,8 @@ def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
         data["cut_counts"], *(_cut(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps")), strict=True
     ):
         face, uv, face_map = arrays
-        mine, face_map = np.unique(face_map, return_inverse=True)
-        kept = tuple(maps[i] for i in mine)
+        used_maps, face_map = np.unique(face_map, return_inverse=True)
+        kept = tuple(maps[i] for i in used_maps)
         found.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
     return found
 

@@ -124,8 +124,8 @@ class VehicleShape:
         vertices = self.mesh.vertices.copy()
         for i, pose in enumerate(self.vehicle_from_parts(articulation)):
             if i != HULL and not np.array_equal(pose, np.eye(4)):
-                mine = self.vertex_part == i
-                vertices[mine] = apply(pose, vertices[mine])
+                of_part = self.vertex_part == i
+                vertices[of_part] = apply(pose, vertices[of_part])
         return vertices
 
     def keypoints_at(

@@ -86,8 +86,8 @@ def join(
     Raises
     ------
     DatasetError
-        If a part cannot be used, a picture is a link that leads elsewhere, or two different images have one name or
-        one id; the dataset is then as it was.
+        If a part cannot be used, a picture is a link that leads elsewhere, or two different images have the same name
+        or id; the dataset is then as it was.
 
     Examples
     --------
@@ -158,13 +158,13 @@ def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
         runs = [(run, _in(target, run)) for run in part.document.runs.values()]
         for index, (image_id, record) in enumerate(part.document.images):
             old = orjson.loads(record)["file_name"]
-            mine = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
-            if mine is None:
+            own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
+            if own_runs is None:
                 yield _Move(part, index, old, old)
             else:
-                was, now = mine
+                was, now = own_runs
                 new_id = image_id - was.image_offset + now.image_offset
-                yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, mine)
+                yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own_runs)
 
 
 def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:

@@ -80,7 +80,7 @@ def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
         ("annotation ids", len(annotations), document.annotation_ids),
     ):
         if len(unique) < n:
-            raise DatasetError(f"{what} repeat themselves", path=folder, remedy="check it with `hulldown verify`")
+            raise DatasetError(f"{what} aren't unique", path=folder, remedy="check it with `hulldown verify`")
     boxes: dict[int, list[int]] = {}
     for i, record in enumerate(map(loaded, annotations)):
         if record["image_id"] not in document.image_ids:

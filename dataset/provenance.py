@@ -37,7 +37,7 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
         pass
     except OSError as error:
         raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy="move it away") from error
-    raise DatasetError("is no provenance of hulldown", path=path, remedy="move it away")
+    raise DatasetError("isn't a hulldown provenance file", path=path, remedy="move it away")
 
 
 def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> None:

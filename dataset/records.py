@@ -87,11 +87,11 @@ def by_image(
     images: Iterable[Mapping[str, Any]], annotations: Iterable[Mapping[str, Any]]
 ) -> dict[int, list[Mapping[str, Any]]]:
     """The annotations of each image by its id, in their order; those of other images are left out."""
-    mine: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
+    of_image: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
     for annotation in annotations:
-        if annotation["image_id"] in mine:
-            mine[annotation["image_id"]].append(annotation)
-    return mine
+        if annotation["image_id"] in of_image:
+            of_image[annotation["image_id"]].append(annotation)
+    return of_image
 
 
 def check_usable(

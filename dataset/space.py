@@ -71,6 +71,6 @@ def check_space(label: Mapping[str, Any]) -> Iterator[str]:
     elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= TOLERANCE or not np.linalg.det(rotation) > 0.0:
         yield "bbox_3d has a rotation that is none"
     else:
-        far, said = float(np.linalg.norm(center)), label.get("distance")
-        if isinstance(said, int | float) and not abs(said - far) <= TOLERANCE * max(1.0, far):
-            yield f"distance is {said}, bbox_3d is {far:.9g} m away"
+        far, stated = float(np.linalg.norm(center)), label.get("distance")
+        if isinstance(stated, int | float) and not abs(stated - far) <= TOLERANCE * max(1.0, far):
+            yield f"distance is {stated}, bbox_3d is {far:.9g} m away"

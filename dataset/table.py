@@ -129,8 +129,8 @@ class Dataset:
         folder = Path(folder)
         coco = read_usable(folder)
         names = {category["id"]: category["name"] for category in coco["categories"]}
-        mine = by_image(coco["images"], coco["annotations"])
-        images = [_image(image, mine[image["id"]], names) for image in coco["images"]]
+        of_image = by_image(coco["images"], coco["annotations"])
+        images = [_image(image, of_image[image["id"]], names) for image in coco["images"]]
         return cls(str(folder), names, images, lambda i: Pictures.fromarray(read_pixels(folder / images[i].file_name)))
 
     @classmethod

@@ -265,16 +265,16 @@ class Cutouts:
         cuts = np.full(len(self.face), Cut.MIXED, dtype=np.uint8)
         low, high = self.uv.min(axis=1).astype(np.float64), self.uv.max(axis=1).astype(np.float64)
         for number, alpha in enumerate(self.maps):
-            mine = np.flatnonzero(self.face_map == number)
-            if not len(mine):
+            map_faces = np.flatnonzero(self.face_map == number)
+            if not len(map_faces):
                 continue
             opacity, beyond = alpha.graded_texels(), alpha.graded_outside()
             for cut, marked, outside in (
                 (Cut.OPAQUE, opacity >= 1.0 - NEGLIGIBLE, beyond >= 1.0 - NEGLIGIBLE),
                 (Cut.CLEAR, opacity <= NEGLIGIBLE, beyond <= NEGLIGIBLE),
             ):
-                found, total = Footprints(alpha, marked, outside=outside).count(low[mine], high[mine])
-                cuts[mine[found == total]] = cut
+                found, total = Footprints(alpha, marked, outside=outside).count(low[map_faces], high[map_faces])
+                cuts[map_faces[found == total]] = cut
         return cuts
 
 

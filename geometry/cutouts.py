@@ -196,8 +196,8 @@ class _Holes:
         else:
             opacity, which = np.empty(len(face)), self._map[face]
             for number in np.unique(which):
-                mine = which == number
-                opacity[mine] = self._maps[number].opacity(uv[mine])
+                of_map = which == number
+                opacity[of_map] = self._maps[number].opacity(uv[of_map])
         return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
 
 
@@ -246,8 +246,8 @@ class Solidity:
         low = np.clip(at - around, self._texture.low[cut], self._texture.high[cut])
         high = np.clip(at + around, self._texture.low[cut], self._texture.high[cut])
         for number, hiding in enumerate(self._hiding):
-            mine = self._map[cut] == number
-            solid[asked[mine]] = hiding.count(low[mine], high[mine])[0] > 0
+            of_map = self._map[cut] == number
+            solid[asked[of_map]] = hiding.count(low[of_map], high[of_map])[0] > 0
         return solid
 
 

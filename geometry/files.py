@@ -77,7 +77,7 @@ def open_regular(path: Path) -> BinaryIO:
 def _regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it isn't a regular file", str(path))
     return cast(BinaryIO, os.fdopen(descriptor, mode))
 
 

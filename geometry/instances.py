@@ -139,8 +139,8 @@ class InstancedScene:
         triangles = np.empty((len(face), 3, 3))
         which = self.instance_mesh[instance]
         for mesh in np.unique(which):
-            mine = which == mesh
-            triangles[mine] = self.meshes[mesh].vertices[self.meshes[mesh].faces[face[mine]]]
+            of_mesh = which == mesh
+            triangles[of_mesh] = self.meshes[mesh].vertices[self.meshes[mesh].faces[face[of_mesh]]]
         turned = self.world_from_instance[instance, :3, :3]
         return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
 
@@ -295,9 +295,9 @@ def _bounds(
     bounds = np.empty((len(poses), 2, 3))
     for mesh in np.unique(instance_mesh):
         x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertices()].T.copy()
-        mine = np.flatnonzero(instance_mesh == mesh)
+        of_mesh = np.flatnonzero(instance_mesh == mesh)
         block = max(1, (1 << 18) // len(x))
-        for some in (mine[i : i + block] for i in range(0, len(mine), block)):
+        for some in (of_mesh[i : i + block] for i in range(0, len(of_mesh), block)):
             for axis in range(3):
                 a, b, c, shift = poses[some, axis].T[..., None]
                 moved = a * x + b * y + c * z + shift

@@ -143,8 +143,8 @@ class SceneTouch:
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
         for traced in np.unique(self._scene.traced[instance]):
-            mine = np.flatnonzero((self._scene.traced[instance] == traced) & ~touched[box])
-            self._touch_mesh(int(traced), half, world_from_box, box[mine], instance[mine], touched)
+            of_mesh = np.flatnonzero((self._scene.traced[instance] == traced) & ~touched[box])
+            self._touch_mesh(int(traced), half, world_from_box, box[of_mesh], instance[of_mesh], touched)
         within = ((bounds[:, 0] <= center[box]) & (center[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
         inside = inside[~touched[inside]]

@@ -30,7 +30,7 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read: {error}", path=path) from None
     except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
-        raise ConfigError(f"is no TOML: {error}", path=path) from None
+        raise ConfigError(f"isn't TOML: {error}", path=path) from None
 
 
 def validated(model: type[Model], data: Mapping[str, Any], path: Path | None) -> Model:

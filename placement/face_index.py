@@ -45,8 +45,8 @@ class FaceIndex:
         while len(rows):
             # A cell index is a monotone function of the coordinate, whatever is rounded on the way.
             current = int(level.min())
-            mine = level == current
-            filed = rows[mine]
+            on_level = level == current
+            filed = rows[on_level]
             keys, wide = np.zeros(len(filed), dtype=np.int64), np.zeros(len(filed), dtype=bool)
             for axis, stride in ((0, 1), (1, _STRIDE)):
                 first = self._cells(low[axis, filed], axis, current)
@@ -57,8 +57,8 @@ class FaceIndex:
             order = np.argsort(keys, kind="stable")
             if len(filed):
                 self._levels.append(_Level(current, keys[order], filed[order].astype(np.int32)))
-            stay = ~mine
-            stay[np.flatnonzero(mine)[wide]] = True
+            stay = ~on_level
+            stay[np.flatnonzero(on_level)[wide]] = True
             level = np.maximum(level[stay], current + 1)
             rows = rows[stay]
 

@@ -98,5 +98,5 @@ def _table(path: Path) -> Mapping[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError):
         raise ConfigError("is neither YAML nor JSON", path=path, remedy=_REMEDY) from None
     if not isinstance(found, Mapping):
-        raise ConfigError("is no calibration", path=path, remedy=_REMEDY)
+        raise ConfigError("isn't a calibration", path=path, remedy=_REMEDY)
     return found

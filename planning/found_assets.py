@@ -142,9 +142,11 @@ def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
 
 
 def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
-    said = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
-    report = inspect(folder / path, kind="vehicle" if said == "distractor" else said, limits=limits).report
-    return FoundFile(path, said or report.kind, (*report.notes(), *_ground(report)))
+    folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
+    report = inspect(
+        folder / path, kind="vehicle" if folder_kind == "distractor" else folder_kind, limits=limits
+    ).report
+    return FoundFile(path, folder_kind or report.kind, (*report.notes(), *_ground(report)))
 
 
 def _ground(report: FileReport) -> list[str]:

@@ -65,7 +65,7 @@ def read_more_of(path: Path) -> MoreOf:
         raise ConfigError(f"cannot be read ({error.strerror})", path=path, remedy="name a report.json") from None
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         remedy = "name the report.json that `hulldown evaluate` writes for one detector"
-        raise ConfigError(f"is no report of an evaluation ({error})", path=path, remedy=remedy) from None
+        raise ConfigError(f"isn't a report of an evaluation ({error})", path=path, remedy=remedy) from None
     missed = 1.0 - (report.overall.recall if report.overall.recall is not None else math.nan)
     if not missed > 0.0:
         raise ConfigError("no label was missed", path=path, remedy="evaluate on harder photographs")
@@ -76,7 +76,7 @@ def read_more_of(path: Path) -> MoreOf:
     }
     if not weights:
         remedy = "evaluate on more photographs; of theirs only box sizes are known, of renders all"
-        raise ConfigError("no bin was missed more or less than the others for certain", path=path, remedy=remedy)
+        raise ConfigError("no bin differs significantly from the others", path=path, remedy=remedy)
     return MoreOf(weights=weights, picture_px=report.picture_px)
 
 

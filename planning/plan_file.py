@@ -282,7 +282,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     try:
         version = msgspec.json.decode(line)["hulldown_plan"]
     except (msgspec.DecodeError, ValueError, KeyError, TypeError, RecursionError):
-        raise _damaged(path, 1, "is no header of a plan") from None
+        raise _damaged(path, 1, "isn't the header of a plan") from None
     if version != FORMAT:
         raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {FORMAT}")
     try:
@@ -403,7 +403,7 @@ def _refuse_other_file(path: Path) -> None:
         with path.open("rb") as file:
             start = file.read(len(_BEGINNING))
         if start not in (b"", _BEGINNING):
-            raise ConfigError("exists and is no plan", path=path, remedy="name another file, or delete it first")
+            raise ConfigError("exists and isn't a plan", path=path, remedy="name another file, or delete it first")
 
 
 def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:

@@ -79,7 +79,7 @@ def read_poses(path: Path) -> GivenPoses:
     except OSError as error:
         raise ConfigError(f"cannot be read ({error.strerror})", path=path, remedy="name a CSV file") from None
     except UnicodeDecodeError:
-        raise ConfigError("is no text in UTF-8", path=path, remedy="name a CSV file") from None
+        raise ConfigError("isn't UTF-8 text", path=path, remedy="name a CSV file") from None
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
     try:
@@ -88,7 +88,7 @@ def read_poses(path: Path) -> GivenPoses:
     except csv.Error as error:
         raise _refused(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
     if not lines:
-        raise ConfigError("gives no pose", path=path, remedy="add a line for each image under the names of the columns")
+        raise ConfigError("has no poses", path=path, remedy="add a line for each image under the names of the columns")
     _check_sequences(lines, path)
     return GivenPoses(path=path.name, lines=lines)
 

@@ -166,10 +166,10 @@ def _coats(block: Block, table: InstanceTable, *, config: Config, draws: RandomS
         places[there] = first + rank
     coats: list[list[Coat]] = [[]] * len(table.row)
     for model in np.unique(table.model).tolist():
-        mine = np.flatnonzero(table.model == model)
+        of_model = np.flatnonzero(table.model == model)
         paint = config.paint_of(block.fleet.models[model].shape.name)
-        drawn = draw_coats(paint, draws, position=block.position[table.row[mine]], place=places[mine])
-        for i, coat in zip(mine.tolist(), drawn, strict=True):
+        drawn = draw_coats(paint, draws, position=block.position[table.row[of_model]], place=places[of_model])
+        for i, coat in zip(of_model.tolist(), drawn, strict=True):
             coats[i] = coat
     return coats
 

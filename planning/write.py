@@ -106,7 +106,7 @@ def plan(
     missed, given = read_more_of(more_of) if more_of else None, read_poses(poses) if poses else None
     path = Path(path)
     if path.suffix.lower() == ".png":
-        raise ConfigError("a plan is text, and its picture gets this name", path=path, remedy="name it .jsonl")
+        raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
     make_room(path)
     make_room_for_picture(picture_of(path, "summary"))
     photographs = None

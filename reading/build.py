@@ -61,7 +61,7 @@ def build_vehicle(
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
-        raise AssetError(f"no vehicle is left after clean-up; in it is {there}", remedy="name what to `keep`")
+        raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
     left_out: list[str] = []
     while True:
         forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
@@ -97,7 +97,7 @@ def build_vehicle(
     for key, part in ((options.turret, TURRET_PART), (options.gun, GUN_PART)):
         if key and part not in parts.names:
             there = ", ".join(sorted({repr(pieces[i].name) for i in kept})[:8])
-            raise AssetError(f"{part} = {key!r} matches nothing, or everything; in it is {there}")
+            raise AssetError(f"{part} = {key!r} matches nothing, or everything; it contains {there}")
     order = np.argsort(parts.piece_part, kind="stable")
     placed = [_compact(meshes[pieces[kept[j]].mesh], points[j], pieces[kept[j]].name) for j in order]
     mesh, _ = merge(placed, name=name)
@@ -176,7 +176,7 @@ def build_scenery(
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched(pieces, options):
         raise AssetError(
-            f"{wrong[0]} = {wrong[1]!r} matches nothing; in it is {_there(wrong[1], pieces)}", remedy=NAMES
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_there(wrong[1], pieces)}", remedy=NAMES
         )
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]

@@ -126,7 +126,7 @@ def make_cache(cache: Path) -> None:
     try:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise AssetError(f"cannot be made as cache folder ({error})", path=cache) from None
+        raise AssetError(f"cannot be created ({error})", path=cache) from None
 
 
 @contextmanager

@@ -185,9 +185,9 @@ def _explain(ended: Ended, path: str) -> NoReturn:
         raise AssetError(
             ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"
         )
-    if remedy := remedy_for(ended.said):
+    if remedy := remedy_for(ended.last_words):
         raise AssetError("needs Blender to be read", path=path, remedy=remedy)
     if ended.code < 0:
         problem = f"Blender crashed reading it (signal {-ended.code})"
         raise AssetError(problem, path=path, remedy="open it in Blender, save it again, or leave it out")
-    raise RuntimeError(f"{path}: reading it failed:\n{ended.said[-LAST_WORDS:]}")
+    raise RuntimeError(f"{path}: reading it failed:\n{ended.last_words[-LAST_WORDS:]}")

@@ -49,7 +49,7 @@ def first_bytes(path: Path) -> bytes:
     except OSError as error:  # links that lead to each other among them
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
-        raise AssetError("is no name that a file can have", path=path.name[:80]) from None
+        raise AssetError("isn't a valid file name", path=path.name[:80]) from None
 
 
 def kind_of_file(path: Path) -> str:

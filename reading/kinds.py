@@ -65,12 +65,12 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
             return ""  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
-            f"looks like a scenery and is listed as a vehicle: in it is {has}, and what would be the vehicle is "
+            f"looks like a scenery but is listed as a vehicle: it contains {has}, and the rest is "
             f"{max(_extent(kept or pieces)):,.0f} m long",
             remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
         )
-    said = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
-    if any(said) or likely_kind(pieces, options, roles=roles) == "scenery":
+    overrides = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
+    if any(overrides) or likely_kind(pieces, options, roles=roles) == "scenery":
         return ""
     telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
@@ -78,7 +78,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
         return ""
     if telling:
         raise AssetError(
-            f"looks like a vehicle and is listed as a scenery: in it is {telling!r}, and it is {longest:.1f} m long",
+            f"looks like a vehicle but is listed as a scenery: it contains {telling!r}, and it is {longest:.1f} m long",
             remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
     if not ground:

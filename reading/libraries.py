@@ -44,11 +44,11 @@ def _loads(library: str) -> bool:
     return True
 
 
-def remedy_for(said: str) -> str | None:
+def remedy_for(output: str) -> str | None:
     """What to do about a Blender that ended with these words; None if they are no sign of a missing part."""
-    if "No module named 'bpy'" in said:
+    if "No module named 'bpy'" in output:
         return "install hulldown[blender]"
-    if re.search(r"ImportError: lib\S+: cannot open shared object file", said):
+    if re.search(r"ImportError: lib\S+: cannot open shared object file", output):
         return f"Blender needs system libraries: run `{INSTALL}` as root"
     return None
 

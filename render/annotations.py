@@ -90,7 +90,7 @@ class Segmenter:
         posed = [(vehicle, self._posed(vehicle)) for vehicle in row.vehicles]
         camera, scenery = row.camera, self._scenery(row.scenery)
         for target in vehicles:
-            (vehicle,) = (mine for whose, mine in posed if whose is target)
+            (vehicle,) = (posed_vehicle for whose, posed_vehicle in posed if whose is target)
             others = [other for whose, other in posed if whose is not target]
             yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
 

@@ -65,13 +65,13 @@ class Remaining:
         self.first_annotation = outline.first_annotations(self.run)
         k, n = share
         wanted = min(wanted, len(rows))
-        mine = sorted(rows[:wanted])[(k - 1) * wanted // n : k * wanted // n]  # neighbors stay together
-        left = [(row, name) for row in mine if not dataset.finished(name := self.run.file_name(row[3]))]
+        share_rows = sorted(rows[:wanted])[(k - 1) * wanted // n : k * wanted // n]  # neighbors stay together
+        left = [(row, name) for row in share_rows if not dataset.finished(name := self.run.file_name(row[3]))]
         for (_, index, labels, _), name in left:
             first = int(self.first_annotation[index])
             dataset.check_free(name, self.run.image_offset + index + 1, range(first, first + labels))
         self.order, self.names = [row[1] for row, _ in left], {name for _, name in left}
-        self.wanted, self.already = len(mine), len(mine) - len(self.order)
+        self.wanted, self.already = len(share_rows), len(share_rows) - len(self.order)
 
 
 def sort_key(row: Row) -> tuple[str, str, str, str]:

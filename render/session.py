@@ -151,7 +151,7 @@ class Session:
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
                 f"{outcome.reasons[-1]}",
                 path=logs if (logs := self._folder / LOGS_NAME).is_dir() else self._folder,
-                remedy="mend the cause and run again, which goes on from here",
+                remedy="fix the cause and run again, which goes on from here",
             )
 
     def _begin(self) -> None:

@@ -283,9 +283,7 @@ def render_plan(
         If plan, assets or dataset cannot be used, or Blender does not work at all.
     """
     if engine.blender is not None and shutil.which(engine.blender) is None:
-        raise HulldownError(
-            "is no program that can be started", path=engine.blender, remedy="name Blender's executable"
-        )
+        raise HulldownError("isn't an executable program", path=engine.blender, remedy="name Blender's executable")
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)

@@ -76,7 +76,7 @@ def read(parts: dict[str, Mesh], pose: np.ndarray | None = None, *, said: str = 
         )
     given = Options(**options)
     return build_vehicle(
-        "v", found.meshes, stand_upright(found, unit=1.0, said=said, up=given.up), found.markers, options=given
+        "v", found.meshes, stand_upright(found, unit=1.0, stated_up=said, up=given.up), found.markers, options=given
     )
 
 
@@ -197,7 +197,7 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
 )  # fmt: skip
 def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
     found = drawn(TANK | {name: mesh}, **{name: hidden})
-    upright = stand_upright(found, unit=1.0, said="z", up=None)
+    upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
     (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
     assert doubt.startswith(f"{name!r}: ")
     assert what in doubt
@@ -229,7 +229,7 @@ def test_what_two_signs_show_to_be_no_part_is_left_out(
     name: str, mesh: Mesh, hidden: bool, said: tuple, yaw: float
 ) -> None:
     found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
-    upright = stand_upright(found, unit=1.0, said="z", up=None)
+    upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
     built = build_vehicle("v", found.meshes, upright, (), options=Options())
     assert [r.use for r in built.roles] == ["vehicle"] * len(TANK) + ["dropped"]
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)

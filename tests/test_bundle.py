@@ -107,7 +107,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
         ("cut.npz", whole[: len(whole) // 2], "cannot be read as a bundle"),
         ("empty.npz", b"", "cannot be read as a bundle"),
         ("missing.npz", None, "does not exist"),
-        ("other.npz", None, "is no bundle of hulldown"),
+        ("other.npz", None, "isn't a hulldown bundle"),
         ("future.npz", None, f"is a bundle of format 99, this is {FORMAT}"),
         ("partial.npz", None, "lacks ['cut_counts'"),
         ("single.npy", None, "cannot be read as a bundle"),

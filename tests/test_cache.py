@@ -341,6 +341,6 @@ def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp
 def test_an_hdri_that_is_no_picture_is_refused(exporter: Exporter, tmp_path: Path, content: bytes) -> None:
     config = config_in(tmp_path)
     (tmp_path / "sky.exr").write_bytes(content)
-    with pytest.raises(AssetError, match=r"sky.exr: is no OpenEXR or Radiance picture; copy it again"):
+    with pytest.raises(AssetError, match=r"sky.exr: isn't an OpenEXR or Radiance picture; copy it again"):
         load_assets(config)
     assert exporter.read == [], "before the long work"

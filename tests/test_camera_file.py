@@ -77,7 +77,7 @@ def test_a_lens_without_distortion_has_none(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is no calibration"),
+        ("", "isn't a calibration"),
         ("[1, 2", "neither YAML nor JSON"),
         ("!!python/object/apply:os.system [ls]", "neither YAML nor JSON"),
         ("image_width: 640", "has no camera matrix"),

@@ -179,7 +179,7 @@ INSTEAD = [  # a line of the config, what is in its place, and what is said of i
     (TANK, f"{TANK}\nforward = 1{'0' * 400}", f"assets.vehicles[0].forward = 1{'0' * 59}: expected"),
     (TANK, f"{TANK}\ngun_pivot = [0, 0, 1{'0' * 400}]", "expected the name of an object, or [x, y, z]"),
     (TANK, f'{TANK}\n[[assets.vehicles]]\npath = "b/t72.blend"\n{TANK}', "assets: 2 vehicles are called 't72'"),
-    *(("140", x, "is no TOML: ") for x in ("9" * 5000, "[" * 2000)),
+    *(("140", x, "isn't TOML: ") for x in ("9" * 5000, "[" * 2000)),
     ("140", f"[0x{'f' * 5000}]", "budget.images_per_class = an integer of thousands of digits"),
     (HILLS, "path = 3", "assets.sceneries[0].path = 3: expected a string"),
     (HILLS, HILLS + "\nweight = 0", "assets: all sceneries have weight 0"),
@@ -199,7 +199,7 @@ def test_a_wrong_section_is_named(read, old, new, message):
     ("content", "message"),
     [
         (None, "no such file; `hulldown init`"),
-        (b"seed = 0\nx = = 2\n", "is no TOML: .*line 2"),
+        (b"seed = 0\nx = = 2\n", "isn't TOML: .*line 2"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )
@@ -223,7 +223,7 @@ def test_two_hdris_of_one_name(read, tmp_path):
     for folder in ("x", "y"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "a.exr").touch()
-    with pytest.raises(ConfigError, match="have one name; rename one of them"):
+    with pytest.raises(ConfigError, match="have the same name; rename one of them"):
         hdri_paths(read("[assets]\nhdris = ['*/a.exr']\n" + MINIMAL))
 
 
@@ -231,8 +231,8 @@ def test_two_hdris_of_one_name(read, tmp_path):
     ("pattern", "message"),
     [
         ("sky/*.exr", r"'sky/\*.exr' matches no file"),
-        ("", "'' is no pattern of files"),
-        ("sky/**.exr", r"'sky/\*\*.exr' is no pattern of files"),
+        ("", "'' isn't a file pattern"),
+        ("sky/**.exr", r"'sky/\*\*.exr' isn't a file pattern"),
         ("n*", r"'n\*' matches 'notes.txt', which is no .exr or .hdr file; narrow the pattern"),
     ],
 )

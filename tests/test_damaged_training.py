@@ -34,7 +34,7 @@ def small_weights(path):
 
 def test_weights_of_the_other_model_are_refused_before_the_folder_is_made(pictures, tmp_path):
     settings = nano(weights=str(small_weights(tmp_path / "small.pt")))
-    with pytest.raises(HulldownError, match=r"small\.pt: holds no weights of RF-DETR"):
+    with pytest.raises(HulldownError, match=r"small\.pt: has no weights of RF-DETR"):
         train({"demo": pictures}, tmp_path / "run", settings=settings, device="cpu")
     assert not (tmp_path / "run").exists()
 
@@ -159,7 +159,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
     draws = make_draws([4, 4], 12, seed=0)
     examples = DrawnExamples(sources, draws, (96, 54), NOTHING, masks=rule)
     assert all(mask is None for k in range(12) for mask in examples._sample(k).masks)
-    with pytest.raises(ConfigError, match="masks = true: photographs has boxes without one"):
+    with pytest.raises(ConfigError, match="masks = true: photographs has boxes without masks"):
         follow_masks(True, sources)
 
 

@@ -131,7 +131,7 @@ def test_many_pictures_are_pages(tmp_path: Path) -> None:
     report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
     many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(PAGE + 1)]
     (tmp_path / "all-2.png").write_bytes(b"of somebody else")
-    with pytest.raises(HulldownError, match=r"all-2\.png: exists and is no picture that hulldown drew"):
+    with pytest.raises(HulldownError, match=r"all-2\.png: exists and wasn't drawn by hulldown"):
         write_pictures(many, tmp_path / "all.png")
     (tmp_path / "all-2.png").unlink()
     assert [page.name for page in write_pictures(many, tmp_path / "all.png")] == ["all.png", "all-2.png"]

@@ -100,7 +100,7 @@ def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("scale = ", "hulldown: hulldown.toml: is no TOML: Invalid value (at end of document)"),
+        ("scale = ", "hulldown: hulldown.toml: isn't TOML: Invalid value (at end of document)"),
         ("scale = 1", "hulldown: hulldown.toml: assets is missing (and 2 more)"),
         (CONFIG, "hulldown: hulldown.toml: assets.hdris: '*.hdr' matches no file"),
         (CONFIG.replace("*.hdr", "sky.hdr"), "hulldown: tank.blend: does not exist"),
@@ -135,4 +135,4 @@ def test_a_page_that_is_somebody_elses_is_found_before_files_are_read(
     )
     Path("all-2.png").write_bytes(b"of somebody else")
     assert cli.main(["inspect", "hulldown.toml", "-o", "all.png"]) == 2
-    assert capsys.readouterr().err.startswith("hulldown: all-2.png: exists and is no picture that hulldown drew")
+    assert capsys.readouterr().err.startswith("hulldown: all-2.png: exists and wasn't drawn by hulldown")

@@ -189,14 +189,14 @@ def edited(**change):
         (no_image, r"00000001\.png: is missing"),
         (licences, "has 'licenses', which joining would lose; join the other parts into this one"),
         (run_without_a_key, "expected key and prefix to be parts of names, got ''"),
-        (edited(images=("id", 2)), "image ids repeat themselves"),
-        (edited(images=("file_name", "images/00000002.png")), "file names repeat themselves"),
+        (edited(images=("id", 2)), "image ids aren't unique"),
+        (edited(images=("file_name", "images/00000002.png")), "file names aren't unique"),
         (edited(images=("file_name", "../x.png")), "no path inside the dataset"),
-        (edited(annotations=("id", 2)), "annotation ids repeat themselves"),
+        (edited(annotations=("id", 2)), "annotation ids aren't unique"),
         (edited(annotations=("image_id", 77)), "image 77 does not exist"),
         (edited(annotations=("category_id", 77)), "category 77 does not exist"),
         (edited(annotations=("bbox", [1, 2])), "is not \\[x, y, width, height\\]"),
-        (lambda folder: (folder / "provenance.json").write_text("{}"), "is no provenance of hulldown"),
+        (lambda folder: (folder / "provenance.json").write_text("{}"), "isn't a hulldown provenance file"),
         (lambda folder: (folder / "annotations.json").write_text("{"), "is not valid JSON"),
     ],
 )
@@ -292,8 +292,12 @@ def test_a_part_that_cannot_be_appended_leaves_the_dataset_as_it_was(tmp_path, d
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("provenance.json", "{}", "is no provenance of hulldown"),
-        ("provenance.json", '{"plans": {"a": {"blender": [{}], "devices": [], "systems": []}}}', "is no provenance"),
+        ("provenance.json", "{}", "isn't a hulldown provenance file"),
+        (
+            "provenance.json",
+            '{"plans": {"a": {"blender": [{}], "devices": [], "systems": []}}}',
+            "isn't a hulldown provenance file",
+        ),
         ("failures.jsonl", "x\n{}\n", "line 1 is damaged"),
     ],
 )

@@ -50,9 +50,9 @@ def refused(path: Path, folder: Path, **more: object) -> str:
 @pytest.mark.parametrize(
     ("case", "line"),
     [
-        ("nan_location", "object 'Body' stands at a place that is no number; repair or delete it"),
+        ("nan_location", "object 'Body' has a position that isn't finite; repair or delete it"),
         ("nan_scale", "object 'Body'"),
-        ("nan_quaternion", "object 'Body' stands at a place that is no number; repair or delete it"),
+        ("nan_quaternion", "object 'Body' has a position that isn't finite; repair or delete it"),
         ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
         ("nan_vertices", "object 'Body': "),
@@ -134,9 +134,9 @@ GLTF = {
         ({"images": [{"uri": "fifo.bin"}]}, "refers to fifo.bin, which is a FIFO"),
         ({"buffers": [{"uri": "mesh .bin", "byteLength": 99}]}, "buffers[0] has 99 bytes, but mesh .bin has 36"),
         ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh = 7, but it has 1 meshes; export it again"),
-        ("[" * 100_000, "is no glTF that can be read (it is nested too deeply)"),
-        ('{"asset": {"version": "2.0"}, "nodes": [1, 2', "gltf|is no glTF that can be read"),
-        ("[]", "is no glTF: it is no JSON object"),
+        ("[" * 100_000, "isn't readable glTF (it is nested too deeply)"),
+        ('{"asset": {"version": "2.0"}, "nodes": [1, 2', "gltf|isn't readable glTF"),
+        ("[]", "isn't glTF: it isn't a JSON object"),
     ],
 )
 def test_a_malformed_gltf_says_what_is_wrong(tmp_path: Path, change: object, line: str, binary: bool) -> None:

@@ -201,7 +201,7 @@ def test_no_file_but_a_plan_is_written_over(path):
     written(path, rows=5)
     config = path.with_name("hulldown.toml")
     config.write_text("seed = 0\n")
-    with pytest.raises(ConfigError, match=r"hulldown.toml: exists and is no plan; name another file"):
+    with pytest.raises(ConfigError, match=r"hulldown.toml: exists and isn't a plan; name another file"):
         PlanWriter(config, header())
     assert config.read_text() == "seed = 0\n"
     with pytest.raises(ConfigError, match="is a folder; name a file for the plan"):
@@ -220,14 +220,14 @@ HEADERS = [
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "line 1 is no header of a plan"),
-        (b"\x89PNG\r\n", "line 1 is no header of a plan"),
-        (b'{"images": [], "annotations": []}\n', "line 1 is no header of a plan"),
+        (b"", "line 1 isn't the header of a plan"),
+        (b"\x89PNG\r\n", "line 1 isn't the header of a plan"),
+        (b'{"images": [], "annotations": []}\n', "line 1 isn't the header of a plan"),
         (line({**HEADER, "hulldown_plan": 1}), "line 1 has plan format 1, this is format 3; plan again"),
         (line({**HEADER, "hulldown_plan": 4}), "line 1 has plan format 4, this is format 3; plan again"),
         (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
-        (b"[" * 100_000, "line 1 is no header of a plan"),
-        (b'{"hulldown_plan": 3, "a": "\xff"}', "line 1 is no header of a plan"),
+        (b"[" * 100_000, "line 1 isn't the header of a plan"),
+        (b'{"hulldown_plan": 3, "a": "\xff"}', "line 1 isn't the header of a plan"),
         *((line({**HEADER, key: value}), f"line 1 has {key} ") for key, value in HEADERS),
     ],
 )

@@ -142,7 +142,7 @@ def test_what_cannot_be_met_is_named(tmp_path, line, message):
     ("lines", "columns", "message"),
     [
         ([], "", "is empty"),
-        ([], COLUMNS, "gives no pose"),
+        ([], COLUMNS, "has no poses"),
         (["1"], "altitude", "line 1: has the unknown column 'altitude'"),
         (["1,2"], "x,x", "line 1: has the column x twice"),
         (["1,2,0,0,9,a", "1,3,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 3: column y: differs"),

@@ -50,12 +50,12 @@ def test_the_first_detection_that_cannot_be_used_is_named(folder, wrong, words):
     ("found", "words"),
     [
         ("", "is not valid JSON"),
-        ("7", "is no COCO result"),
-        ({"results": []}, "is no COCO result"),
+        ("7", "isn't COCO results"),
+        ({"results": []}, "isn't COCO results"),
         ([[]], "detection 0: it is wrong: Expected `object`"),
         ({"images": [{"id": 1}], "annotations": []}, r"image 2 of .* is not among its images \(1 are missing\)"),
         ({"images": [1, 2, 3], "annotations": []}, r"image 3 is not in .* \(1 are not\)"),
-        ({"images": ["a"], "annotations": []}, "'images' is no list of image ids"),
+        ({"images": ["a"], "annotations": []}, "'images' isn't a list of image ids"),
     ],
 )
 def test_what_is_no_result_for_this_dataset_is_refused(folder, found, words):
@@ -112,8 +112,8 @@ def damaged(**more):
 @pytest.mark.parametrize(
     ("coco", "words"),
     [
-        (damaged(images=[{"id": 1, "file_name": "a", "width": 9, "height": 9}] * 2), "image 1 is there twice"),
-        (damaged(categories=[{"id": 1, "name": "a"}] * 2), "category 1 is there twice"),
+        (damaged(images=[{"id": 1, "file_name": "a", "width": 9, "height": 9}] * 2), "image 1 is given twice"),
+        (damaged(categories=[{"id": 1, "name": "a"}] * 2), "category 1 is given twice"),
         (damaged(annotations=[{"id": 5, "image_id": 9, "category_id": 1, "bbox": [0, 0, 1, 1]}]), "image 9 does"),
         (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 8, "bbox": [0, 0, 1, 1]}]), "category 8 does"),
         (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1]}]), "annotation 5: bbox"),

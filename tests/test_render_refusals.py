@@ -34,7 +34,7 @@ def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, name):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        (None, "is no program that can be started; name Blender's executable"),
+        (None, "isn't an executable program; name Blender's executable"),
         ("exit 1", "Blender has not started 3 times"),
         ("echo no graphics card of that kind >&2; exit 3", "no graphics card"),
         ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),

@@ -152,7 +152,7 @@ def test_only_a_report_is_replaced(folder, report, tmp_path):
     assert report.read_text().count("<button class=tile") == 2
     write_report(Dataset.read(folder), report)
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(DatasetError, match=r"mine\.html: is there and no report of hulldown; choose another name"):
+    with pytest.raises(DatasetError, match=r"mine\.html: exists and isn't a hulldown report; choose another name"):
         write_report(Dataset.read(folder), tmp_path / "mine.html")
     with pytest.raises(DatasetError, match="cannot be written"):
         write_report(Dataset.read(folder), tmp_path / "mine.html" / "report.html")

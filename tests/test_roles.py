@@ -167,7 +167,7 @@ def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
 def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() -> None:
     files = [piece("Ground", size=(200, 200, 5)), piece("House", size=(40, 10, 10))], [piece("Water", size=(99, 99, 0))]
     for pieces in files:
-        with pytest.raises(AssetError, match=r"looks like a scenery and is listed as a vehicle: .* \[\[assets.scener"):
+        with pytest.raises(AssetError, match=r"looks like a scenery but is listed as a vehicle: .* \[\[assets.scener"):
             refuse_wrong_kind("vehicle", pieces, Options())
         assert refuse_wrong_kind("scenery", pieces, Options()) == ""
         for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
@@ -180,14 +180,14 @@ def test_a_tank_in_centimeters_is_no_scenery_for_its_tracks() -> None:
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
     (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), materials=(), unit=1.0, options=Options())
     assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
-    with pytest.raises(AssetError, match=r"in it is ground \('Track_L'\)"):
+    with pytest.raises(AssetError, match=r"it contains ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
 
 
 def test_a_vehicle_listed_as_a_scenery_is_refused_if_its_names_say_so() -> None:
     floor = piece("Floor", size=(50, 50, 0.1))
     for pieces in ([HULL], [floor, HULL]):
-        with pytest.raises(AssetError, match=r"looks like a vehicle and is listed as a scenery: in it is 'Hull'"):
+        with pytest.raises(AssetError, match=r"looks like a vehicle but is listed as a scenery: it contains 'Hull'"):
             refuse_wrong_kind("scenery", pieces, Options())
         assert refuse_wrong_kind("vehicle", pieces, Options()) == ""
         assert refuse_wrong_kind("scenery", pieces, Options(include=("floor",))) == ""

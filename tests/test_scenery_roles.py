@@ -137,7 +137,7 @@ def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
     floor = piece("Object_1", size=(300, 300, 0.2), level=1.0)
     town = [piece(f"Object_{i + 2}", size=(12, 12, 9), at=(40 * i - 120, 0, 4.5), level=0.4) for i in range(7)]
     assert likely_kind([floor, *town], Options()) == "scenery"
-    with pytest.raises(AssetError, match=r"in it is ground \('Object_1'\)"):
+    with pytest.raises(AssetError, match=r"it contains ground \('Object_1'\)"):
         refuse_wrong_kind("vehicle", [floor, *town], Options())
     tank = piece("Tank", size=(7, 3.5, 2.5), at=(0, 0, 1.4), level=0.4)
     assert likely_kind([floor, tank], Options()) == "vehicle"
@@ -201,7 +201,7 @@ def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
 
 @pytest.mark.parametrize("key", ["ground", "not_ground", "water", "drop"])
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
-    with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; in it is 'Plane.003'"):
+    with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; it contains 'Plane.003'"):
         build_scenery("s", Evaluated(pieces=[HILLS]), [], meters=np.eye(4), options=Options(**{key: ("Plane.03",)}))
 
 

@@ -16,7 +16,7 @@ def test_what_is_not_ours_is_not_replaced(tmp_path, write):
     path = tmp_path / "tank.png"
     SHEET.save(path)
     before = path.read_bytes()
-    with pytest.raises(HulldownError, match=r"tank\.png: exists and is no picture that hulldown drew; name another"):
+    with pytest.raises(HulldownError, match=r"tank\.png: exists and wasn't drawn by hulldown; name another"):
         write(path)
     assert path.read_bytes() == before
     path.unlink()

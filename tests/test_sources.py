@@ -192,7 +192,7 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
     with pytest.raises(ConfigError, match=r"train\.toml: unknown key bugdet; did you mean budget"):
         load_settings(path, {})
     path.write_text("budget =\n")
-    with pytest.raises(ConfigError, match=r"train\.toml: is no TOML"):
+    with pytest.raises(ConfigError, match=r"train\.toml: isn't TOML"):
         load_settings(path, {})
     with pytest.raises(ConfigError, match="no such file"):
         load_settings(tmp_path / "none.toml", {})

@@ -174,7 +174,7 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "mine.txt").write_text("")
-    with pytest.raises(DatasetError, match="has something in it already; name an empty"):
+    with pytest.raises(DatasetError, match="isn't empty; name an empty"):
         export(dataset, out)
 
 

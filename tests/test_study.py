@@ -269,11 +269,11 @@ def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_s
     [
         ({"real": "nowhere"}, r"s\.toml: real = 'nowhere': no such folder"),
         ({"arms": ["real", "fake"]}, r"arms\[1\] = 'fake': expected 'real', 'mixed', 'synthetic'"),
-        ({"arms": ["real", "real"]}, "arms: real is there twice"),
+        ({"arms": ["real", "real"]}, "arms: real is given twice"),
         ({"fractions": [0.0]}, r"fractions\[0\] = 0\.0: expected greater than 0"),
         ({"seeds": []}, "seeds = "),
         ({"sedes": [1]}, "unknown key sedes; did you mean seeds"),
-        ({"train": SMALL | {"seed": 3}}, r"train\.seed: a study rules this itself; set seeds above \[train\]"),
+        ({"train": SMALL | {"seed": 3}}, r"train\.seed: the study sets this; set seeds above \[train\]"),
         ({"train": SMALL | {"bugdet": 3}}, r"unknown key train\.bugdet; did you mean train\.budget"),
         ({"train": SMALL | {"model": "tiny"}}, r"train\.model = 'tiny': expected 'small'"),
     ],

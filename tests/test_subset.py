@@ -83,7 +83,7 @@ def test_classes_keep_their_proportion_where_asked(tmp_path, seed):
         ((0.0,), "fraction 0: expected a share above 0 and at most 1"),
         ((1.5,), r"fraction 1\.5: expected a share"),
         ((float("nan"),), "fraction nan: expected a share"),
-        ((0.5, 0.5), r"fraction 0\.5 is there twice"),
+        ((0.5, 0.5), r"fraction 0\.5 is given twice"),
     ],
 )
 def test_fractions_out_of_range_are_refused(tmp_path, fractions, message):

@@ -225,5 +225,5 @@ def shown(path: Path, scenery: Scenery) -> list[str]:
 
 @pytest.mark.blender
 def test_a_pattern_that_matches_nothing_is_refused_with_what_is_there(folder: Path) -> None:
-    with pytest.raises(AssetError, match=r"ground = 'Plane' matches nothing; in it is 'Plane.003'.*whole name"):
+    with pytest.raises(AssetError, match=r"ground = 'Plane' matches nothing; it contains 'Plane.003'.*whole name"):
         read(folder, "named.blend", ground=("Plane",))

@@ -54,7 +54,7 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
 
     output = Path(output)
     if output.suffix.lower() != ".onnx":
-        raise HulldownError("is no name of an ONNX file", path=output, remedy="end it in .onnx")
+        raise HulldownError("doesn't end in .onnx", path=output, remedy="name it model.onnx, for example")
     make_room(output)
     weights = weights_of(Path(run))
     detector = load_detector(weights, "cpu")

@@ -111,7 +111,7 @@ def extension(path: Path, draws: int) -> int:
         config = json.loads(folder.config.read_text(encoding="utf-8"))
         after, budget = int(config.get("after", 0)), int(config["settings"]["budget"])
     except (OSError, ValueError, LookupError, TypeError):
-        raise ConfigError("holds no run to extend", path=path, remedy="name the folder of a finished run") from None
+        raise ConfigError("has no run to extend", path=path, remedy="name the folder of a finished run") from None
     with alone_in(path, marker=CONFIG_NAME, what="run"):
         if not folder.finished() and not folder.before(after + budget).exists():
             if after and budget == draws:

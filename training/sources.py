@@ -136,7 +136,7 @@ def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
     """
     lacking = [source.name for source in sources if not source.masked]
     if asked and lacking:
-        raise ConfigError(f"masks = true: {lacking[0]} has boxes without one", remedy="leave masks out")
+        raise ConfigError(f"masks = true: {lacking[0]} has boxes without masks", remedy="leave masks out")
     return not lacking if asked is None else asked
 
 

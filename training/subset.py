@@ -131,7 +131,7 @@ def write_subsets(
             raise DatasetError(f"fraction {fraction:g}: expected a share above 0 and at most 1")
     names = [subset_name(fraction) for fraction in fractions]
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise DatasetError(f"fraction {float(repeated[0]) / 100:g} is there twice", remedy="name each fraction once")
+        raise DatasetError(f"fraction {float(repeated[0]) / 100:g} is given twice", remedy="name each fraction once")
     coco = read_usable(dataset)
     if not coco["images"]:
         raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")

@@ -125,7 +125,7 @@ def _plan(arguments: argparse.Namespace) -> int:
         return _check(arguments)
     output = arguments.output
     if output is None:
-        raise HulldownError("-o is missing", remedy="say where to write the plan, such as -o plan.jsonl")
+        raise HulldownError("-o is missing", remedy="name the file to write, such as -o plan.jsonl")
     with progress_bar("planning") as advance:
         made = plan(
             Config.read(arguments.config),

@@ -113,10 +113,10 @@ def export(
     allowed = [Path(each) for each in allow_links]
     _check_masks(labels, sizes, folder)
     check_sound(folder, images, allowed)
-    labels = {image_id: floors.kept(mine) for image_id, mine in labels.items()}
+    labels = {image_id: floors.kept(image_labels) for image_id, image_labels in labels.items()}
     if polygons_within is not None:
-        for image_id, mine in labels.items():
-            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in mine]
+        for image_id, image_labels in labels.items():
+            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in image_labels]
     done = 0
 
     def tick() -> None:
@@ -135,8 +135,8 @@ def _check_masks(
 ) -> None:
     """Refuse masks that no tool can draw."""
     wrong = []
-    for image_id, mine in labels.items():
-        for label in mine:
+    for image_id, image_labels in labels.items():
+        for label in image_labels:
             if label.get("segmentation"):
                 try:
                     extent(label["segmentation"], *sizes[image_id])

@@ -109,11 +109,11 @@ def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[
         for row in by_label.indices[by_label.indptr[rarest] : by_label.indptr[rarest + 1]]:
             if chosen[row] >= 0:
                 continue
-            mine = has.indices[has.indptr[row] : has.indptr[row + 1]]
-            lacks = np.round(np.stack([wanted[used, rarest], wanted[used][:, mine].sum(axis=1)]), 9)
+            row_labels = has.indices[has.indptr[row] : has.indptr[row + 1]]
+            lacks = np.round(np.stack([wanted[used, rarest], wanted[used][:, row_labels].sum(axis=1)]), 9)
             chosen[row] = used[np.lexsort(lacks[::-1])[-1]]
-            wanted[chosen[row], mine] -= 1.0
-            left[mine] -= 1.0
+            wanted[chosen[row], row_labels] -= 1.0
+            left[row_labels] -= 1.0
     # Rounding always favors the largest part. Move rows while that brings labels closer to their shares.
     size = np.asarray(has.sum(axis=1)).ravel()
     for _ in range(len(chosen)):
@@ -123,10 +123,10 @@ def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[
         row, k = np.unravel_index(np.argmax(gain), gain.shape)
         if not gain[row, k] > 1e-9:
             break
-        mine = has.indices[has.indptr[row] : has.indptr[row + 1]]
-        wanted[chosen[row], mine] += 1.0
+        row_labels = has.indices[has.indptr[row] : has.indptr[row + 1]]
+        wanted[chosen[row], row_labels] += 1.0
         chosen[row] = used[k]
-        wanted[chosen[row], mine] -= 1.0
+        wanted[chosen[row], row_labels] -= 1.0
     return chosen
 
 

@@ -203,14 +203,14 @@ class Comparison:
             words = f"{one.feature.title}: this dataset and the photographs"
             drawn = two_histograms(one.feature.title, one.edges, one.shares, log=one.feature.log)
             charts.append(Chart(drawn, words))
-        said = (
+        summary = (
             "Distance is Kolmogorov-Smirnov's, 0 to 1. The floor is what 95 % of random splits of the photographs into "
             "halves keep to."
         )
         header = ["feature", "distance", "floor", "differs"]
         sentences = self.sentences or ["No feature differs by more than chance among the photographs."]
         notes = [Words(note, warning=True) for note in self.notes]
-        blocks: list[Block] = [Items(sentences), *notes, Words(said), Table(header, rows), Charts(charts)]
+        blocks: list[Block] = [Items(sentences), *notes, Words(summary), Table(header, rows), Charts(charts)]
         return Section("Next to the photographs", blocks)
 
 
@@ -247,13 +247,13 @@ def compare(
     folder = photographs.path.parent
     files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
     if pixels and files:
-        mine, theirs = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
-        total = len(mine) + len(theirs)
+        dataset_rows, photograph_rows = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
+        total = len(dataset_rows) + len(photograph_rows)
         own_pictures, pictures = [], []
-        for done, i in enumerate(mine.tolist()):
+        for done, i in enumerate(dataset_rows.tolist()):
             own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))
             _tell(progress, done, total)
-        for done, i in enumerate(theirs.tolist(), start=len(mine)):
+        for done, i in enumerate(photograph_rows.tolist(), start=len(dataset_rows)):
             pictures.append(_small(read_pixels(files[i])))
             _tell(progress, done, total)
         own, wanted = own | _looks_of(own_pictures), wanted | _looks_of(pictures)

@@ -101,23 +101,23 @@ def _counts(dataset: Dataset) -> Section:
     empty = int((images["labels"] == 0).sum())
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
     classes = _number(len(dataset.categories), "class", "classes")
-    said = [_number(len(dataset.images), "image"), f"{_number(len(labels['id']), 'label')} of {classes}"]
-    said += [f"{_number(empty, 'image')} without labels"] if empty else []
-    said += [_number(places, "position")] if places else []
+    facts = [_number(len(dataset.images), "image"), f"{_number(len(labels['id']), 'label')} of {classes}"]
+    facts += [f"{_number(empty, 'image')} without labels"] if empty else []
+    facts += [_number(places, "position")] if places else []
     rows = []
     for name in dataset.categories.values():
-        mine = labels["category"] == name
+        of_class = labels["category"] == name
         sizes = [
-            int(((labels["box_size"] >= low) & (labels["box_size"] < high) & mine).sum())
+            int(((labels["box_size"] >= low) & (labels["box_size"] < high) & of_class).sum())
             for low, high in COCO_SIZES.values()
         ]
-        vehicles = Counter(one for one in labels["vehicle"][mine].tolist() if one)
-        shown = len(np.unique(labels["image"][mine]))
+        vehicles = Counter(one for one in labels["vehicle"][of_class].tolist() if one)
+        shown = len(np.unique(labels["image"][of_class]))
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
-        rows.append([name, f"{shown:,}", f"{mine.sum():,}", *(f"{n:,}" for n in sizes), models])
+        rows.append([name, f"{shown:,}", f"{of_class.sum():,}", *(f"{n:,}" for n in sizes), models])
     header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
     found = Table(header, rows, choose=[{"class": row[0]} for row in rows])
-    return Section("What it holds", [Words(", ".join(said) + "."), found])
+    return Section("What it holds", [Words(", ".join(facts) + "."), found])
 
 
 def _charts(dataset: Dataset) -> list[Section]:
@@ -166,7 +166,7 @@ def _maps(dataset: Dataset) -> list[Section]:
 
 def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
     shown = len(tiles)
-    said = (
+    legend = (
         []
         if shown == len(dataset.images)
         else [Words(f"{shown:,} images, spread evenly over {len(dataset.images):,}.")]
@@ -184,7 +184,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
         Facet("side", "side seen", SIDES),
     ]
     orders = {one.name: one.title for one in ORDERS}
-    return Section("What it looks like", [*said, Gallery(tiles, facets, orders)])
+    return Section("What it looks like", [*legend, Gallery(tiles, facets, orders)])
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:
@@ -212,15 +212,15 @@ def _tile(dataset: Dataset, i: int) -> Tile:
 
 def _about(dataset: Dataset, row: int) -> list[str]:
     labels = dataset.labels
-    said = [str(labels["category"][row]), str(labels["vehicle"][row])]
-    said.append(f"{labels['width'][row]:.0f} x {labels['height'][row]:.0f} px")
+    caption = [str(labels["category"][row]), str(labels["vehicle"][row])]
+    caption.append(f"{labels['width'][row]:.0f} x {labels['height'][row]:.0f} px")
     if np.isfinite(distance := labels["distance"][row]):
-        said.append(f"{distance:.0f} m")
+        caption.append(f"{distance:.0f} m")
     if np.isfinite(visible := labels["visible_fraction"][row]):
-        said.append(f"{100 * visible:.0f} % visible")
+        caption.append(f"{100 * visible:.0f} % visible")
     if np.isfinite(cut := labels["truncated_fraction"][row]) and cut > 0:
-        said.append(f"{100 * cut:.0f} % outside")
-    return [each for each in said if each]
+        caption.append(f"{100 * cut:.0f} % outside")
+    return [each for each in caption if each]
 
 
 def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
@@ -282,4 +282,4 @@ def _refuse_foreign(path: Path) -> None:
     except OSError as error:
         raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy="choose another name") from error
     if not ours:
-        raise DatasetError("is there and no report of hulldown", path=path, remedy="choose another name")
+        raise DatasetError("exists and isn't a hulldown report", path=path, remedy="choose another name")

@@ -116,7 +116,7 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
             remedy=f"if you trust it, allow that with --allow-links {real.parent}",
         )
     if not real.is_file():
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it isn't a regular file", str(path))
     return real
 
 

@@ -23,10 +23,10 @@ def all_or_nothing(out: Path) -> Iterator[Path]:
     Raises
     ------
     DatasetError
-        If `out` is a file, has something in it already, or cannot be written.
+        If `out` is a file, isn't empty, or cannot be written.
     """
     if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
-        raise DatasetError("has something in it already", path=out, remedy="name an empty or a new folder")
+        raise DatasetError("isn't empty", path=out, remedy="name an empty or a new folder")
     unfinished = out / UNFINISHED_NAME
     made = not out.exists()
     try:

@@ -74,11 +74,11 @@ def label_records(row: Row) -> list[dict[str, Any]]:
     """What it says about each labeled vehicle of a row, but for ids and masks."""
     records = []
     for vehicle in row.labeled:
-        said = orjson.loads(encode(vehicle))
+        encoded = orjson.loads(encode(vehicle))
         ignored = int(vehicle.label == "ignored")
         records.append(
             {
-                **{key: said[key] for key in ("category", *LABEL_KEYS) if key in said},
+                **{key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded},
                 **space_of(vehicle, row),
                 "iscrowd": ignored,
             }

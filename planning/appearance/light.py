@@ -58,13 +58,13 @@ def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarra
                     f"light.{key}: {pattern!r} matches no HDRI",
                     remedy=f"assets.hdris gives {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}",
                 )
-    said = [next((c.weight for c in light.hdris if fnmatchcase(name, c.name)), None) for name in names]
-    usual = np.array([(0.0 if light.hdris else 1.0) if weight is None else weight for weight in said])
+    listed = [next((c.weight for c in light.hdris if fnmatchcase(name, c.name)), None) for name in names]
+    usual = np.array([(0.0 if light.hdris else 1.0) if weight is None else weight for weight in listed])
     if not usual.any():
         raise ConfigError("light.hdris: all weights are 0", remedy="give at least one HDRI a weight above 0")
     if not light.overcast:
         return np.stack([usual, usual])
-    cloudy = np.array([1.0 if weight is None else weight for weight in said])
+    cloudy = np.array([1.0 if weight is None else weight for weight in listed])
     cloudy[[not any(fnmatchcase(name, pattern) for pattern in light.overcast) for name in names]] = 0.0
     if not cloudy.any():
         raise ConfigError(

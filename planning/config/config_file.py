@@ -45,7 +45,7 @@ def hdri_paths(config: Config) -> dict[str, Path]:
     Raises
     ------
     ConfigError
-        If a pattern matches no file, or two files would have one name.
+        If a pattern matches no file, or two files would have the same name.
     """
     found: dict[str, Path] = {}
     for pattern in config.assets.hdris:
@@ -54,7 +54,7 @@ def hdri_paths(config: Config) -> dict[str, Path]:
         try:
             matches = sorted(p for p in folder.glob(relative) if p.is_file())
         except (ValueError, NotImplementedError, OSError) as error:
-            raise ConfigError(f"assets.hdris: {pattern!r} is no pattern of files ({error})", path=config.path) from None
+            raise ConfigError(f"assets.hdris: {pattern!r} isn't a file pattern ({error})", path=config.path) from None
         if wrong := [match.name for match in matches if match.suffix.lower() not in HDRI_SUFFIXES]:
             raise ConfigError(
                 f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which is no {' or '.join(HDRI_SUFFIXES)} file",
@@ -70,7 +70,7 @@ def hdri_paths(config: Config) -> dict[str, Path]:
         for match in matches:
             if found.setdefault(match.stem, match) != match:
                 raise ConfigError(
-                    f"assets.hdris: {found[match.stem]} and {match} have one name",
+                    f"assets.hdris: {found[match.stem]} and {match} have the same name",
                     path=config.path,
                     remedy="rename one of them",
                 )

@@ -149,9 +149,9 @@ def _reach(shape: VehicleShape) -> float:
     """A part that turns stays within a sphere about its pivot, which turns with the part it rides on."""
     reach = 0.0
     for part in range(len(shape.part_names)):
-        mine = shape.mesh.vertices[shape.vertex_part == part]
-        if len(mine):
-            low, high = mine.min(axis=0), mine.max(axis=0)
+        part_vertices = shape.mesh.vertices[shape.vertex_part == part]
+        if len(part_vertices):
+            low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))
             away, at = 0.0, points
             # Up the chain of pivots to the hull, which does not turn.

@@ -224,7 +224,7 @@ class _Reader:
     ) -> Float[np.ndarray, "2 3"]:
         """Around points of a mesh where it is drawn, in meters."""
         if not np.isfinite(pose).all():
-            raise AssetError(f"object {name!r} stands at a place that is no number", remedy=REPAIR)
+            raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR)
         with np.errstate(over="ignore", invalid="ignore"):
             seen = apply(self.meters @ pose, points)
         if not np.abs(seen).max() <= FARTHEST:

@@ -79,7 +79,7 @@ def read(job: Job) -> dict[str, Any]:
     upright = None
     # Every solid of a scenery would be looked at; it's judged as the file has it.
     if job.kind == "vehicle" or (not job.kind and likely_kind(drawn.pieces, options, roles=roles) == "vehicle"):
-        upright = stand_upright(drawn, unit=unit, said=opened.up, up=options.up)
+        upright = stand_upright(drawn, unit=unit, stated_up=opened.up, up=options.up)
         kind = job.kind or likely_kind(upright.pieces, options)
         odd = refuse_wrong_kind(kind, upright.pieces, options) if job.kind else ""
     else:
@@ -141,7 +141,7 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
     hidden = [left for left in drawn.left if left.why.startswith(HIDDEN)]
     if drawn.pieces or not hidden:
         return
-    nothing = "no vehicle is left after clean-up; in it is nothing that is rendered"
+    nothing = "it contains nothing that is rendered"
     if kind == "scenery":
         nothing = "nothing in it is rendered as ground or obstacle"
     more = f" (and {len(hidden) - 1} more)" if len(hidden) > 1 else ""

@@ -72,9 +72,9 @@ def _check_gltf(path: Path) -> None:
     try:
         data = json.loads(_gltf_json(path))
     except (ValueError, RecursionError, struct.error) as error:
-        raise AssetError(f"is no glTF that can be read ({_said(error)})", path=path, remedy=AGAIN) from None
+        raise AssetError(f"isn't readable glTF ({_said(error)})", path=path, remedy=AGAIN) from None
     if not isinstance(data, dict):
-        raise AssetError("is no glTF: it is no JSON object", path=path, remedy=AGAIN)
+        raise AssetError("isn't glTF: it isn't a JSON object", path=path, remedy=AGAIN)
     for owner in ("buffers", "images"):
         for i, entry in _entries(data, owner):
             uri = entry.get("uri")

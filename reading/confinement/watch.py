@@ -52,14 +52,14 @@ class Ended:
     ----------
     code
         Its exit code; negative for a signal.
-    said
-        The last that it said.
+    last_words
+        The end of its output.
     exceeded
         Which limit it was ended for, what it had and what it might have; empty if it ended by itself.
     """
 
     code: int
-    said: str
+    last_words: str
     exceeded: str
 
 

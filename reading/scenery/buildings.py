@@ -55,7 +55,7 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     except OSError as error:
         raise AssetError(f"cannot be read ({error.strerror})", path=path, remedy="check its name") from None
     except (msgspec.MsgspecError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise AssetError(f"is no GeoJSON ({error})", path=path, remedy="export polygons as GeoJSON in WGS 84") from None
+        raise AssetError(f"isn't GeoJSON ({error})", path=path, remedy="export polygons as GeoJSON in WGS 84") from None
     if not 0 < len(buildings) <= MOST:
         problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
         raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")

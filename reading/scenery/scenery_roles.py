@@ -177,8 +177,8 @@ def _water(piece: Piece) -> Role | None:
         return None
     materials = [("material", name) for name in piece.materials]
     around = [("collection", name) for name in piece.chain[0].collections[:1] if not piece.scattered]
-    for said, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
-        for level, name in said:
+    for candidates, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
+        for level, name in candidates:
             if not says(name, _DRY) and (pattern := says(name, words)):
                 return Role("water", f"{level} {name!r} says {pattern!r}, and it is wide and level")
     clear = piece.clear and not piece.unseen and not any(says(name, _DRY) for _, name in materials)

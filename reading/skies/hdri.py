@@ -87,7 +87,7 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
     if width != 2 * height:
         raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")
     if unsaid := int(np.isnan(pixels).any(axis=2).sum()):
-        raise AssetError(f"has {unsaid} pixels that are not a number", remedy="paint over them, or leave it out")
+        raise AssetError(f"has {unsaid} pixels that are NaN", remedy="paint over them, or leave it out")
     notes = []
     endless = pixels > BRIGHTEST
     if suns := int(endless.any(axis=2).sum()):
@@ -104,7 +104,7 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
         notes.append(f"{count} pixels that are negative are black: they took {percent:.1f} % of all light")
         pixels = pixels.clip(min=0)
     if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
-        raise AssetError("is the same everywhere, which is no sky")
+        raise AssetError("has one color everywhere, so it isn't a sky")
     mean = mean_luminance(pixels)
     if not MEAN[0] <= mean <= MEAN[1]:
         allowed = f"{MEAN[0]:g} to {MEAN[1]:g}"
@@ -173,10 +173,10 @@ def refuse_no_hdri(path: Path) -> None:
     Raises
     ------
     AssetError
-        If it is no regular file, cannot be read, or is neither OpenEXR nor Radiance.
+        If it isn't a regular file, cannot be read, or is neither OpenEXR nor Radiance.
     """
     if not first_bytes(path).startswith(MAGIC):
-        raise AssetError("is no OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
+        raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 
 def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:

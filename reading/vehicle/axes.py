@@ -80,11 +80,11 @@ def find_wheels(solids: Solids) -> Wheels | None:
     for seed in np.argsort(-radius):
         if not left[seed] or radius[seed] <= 0:
             continue
-        mine = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
-        left &= ~mine
-        found = _standing(center[mine], radius[mine], axle[seed])
+        alike = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
+        left &= ~alike
+        found = _standing(center[alike], radius[alike], axle[seed])
         if found is not None and found[0] > best_score:
-            best_score, best = found[0], (discs[mine][found[3]], *found[1:3])
+            best_score, best = found[0], (discs[alike][found[3]], *found[1:3])
     if best is None:
         return None
     index, up, across = best

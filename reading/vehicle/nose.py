@@ -122,9 +122,11 @@ def find_forward(
     toward, why_sign, doubt = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
     angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
-    said = forward_said(angle)
+    stated = forward_said(angle)
     if doubt:
-        doubt = f"{doubt}; taken as forward = {said}, set forward = {forward_said(angle + np.pi)} if it faces backwards"
+        doubt = (
+            f"{doubt}; taken as forward = {stated}, set forward = {forward_said(angle + np.pi)} if it faces backwards"
+        )
     return Forward(angle, f"{why}, {why_sign}", doubt)
 
 
@@ -270,10 +272,10 @@ def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"])
     votes = []
     for piece, name in enumerate(names):
         sign = bool(says(name, FRONT)) - bool(says(name, REAR))
-        mine = solids.piece == piece
-        if sign and mine.any():
-            extent = solids.size[mine].max(axis=1)
-            votes.append(sign * float(np.average(along[mine], weights=np.maximum(extent, 1e-12))))
+        of_piece = solids.piece == piece
+        if sign and of_piece.any():
+            extent = solids.size[of_piece].max(axis=1)
+            votes.append(sign * float(np.average(along[of_piece], weights=np.maximum(extent, 1e-12))))
     return float(np.mean(votes)) if votes else 0.0
 
 

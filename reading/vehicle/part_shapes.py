@@ -32,15 +32,15 @@ def screened(
         namer = Namer(chains, turret, gun, no_gun=no_guns)
         if gun is not None:
             return namer, no_guns
-        mine = [i for i, chain in enumerate(chains) if namer.part_of(chain) == GUN_PART]
-        rest = [points[i] for i in range(len(chains)) if i not in set(mine)]
-        if not mine or not rest:
+        members = [i for i, chain in enumerate(chains) if namer.part_of(chain) == GUN_PART]
+        rest = [points[i] for i in range(len(chains)) if i not in set(members)]
+        if not members or not rest:
             return namer, no_guns
         body = np.concatenate(rest)
         drums: set[str] = set()
-        for group in _clusters([points[i] for i in mine]):
-            if _is_drum(np.concatenate([points[mine[k]] for k in group]), body):
-                drums |= {namer.decided(chains[mine[k]])[2] for k in group}
+        for group in _clusters([points[i] for i in members]):
+            if _is_drum(np.concatenate([points[members[k]] for k in group]), body):
+                drums |= {namer.decided(chains[members[k]])[2] for k in group}
         if not drums:
             return namer, no_guns
         no_guns |= drums
@@ -137,20 +137,20 @@ def riding(
     chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
 ) -> list[int]:
     """What stands on a turret that nothing hangs from: its author has left out the hierarchy."""
-    mine = [i for i, part in enumerate(part_of) if part == TURRET_PART]
-    if not mine or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in mine):
+    members = [i for i, part in enumerate(part_of) if part == TURRET_PART]
+    if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
         return []
-    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in mine}
+    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
-    named = sum(says(chains[i][0].name, TURRET) is not None for i in mine)
-    if len(roots) > 1 or len({parents[i] for i in mine}) > 1 or named > PREFIXED:
+    named = sum(says(chains[i][0].name, TURRET) is not None for i in members)
+    if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
         return []
-    turret = np.concatenate([points[i] for i in mine])
+    turret = np.concatenate([points[i] for i in members])
     low, high = turret.min(axis=0), turret.max(axis=0)
     slack = 0.15 * (high - low)
     found = []
     for i, part in enumerate(part_of):
-        if part is not None or parents[i] != parents[mine[0]]:
+        if part is not None or parents[i] != parents[members[0]]:
             continue
         own_low, own_high = points[i].min(axis=0), points[i].max(axis=0)
         middle = (own_low + own_high) / 2

@@ -111,8 +111,8 @@ def find_parts(
             f"wrong"
         )
     if options.gun is None and GUN_PART not in part_of:
-        found, said = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)
-        doubts += said
+        found, shape_doubts = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)
+        doubts += shape_doubts
         if found:
             marks |= found
             namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
@@ -126,16 +126,16 @@ def find_parts(
     middles = {key_of(p.chain[0]): b.mean(axis=0) for p, b in zip(pieces, bounds, strict=True)}
     still = apply(vehicle_from_file, np.array(resting).reshape(-1, 3))
     for name in (TURRET_PART, GUN_PART):
-        mine = np.array([p == name for p in part_of], bool)
-        if not mine.any() or mine.all():
+        members = np.array([p == name for p in part_of], bool)
+        if not members.any() or members.all():
             continue
-        own = np.concatenate([points[i] for i in np.flatnonzero(mine)])
+        own = np.concatenate([points[i] for i in np.flatnonzero(members)])
         behind = pivots[-1] if len(pivots) > 1 else middle
         pivot = _asked_pivot(name, options, pieces, markers, vehicle_from_file)
         pivot = pivot or helper_pivot(name, pieces, middles)
         if pivot is None:
             guess = _guess(name, own, points, part_of, solids, behind)
-            nodes = nodes_of(pieces, markers, mine, namer, name)
+            nodes = nodes_of(pieces, markers, members, namer, name)
             pivot = find_pivot(
                 nodes,
                 own,
@@ -149,7 +149,7 @@ def find_parts(
             if pivot.guessed:
                 doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
         parents.append(names.index(TURRET_PART) if TURRET_PART in names else 0)
-        piece_part[mine] = len(names)
+        piece_part[members] = len(names)
         names.append(name)
         pivots.append(pivot.at)
         axes.append(_raising_axis(own, pivot.at) if name == GUN_PART else np.array([0.0, 0.0, 1.0]))
@@ -169,8 +169,8 @@ def find_parts(
         np.array(limits),
         tuple(why),
         tuple(
-            said[1] if part else f"named {other!r}, but short and not ahead: no gun" if other else ""
-            for said, part, other in zip(decided, piece_part, shape, strict=True)
+            decision[1] if part else f"named {other!r}, but short and not ahead: no gun" if other else ""
+            for decision, part, other in zip(decided, piece_part, shape, strict=True)
         ),
         tuple(doubts),
     )

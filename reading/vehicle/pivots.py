@@ -53,14 +53,14 @@ class Pivot:
 def nodes_of(
     pieces: Sequence[Piece],
     markers: Sequence[tuple[Link, ...]],
-    mine: Bool[np.ndarray, " _"],
+    members: Bool[np.ndarray, " _"],
     namer: Namer,
     part: str,
 ) -> list[Node]:
     """The objects that a part consists of and hangs from."""
     links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
     faces: dict[tuple[str, bytes], int] = {}
-    carried = [(p.chain, p.faces) for p, m in zip(pieces, mine, strict=True) if m]
+    carried = [(p.chain, p.faces) for p, m in zip(pieces, members, strict=True) if m]
     for chain, count in [*carried, *((m, 0) for m in markers if keypoint_of(m[0].name) is None)]:
         for i, link in enumerate(chain):
             if namer.part_of(chain[i:]) != part:
@@ -162,7 +162,7 @@ def _scale(matrix: Float[np.ndarray, "4 4"]) -> float:
 def turret_guess(
     own: Float[np.ndarray, "n 3"],
     hull: Float[np.ndarray, "m 3"],
-    mine: Solids,
+    part_solids: Solids,
     others: Solids,
     *,
     trunnions: Float[np.ndarray, "3"] | None,
@@ -173,7 +173,7 @@ def turret_guess(
     ----------
     own, hull
         Points of the turret and of the hull.
-    mine, others
+    part_solids, others
         Solids of the turret and of the hull.
     trunnions
         Where its gun turns; None if it has none.
@@ -182,13 +182,13 @@ def turret_guess(
     width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
     height = float(high[2] - low[2])
     for solids, base, what in (
-        (mine, low[2] + BASE * height, "its ring"),
+        (part_solids, low[2] + BASE * height, "its ring"),
         (others, low[2] + 0.1 * height, "the ring that it stands on"),
     ):
         if not len(solids):
             continue
         upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
-        level = solids.bounds[:, 0, 2] if solids is mine else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
+        level = solids.bounds[:, 0, 2] if solids is part_solids else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
         inside = ((solids.center > low) & (solids.center < high))[:, :2].all(axis=1)
         rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
         if len(rings):
@@ -198,8 +198,12 @@ def turret_guess(
                 f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
             )
     # Nothing round: the middle of its body, and a ring's radius behind the trunnions, which are over the ring's edge.
-    weight = mine.size.prod(axis=1)
-    body = (low + high) / 2 if not weight.sum() > 0 else np.average(mine.bounds.mean(axis=1), axis=0, weights=weight)
+    weight = part_solids.size.prod(axis=1)
+    body = (
+        (low + high) / 2
+        if not weight.sum() > 0
+        else np.average(part_solids.bounds.mean(axis=1), axis=0, weights=weight)
+    )
     at, why = np.array([body[0], body[1], low[2]]), "the middle of its body"
     if trunnions is not None and 0 < trunnions[0] - at[0] < width:
         at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
@@ -249,7 +253,7 @@ def cheeks(
 def gun_guess(
     own: Float[np.ndarray, "n 3"],
     behind: Float[np.ndarray, "3"],
-    mine: Solids,
+    part_solids: Solids,
     *,
     held: Float[np.ndarray, "3"] | None = None,
 ) -> Pivot:
@@ -261,29 +265,29 @@ def gun_guess(
         Its points.
     behind
         A point behind it: the turret's pivot, or the vehicle's middle.
-    mine
+    part_solids
         Its solids.
     held
         The axis of the plates that hold it, if there are any.
     """
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
-    if not len(mine) or length <= 0:
+    if not len(part_solids) or length <= 0:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     ahead = (front - rear) / length
-    along = (mine.center - rear) @ ahead
-    cross = (mine.round_about == 0) & (np.abs(mine.axle[:, 1]) > 0.97) & (along < 0.5 * length)
-    trunnions = np.flatnonzero(cross & (mine.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
+    along = (part_solids.center - rear) @ ahead
+    cross = (part_solids.round_about == 0) & (np.abs(part_solids.axle[:, 1]) > 0.97) & (along < 0.5 * length)
+    trunnions = np.flatnonzero(cross & (part_solids.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
     if len(trunnions):
-        at = mine.center[trunnions[np.argmax(mine.size[trunnions, 0])]]
+        at = part_solids.center[trunnions[np.argmax(part_solids.size[trunnions, 0])]]
         return Pivot(at, "the middle of its trunnions")
-    barrel = int(np.argmax(mine.size[:, 0]))
-    line = mine.axes[barrel, 0] * np.sign(mine.axes[barrel, 0] @ ahead or 1.0)
-    start = mine.center[barrel] - line * mine.size[barrel, 0] / 2
-    slender = mine.size[barrel, 0] > 5 * mine.size[barrel, 1]
-    tubes = mine.where(mine.size[:, 0] > ALIKE * mine.size[barrel, 0])
+    barrel = int(np.argmax(part_solids.size[:, 0]))
+    line = part_solids.axes[barrel, 0] * np.sign(part_solids.axes[barrel, 0] @ ahead or 1.0)
+    start = part_solids.center[barrel] - line * part_solids.size[barrel, 0] / 2
+    slender = part_solids.size[barrel, 0] > 5 * part_solids.size[barrel, 1]
+    tubes = part_solids.where(part_solids.size[:, 0] > ALIKE * part_solids.size[barrel, 0])
     beside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    if beside > 2 * mine.size[barrel, 1] or (beside > 0.5 * mine.size[barrel, 1] and len(tubes) > TWIN):
+    if beside > 2 * part_solids.size[barrel, 1] or (beside > 0.5 * part_solids.size[barrel, 1] and len(tubes) > TWIN):
         if held is not None:
             return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
         low, high = own.min(axis=0), own.max(axis=0)
@@ -291,14 +295,16 @@ def gun_guess(
         return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
     if not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
-    reach = (mine.bounds[:, 0] - start) @ line, (mine.bounds[:, 1] - start) @ line
+    reach = (part_solids.bounds[:, 0] - start) @ line, (part_solids.bounds[:, 1] - start) @ line
     nearest, farthest = np.minimum(*reach), np.maximum(*reach)
-    thick = (mine.size[:, 1] > THICK * mine.size[barrel, 1]) & (nearest < 0.1 * mine.size[barrel, 0])
-    thick &= (farthest < 0.5 * mine.size[barrel, 0]) & (
-        np.linalg.norm(np.cross(mine.center - start, line), axis=1) < mine.size[:, 1]
+    thick = (part_solids.size[:, 1] > THICK * part_solids.size[barrel, 1]) & (
+        nearest < 0.1 * part_solids.size[barrel, 0]
+    )
+    thick &= (farthest < 0.5 * part_solids.size[barrel, 0]) & (
+        np.linalg.norm(np.cross(part_solids.center - start, line), axis=1) < part_solids.size[:, 1]
     )
     if thick.any():
-        mantlet = np.flatnonzero(thick)[np.argmax(mine.size[thick].prod(axis=1))]
+        mantlet = np.flatnonzero(thick)[np.argmax(part_solids.size[thick].prod(axis=1))]
         into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
         return Pivot(start + into * line, "the rear of its mantlet")
     return Pivot(start, "the rear end of its barrel", guessed=True)

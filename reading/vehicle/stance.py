@@ -41,25 +41,25 @@ class Upright:
     solids: Solids
 
 
-def stand_upright(drawn: Evaluated, *, unit: float, said: str, up: str | None) -> Upright:
+def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
     """What is drawn, upright.
 
     Parameters
     ----------
     drawn
-        Its bounds are those with `said` up.
+        Its bounds are those with `stated_up` up.
     unit
         Meters to one unit of the file.
-    said
+    stated_up
         The axis that the file says is up.
     up
         The axis that the config says is up; found by the wheels if None.
     """
-    meters = meters_from_file(unit, said)
+    meters = meters_from_file(unit, stated_up)
     points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
-    found = Up(up, "as the config says") if up else find_up(find_wheels(solids), said)
-    if found.axis == said:
+    found = Up(up, "as the config says") if up else find_up(find_wheels(solids), stated_up)
+    if found.axis == stated_up:
         return Upright(list(drawn.pieces), meters, found, solids)
     upright = meters_from_file(unit, found.axis)
     turn = (upright @ np.linalg.inv(meters))[:3, :3]
@@ -94,8 +94,8 @@ def heading(
     """
     place = np.full(len(upright.pieces), -1)
     place[list(kept)] = np.arange(len(kept))
-    mine = upright.solids.where(place[upright.solids.piece] >= 0)
-    solids = replace(mine, piece=place[mine.piece])
+    kept_solids = upright.solids.where(place[upright.solids.piece] >= 0)
+    solids = replace(kept_solids, piece=place[kept_solids.piece])
     wheels = find_wheels(solids)
     if wheels is not None and wheels.up[2] < 0.9:
         wheels = None

@@ -60,10 +60,10 @@ def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
     for kind in kinds:
         if cards := _cards(preferences, kind):
-            mine = cards[index % len(cards)]
+            own_card = cards[index % len(cards)]
             for device in preferences.devices:
-                device.use = device == mine
-            return f"{kind} {mine.name}", len(cards)
+                device.use = device == own_card
+            return f"{kind} {own_card.name}", len(cards)
     if wanted not in ("auto", "cpu"):
         raise Unusable(f"Cycles finds no {wanted} device here", "use --device auto or cpu")
     preferences.compute_device_type = "NONE"

@@ -63,13 +63,13 @@ class Paintable:
                 on_all |= properties
                 on_parts |= properties if paint.everywhere else {}
         for obj in objects:
-            said = on_parts if obj.get(UNPAINTED) else on_all
+            color_inputs = on_parts if obj.get(UNPAINTED) else on_all
             before = {key: tuple(value) for key, value in obj.items() if key.startswith(PREFIX)}
-            if before == said:
+            if before == color_inputs:
                 continue
             for key in before:
                 del obj[key]
-            for key, value in said.items():
+            for key, value in color_inputs.items():
                 obj[key] = value
             obj.update_tag()
 
@@ -79,12 +79,12 @@ class Paintable:
             material = self._own(paint.material)
             _insert(material.node_tree, self._numbers[paint.material], paint)
         color, shift = _names(self._numbers[paint.material])
-        said: dict[str, tuple[float, ...]] = {}
+        color_inputs: dict[str, tuple[float, ...]] = {}
         if paint.color is not None:
-            said[color] = (*paint.color, 1.0)
+            color_inputs[color] = (*paint.color, 1.0)
         if (paint.hue, paint.saturation, paint.value) != (0.0, 1.0, 1.0):
-            said[shift] = (0.5 + paint.hue, paint.saturation, paint.value, 1.0)
-        return said
+            color_inputs[shift] = (0.5 + paint.hue, paint.saturation, paint.value, 1.0)
+        return color_inputs
 
     def _own(self, name: str) -> Any:
         """A material that can be changed: one that is linked from another file cannot."""

@@ -89,7 +89,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise DetectorError(f"cannot be read ({error})", path=path, remedy="train again in another folder") from None
     if not isinstance(run, dict) or not isinstance(run.get("model"), str):
-        raise DetectorError("is no run of hulldown", path=path, remedy="name a folder of `hulldown train`")
+        raise DetectorError("isn't a hulldown run", path=path, remedy="name a folder of `hulldown train`")
     return run
 
 

@@ -113,7 +113,7 @@ def _check_kind(path: Path, found: dict[str, Any]) -> None:
     """Refuse a file of tensors that isn't RF-DETR's."""
     state = found.get("model", found.get("state_dict"))
     if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
-        raise DetectorError("holds no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
+        raise DetectorError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
 
 
 def check_resolution(settings: Settings) -> None:
@@ -315,7 +315,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
             model = RFDETR.from_checkpoint(str(path), device=device.type)
     except (RuntimeError, ValueError, KeyError) as error:  # a shape or an entry of the file
         raise DetectorError(
-            f"is no checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
+            f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None
     context = model.model
     logits = int(context.model.class_embed.weight.shape[0])

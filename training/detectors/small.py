@@ -112,7 +112,7 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
     found = read_weights(path)
     if found.get("hulldown") != WEIGHTS_KIND:
         raise DetectorError(
-            "holds no small model of this version of hulldown", path=path, remedy="train again in another folder"
+            "has no small model of this version of hulldown", path=path, remedy="train again in another folder"
         )
     try:
         (width, height), classes = found["size"], tuple(found["classes"])

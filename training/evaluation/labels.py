@@ -89,13 +89,13 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If an id is there twice, a box belongs to no image, or an area is no number, or a size is negative.
+        If an id is given twice, a box belongs to no image, or an area is no number, or a size is negative.
     """
     for kind, records in (("image", coco["images"]), ("category", coco["categories"])):
         doubled = [i for i, times in Counter(record["id"] for record in records).items() if times > 1]
         if doubled:
             raise DatasetError(
-                f"{kind} {doubled[0]} is there twice", path=path, remedy="check it with `hulldown verify`"
+                f"{kind} {doubled[0]} is given twice", path=path, remedy="check it with `hulldown verify`"
             )
     images = sorted(coco["images"], key=lambda image: image["id"])
     categories = sorted(coco["categories"], key=lambda category: category["id"])

@@ -98,7 +98,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
         names |= _names(listed)
     if not isinstance(found, list):
         raise DatasetError(
-            "is no COCO result: expected a list of detections", path=path, remedy="name a file of detections"
+            "isn't COCO results: expected a list of detections", path=path, remedy="name a file of detections"
         )
     return predictions_of(found, labels, path=path, name=name or path.stem, names=names)
 
@@ -165,7 +165,7 @@ def _check_images(path: Path, listed: Any, labels: Labels) -> None:
     found = [one.get("id") if isinstance(one, dict) else one for one in listed] if isinstance(listed, list) else [None]
     theirs = {one for one in found if isinstance(one, int)}
     if not all(isinstance(one, int) for one in found):
-        raise DatasetError("'images' is no list of image ids", path=path, remedy="repair or remove it")
+        raise DatasetError("'images' isn't a list of image ids", path=path, remedy="repair or remove it")
     known = set(labels.image_id.tolist())
     if lost := sorted(known - theirs):
         raise DatasetError(

@@ -70,9 +70,9 @@ def _bars(axis: Axes, cell: Mapping[str, Any], keys: Sequence[str], *, shift: fl
         if value is not None and ends is not None:
             axis.plot([place, place], ends, color=INK, linewidth=0.9)
             top = max(value, ends[1])
-        said = "not\ngiven" if value is None else f"{value:.0f}" if axis.get_ylim()[1] > 2 else f"{value:.2f}"
+        text = "not\ngiven" if value is None else f"{value:.0f}" if axis.get_ylim()[1] > 2 else f"{value:.2f}"
         axis.annotate(
-            said, (place, top or 0.0), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=7,
+            text, (place, top or 0.0), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=7,
             color=SOFT if value is None else INK,
         )  # fmt: skip
 

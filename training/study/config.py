@@ -68,7 +68,7 @@ class StudyConfig(BaseModel):
         for key in ("arms", "fractions", "seeds"):
             values = self.arm_names if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
-                raise ValueError(f"{key}: {repeated[0]} is there twice")
+                raise ValueError(f"{key}: {repeated[0]} is given twice")
         if "loop" in [base for _, base, _ in self.settled_arms] and (self.plan is None or self.valid is None):
             raise ValueError(
                 "arms: loop needs plan, the config to plan more from, and valid, photographs to learn from"
@@ -89,9 +89,7 @@ def load_study(path: Path | str) -> StudyConfig:
     study = validated(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
-            raise ConfigError(
-                f"train.{key}: a study rules this itself", path=path, remedy=f"set {instead} above [train]"
-            )
+            raise ConfigError(f"train.{key}: the study sets this", path=path, remedy=f"set {instead} above [train]")
     for arm in study.arms:
         if isinstance(arm, NamedArm):
             if ruled := [key for key in ("seed", "shares", "budget", "masks") if key in arm.train]:

@@ -276,6 +276,6 @@ def _check_apart(sources: Mapping[str, Source], checked: Mapping[str, CheckedPic
     if alike:
         more = f", and {len(alike) - MOST_LISTED} more" if len(alike) > MOST_LISTED else ""
         raise DatasetError(
-            f"{', '.join(alike[:MOST_LISTED])}{more}: no detector may be judged by what it was trained on",
+            f"{', '.join(alike[:MOST_LISTED])}{more}: pictures for testing were also for training",
             remedy="take each out of one of the two",
         )

@@ -145,9 +145,9 @@ def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[B
 
 
 def _pairs(report: Record) -> list[Block]:
-    said = [[one["words"] for key, one in pair["measures"].items() if key in OVER] for pair in report["pairs"]]
+    sentences = [[one["words"] for key, one in pair["measures"].items() if key in OVER] for pair in report["pairs"]]
     note = "Both are judged by the same drawings of the test pictures. An interval that holds 0 shows nothing."
-    return [Words(note), *map(Items, said)]
+    return [Words(note), *map(Items, sentences)]
 
 
 def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
@@ -171,10 +171,10 @@ def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Blo
 
 
 def _paper(report: Record) -> list[Block]:
-    mine = {(cell["fraction"], cell["arm"]): cell for cell in report["cells"]}
+    cell_of = {(cell["fraction"], cell["arm"]): cell for cell in report["cells"]}
     rows = []
     for fraction, arm in [(fraction, arm) for fraction in PAPER for arm in ("real", "mixed")]:
-        cell = mine.get((fraction, arm))
+        cell = cell_of.get((fraction, arm))
         row = [f"{arm} at {100 * fraction:g} %"]
         for key in ("precision", "recall", "f1"):
             row += [number(paper_figure(fraction, arm, key)), number(cell[key] if cell else None)]

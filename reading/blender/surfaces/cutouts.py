@@ -80,10 +80,10 @@ class CutoutReader:
         maps = list(dict.fromkeys(cutter.alpha for cutter in kept))
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
         for number, cutter in enumerate(cutters):
-            mine = slot[face] == number
-            if cutter is not None and mine.any():
-                uv[mine] = _coordinates(data, cutter, corners[mine])
-                face_map[mine] = maps.index(cutter.alpha)
+            of_slot = slot[face] == number
+            if cutter is not None and of_slot.any():
+                uv[of_slot] = _coordinates(data, cutter, corners[of_slot])
+                face_map[of_slot] = maps.index(cutter.alpha)
         return Cutouts(face, uv, face_map, tuple(maps))
 
     def _cutter(self, material: Any) -> Cutter | None:
