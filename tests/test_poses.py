@@ -111,8 +111,8 @@ def test_workers_and_blocks_change_nothing(tmp_path):
     [
         ("hills,leo,1,,,,,,,,,,", "line 3: has x but no y"),
         ("hills,leo,,,5,,,,,,,,", "line 3: has z but no x"),
-        ("hills,leo,1,north,,,,,,,,,", "line 3: column y: 'north' is no number"),
-        ("hills,leo,1,nan,,,,,,,,,", "line 3: column y: 'nan' is no number"),
+        ("hills,leo,1,north,,,,,,,,,", "line 3: column y: 'north' isn't a number"),
+        ("hills,leo,1,nan,,,,,,,,,", "line 3: column y: 'nan' isn't a number"),
         ("hills,leo,1,2,,,3,4,,,,,", "line 3: has camera_x but no camera_z"),
         ("hills,leo,,,,,3,4,5,,,,", "line 3: has camera_x but no x"),
         ("hills,leo,1,2,,,3,4,5,3,4,5,", "line 3: column look_at_x: the camera looks at its own place"),
