@@ -140,7 +140,9 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
         value = math.nan
     if not abs(value) <= FARTHEST:
         unit = "degrees" if name == "yaw_deg" else "meters"
-        raise _refused(path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit}, or leave it empty")
+        raise _refused(
+            path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing"
+        )
     return value
 
 
