@@ -107,7 +107,7 @@ AtLeastZero = Annotated[float, _is("a number of at least 0", "1e-9", _to(9), ge=
 Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge=0, le=90)]
 Turn = Annotated[float, _is("a number from -360 to 360", "1e-9 degrees", _to(9), ge=-360, le=360)]
 FieldOfView = Annotated[float, _is("a number above 0 and below 180", "1e-12 degrees", _to(12), gt=0, lt=180)]
-Pose = Annotated[np.ndarray, _is("a 4x4 matrix that turns and moves", "1e-9 m, rotation to 1e-12", _poses)]
+Pose = Annotated[np.ndarray, _is("a 4x4 matrix (rigid)", "1e-9 m, rotation to 1e-12", _poses)]
 _FRAME = "[x, y, width, height]"
 FrameOrNone = Annotated[Box | None, _is(f"{_FRAME} or null", "1e-6 pixels", _boxes)]
 _Three = tuple[float, float, float]
@@ -143,33 +143,29 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
-    category: Annotated[NameOrNone, _means("its class; null of a distractor without one", recorded=False)]
-    world_from_vehicle: Annotated[Pose, _means("where it stands: (4, 4), meters")]
-    articulation: Annotated[Angles, _means("how far its parts are turned, in radians")]
+    category: Annotated[NameOrNone, _means("its class, or null", recorded=False)]
+    world_from_vehicle: Annotated[Pose, _means("where it stands, in meters")]
+    articulation: Annotated[Angles, _means("angles of its parts, in radians")]
     bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
-    bbox_amodal: Annotated[FrameOrNone, _means("the surface in front of the camera, in or out of the frame")]
-    visible_fraction: Annotated[
-        Share, _means("share of the outline in the frame that nothing hides, by `camera.visibility_rays` rays")
-    ]
+    bbox_amodal: Annotated[FrameOrNone, _means("all of the surface in front of the camera")]
+    visible_fraction: Annotated[Share, _means("share of the outline in the frame that nothing hides")]
     truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
     slope_deg: Annotated[Slope, _means("inclination of the vehicle", recorded=False)]
-    gap: Annotated[AtLeastZero, _means("air beneath its feet, in meters", recorded=False)]
-    penetration: Annotated[AtLeastZero, _means("ground in its underside, in meters", recorded=False)]
-    tries: Annotated[Count, _means("places tried for it, the taken one included", recorded=False)]
+    gap: Annotated[AtLeastZero, _means("air under it, in meters", recorded=False)]
+    penetration: Annotated[AtLeastZero, _means("ground above its underside, in meters", recorded=False)]
+    tries: Annotated[Count, _means("places tried for it, with the taken one", recorded=False)]
     label: Annotated[
         OneLabel,
-        _means("its label in the image: full, ignored because it shows too little, or none", recorded=False),
+        _means("its label; ignored if it shows too little", recorded=False),
     ]
-    bounds: Annotated[Room, _means("lowest and highest corner in its own frame, with its parts turned", recorded=False)]
-    paint: Annotated[Coats, _means("what is painted: `materials`, `color`, `hue_deg`, `saturation`, `value`")]
-    air_contrast: Annotated[Share, _means("share of its contrast that is left after haze, docs/weather.md")]
+    bounds: Annotated[Room, _means("lowest and highest corner in its own frame, parts turned", recorded=False)]
+    paint: Annotated[Coats, _means("`materials`, `color`, `hue_deg`, `saturation`, `value`")]
+    air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
     geo: Annotated[
         OnMapOrNone,
-        _means("`crs`, `easting`, `northing`, `longitude`, `latitude` of its origin, on a GeoTIFF"),
+        _means("place on the map, on a [GeoTIFF](terrain.md)"),
     ] = None
-    track_id: Annotated[
-        NumberOrNone, _means("the same in all images of a sequence, and in no others; not there without `sequence`")
-    ] = None
+    track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None
 
 
 class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
@@ -177,64 +173,55 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
 
     index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
     image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
-    file_name: Annotated[PictureName, _means("where the picture goes; no two differ in capitals only", recorded=False)]
+    file_name: Annotated[PictureName, _means("the picture's path; unique, ignoring case", recorded=False)]
     scenery: Annotated[Name, _means("the scenery's name")]
-    position: Annotated[Count, _means("one vehicle in one place; its shots share all but camera and light")]
-    shot: Annotated[Count, _means("0, 1, 2, ... at each position")]
-    world_from_camera: Annotated[Pose, _means("where the camera is: (4, 4), meters")]
+    position: Annotated[Count, _means("one vehicle in one place; its shots differ in camera and light")]
+    shot: Annotated[Count, _means("0, 1, 2, ... in each position")]
+    world_from_camera: Annotated[Pose, _means("where the camera is, in meters")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
-    K: Annotated[
-        MatrixOrNone, _means("camera matrix, in pixels from the corner; not there if `camera.intrinsics` isn't given")
-    ] = None
-    dist: Annotated[
-        LensOrNone, _means("distortion of the lens, OpenCV's first five coefficients; not there without `K`")
-    ] = None
+    K: Annotated[MatrixOrNone, _means("camera matrix in pixels, from the corner; only with `camera.intrinsics`")] = None
+    dist: Annotated[LensOrNone, _means("OpenCV's distortion coefficients; only with `K`")] = None
     like: Annotated[
         FollowedOrNone,
         _means(
-            "file names of the `sampled` photograph and of the `photograph` that the camera follows: another one, or "
-            "null, where limits refuse it; not there if none was sampled",
+            "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits refuse "
+            "it); only if one was sampled",
             recorded=False,
         ),
     ] = None
     sequence: Annotated[
         NameOrNone,
-        _means("name of the sequence, of `plan --poses`, whose frame `shot` this is; not there without one"),
+        _means("name of the sequence whose frame `shot` this is; only with `plan --poses`"),
     ] = None
     width: Annotated[Size, _means("of the picture, in pixels")]
     height: Annotated[Size, _means("of the picture, in pixels")]
     hdri: Annotated[Name, _means("the HDRI's name")]
-    hdri_yaw_deg: Annotated[Turn, _means("its turn about the vertical, counter-clockwise seen from above")]
+    hdri_yaw_deg: Annotated[Turn, _means("its turn, counterclockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[Horizon, _means("elevation whose color goes on below it; null: all is seen")]
+    horizon_deg: Annotated[Horizon, _means("elevation whose color continues below; null: all is seen")]
     exposure_ev: Annotated[EV, _means("exposure of the picture")]
-    white_balance_k: Annotated[Kelvin, _means("offset of its white balance from 6500 K; more is warmer")]
-    weather: Annotated[Air, _means("what is in the air and lies on things; null: it is clear and dry")]
-    sample_seed: Annotated[Seed, _means("of Cycles' noise, and of the sensor's")]
+    white_balance_k: Annotated[Kelvin, _means("white balance minus 6500 K; more is warmer")]
+    weather: Annotated[Air, _means("null: clear and dry")]
+    sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
     background: Annotated[
         YesOrNo,
-        _means(
-            "whether the image is to show no target: its vehicle is then only what the camera is framed on, and not in "
-            "the picture, or a distractor, whose `category` is null"
-        ),
+        _means("whether the image shows no target (see below)"),
     ]
     companions: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
-        _means("other vehicles of classes, each with the keys of a vehicle", recorded=False),
+        _means("other objects of `[[assets.vehicles]]`", recorded=False),
     ]
     distractors: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
-        _means("vehicles that aren't targets, with the same keys", recorded=False),
+        _means("objects of `[[assets.distractors]]`", recorded=False),
     ]
     rejected: Annotated[
-        Reasons, _means("tries that were refused; those of places are with a position's first shot", recorded=False)
+        Reasons, _means("refused tries; those of places only in a position's first shot", recorded=False)
     ]
-    left_out: Annotated[Count, _means("companions that found no room, and are not there", recorded=False)]
-    sensor: Annotated[
-        Optics, _means("lens and sensor, [camera.md](camera.md#sensor); not there if `[sensor]` isn't given")
-    ] = None
+    left_out: Annotated[Count, _means("companions that found no room", recorded=False)]
+    sensor: Annotated[Optics, _means("[lens and sensor](camera.md#sensor); only with `[sensor]`")] = None
 
 
 class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
@@ -343,34 +330,34 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
     hulldown_plan: Annotated[int, _is("3"), _means("format version, 3")]
-    images: Annotated[Count, _means("how many lines follow")]
+    images: Annotated[Count, _means("number of lines that follow")]
     seed: Annotated[PlanSeed, _means("the config's")]
-    root: Annotated[Name, _means("folder of the config, relative to the plan: what the paths below are relative to")]
-    config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults filled in")]
-    vehicles: Annotated[
-        dict[str, VehicleSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`")
+    root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
+    config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults")]
+    vehicles: Annotated[dict[str, VehicleSource], _is("files by name"), _means("`path`, `sha256`, `category`")]
+    sceneries: Annotated[
+        dict[str, ScenerySource],
+        _is("files by name"),
+        _means("`path`, `sha256`, `origin`: the world's, in the file's coordinates"),
     ]
-    sceneries: Annotated[dict[str, ScenerySource], _is("files by name"), _means("name -> `path`, `sha256`, `origin`")]
-    hdris: Annotated[
-        dict[str, HdriSource], _is("files by name"), _means("name -> `path`, `sha256` and `mended_sha256`")
-    ]
+    hdris: Annotated[dict[str, HdriSource], _is("files by name"), _means("`path`, `sha256`, `mended_sha256`")]
     distractors: Annotated[
-        dict[str, DistractorSource], _is("files by name"), _means("name -> `path`, `sha256` and `category`, or null")
+        dict[str, DistractorSource], _is("files by name"), _means("`path`, `sha256`, `category` or null")
     ]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
-    left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
-    photographs: Annotated[
-        SourceOrNone, _is("a file"), _means("`path` and `sha256` of `camera.like`; not there if it isn't given")
-    ] = None
+    left_out: Annotated[
+        list[LeftOut], _is("a list of pairs"), _means("pairs without a place: `vehicle`, `scenery`, `why`")
+    ]
+    photographs: Annotated[SourceOrNone, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
     more_of: Annotated[
         MoreOf | None,
         _is("`weights` by field and bin, and `picture_px`"),
-        _means("what `plan --more-of` planned more of; not there without it"),
+        _means("only with `plan --more-of`"),
     ] = None
     poses: Annotated[
         GivenPoses | None,
         _is("`path` and `lines`"),
-        _means("name and lines of the file of `plan --poses`; not there without it"),
+        _means("the file's name and lines; only with `plan --poses`"),
     ] = None
 
     @property
