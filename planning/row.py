@@ -184,8 +184,8 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     like: Annotated[
         FollowedOrNone,
         _means(
-            "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits refuse "
-            "it); only if one was sampled",
+            "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
+            "refuse it); only if one was sampled",
             recorded=False,
         ),
     ] = None
