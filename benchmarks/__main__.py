@@ -114,8 +114,7 @@ def document(results: dict, plots: Path) -> str:
     parts = [
         "# Benchmarks: speed against error",
         "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
-        "ratios, since machines differ. Each section ends with the commit that was measured. Raw figures and versions "
-        "of libraries are in [benchmarks.json](benchmarks.json).",
+        "ratios, since machines differ. All figures and libraries' versions are in [benchmarks.json](benchmarks.json).",
     ]
     for name in SUITES:
         if name not in results:

@@ -161,13 +161,12 @@ def _told_overhead(entries: list[dict]) -> str:
             f"{entry['size'][0]} x {entry['size'][1]}",
             f"{speed['local']:.2f}",
             f"{speed['cluster']:.2f}",
-            f"{100 * (statistics.median(ratios) - 1):+.0f} %",
+            f"{100 * (statistics.median(ratios) - 1):+.0f}%",
             ", ".join(f"{ratio:.2f}" for ratio in ratios),
         ))  # fmt: skip
     return (
-        f"**Overhead.** The same {CHUNK} rows of one scenery, fast profile, in turn by {WORKERS} workers of "
-        f"`render --workers {WORKERS}` and by {WORKERS} `dask worker` on the same machine; everything is loaded, "
-        "and pictures come back through Dask. Medians.\n\n"
+        f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render --workers {WORKERS}` and by "
+        f"{WORKERS} `dask worker` on the same machine, with everything loaded; pictures come back through Dask.\n\n"
     ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes", "ratio of each round"], rows)
 
 
@@ -177,8 +176,8 @@ def _told_kills(kills: dict) -> str:
     wrong = any(count for run in (quiet, killed) for count in run["differences"].values())
     each = (killed["seconds"] - quiet["seconds"]) / max(workers + blenders, 1)
     return (
-        f"**Kills.** {kills['images']} images of 96 x 54 on {kills['workers']} workers; {workers + blenders} times one "
-        f"is killed without warning: {workers} workers, each of which another replaces, and {blenders} Blenders. "
+        f"**Kills.** {kills['images']} images of 96 x 54 on {kills['workers']} workers, with {workers + blenders} "
+        f"kills without warning: {workers} workers, which are replaced, and {blenders} Blenders. "
         f"{killed['seconds']:.0f} s in place of {quiet['seconds']:.0f} s, {each:.1f} s a kill. "
         + ("**The datasets differ.**" if wrong else "All files but logs are equal to those of a run without Dask.")
     )

@@ -41,23 +41,21 @@ def report(results: dict) -> str:
     sizes = results["sizes"]
     rows = {
         "append one image, us": "append_us",
-        "of which reaches the disk (fsync), us": "fsync_us",
-        "the same 95 %, us": "append_p95_us",
         "write the whole file after each image (the paper's way), us": "rewrite_us",
-        "how many times as much": "ratio",
+        "ratio": "ratio",
         "open the dataset, s": "open_s",
-        "memory that takes, MB": "open_mb",
-        "open it when another tool laid it out: parsed whole, s": "open_whole_s",
-        "memory that takes, MB ": "open_whole_mb",
+        "memory, MB": "open_mb",
+        "open another tool's layout, s": "open_whole_s",
+        "memory, MB ": "open_whole_mb",
         "merge into annotations.json, s": "merge_s",
         "annotations.json, MB": "megabytes",
     }
     return "\n\n".join([
         "## COCO files",
-        "Recording one finished image, one annotation with pose and run lengths; mean of "
+        "Recording one finished image with one annotation; mean of "
         f"{results['appends']} appends. An append is one line in a journal and an fsync "
         f"({results['fsync_us']:.0f} us on this disk when idle); merging takes at most {MERGE_SHARE:.0%} of a run's "
-        "time, however large the file.",
+        "time.",
         table(
             ["images there already", *(f"{int(n):,}" for n in sizes)],
             [(label, *(_cell(size.get(key)) for size in sizes.values())) for label, key in rows.items()],

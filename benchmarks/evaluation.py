@@ -52,9 +52,8 @@ def report(results: dict) -> str:
     return "\n\n".join([
         "## Evaluation",
         f"Seconds for {results['labels']} labels and {results['detections']} detections an image in {CLASSES} classes. "
-        "pycocotools and faster-coco-eval match at ten IoUs and in four ranges of area, as their `evaluate` does, and "
-        "are given the same arrays, loaded. What hulldown does beyond their matching, causes and intervals of "
-        f"{results['resamples']:,} resamples over images, is in its sum; AP is faster-coco-eval's and is the last row. "
+        "The peers' `evaluate` matches at ten IoUs in four ranges of area, on the same loaded arrays. hulldown's sum "
+        f"also has causes and intervals of {results['resamples']:,} resamples over images. AP is faster-coco-eval's. "
         f"Counts at an IoU of 0.5 agree: {'yes' if all(size['same'] for size in sizes.values()) else 'NO'}.",
         table(["images", *(f"{int(n):,}" for n in sizes)], rows),
     ])  # fmt: skip

@@ -166,7 +166,7 @@ def report(results: dict) -> str:
         ("syncing, BVH, sky map", f"{steady['sync']:.3f}"),
         ("saving", f"{steady['save']:.3f}"),
         ("sum outside sampling, steady state", f"{loading['steady_overhead_s']:.3f}"),
-        ("the same, first image", f"{loading['first_overhead_s']:.3f}"),
+        ("first image", f"{loading['first_overhead_s']:.3f}"),
         ("sampling and denoising", f"{steady['sample']:.3f}"),
         (f"whole run, {loading['images']} images", f"{loading['ours_s']:.1f} in all"),
     ]

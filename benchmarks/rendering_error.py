@@ -29,6 +29,8 @@ VARIANTS = {
     "profile fast": FAST,
 }
 DEFAULT = "128 samples, denoised"
+# Variants that only the plot shows.
+PLOTTED = ("16 ", "64 ", "256 ", *(f"{DEFAULT}, {end}" for end in ("threshold 0.03", "threshold 0.1", "1 b", "2 b")))
 
 Ask = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -84,13 +86,13 @@ def report(results: dict) -> str:
             f"{mean['frame']:.2f}",
         )
         for name, mean in means(results).items()
+        if not name.startswith(PLOTTED)
     ]
     return "\n\n".join([
         "### Samples against error",
-        f"{len(pictures)} pictures at {results['size'][0]} x {results['size'][1]}: {', '.join(pictures)}. Root mean "
-        f"square difference from a reference of {results['reference_samples']} samples and 12 bounces, in 8-bit steps, "
-        "over the target's box and over the frame. Seconds are those that Cycles samples and denoises, mean of the "
-        "pictures; the variants take turns in an order drawn for each picture.",
+        f"{len(pictures)} pictures at {results['size'][0]} x {results['size'][1]}: {', '.join(pictures)}. RMS "
+        f"difference from {results['reference_samples']} samples and 12 bounces, in 8-bit steps, over the target's "
+        "box and over the frame; mean seconds to sample and denoise. The plot has more settings.",
         table(["settings", "s", "box", "frame"], rows),
     ])  # fmt: skip
 

@@ -77,9 +77,8 @@ def report(results: dict) -> str:
     rows = [(_bold(name), *(_rate(some.get(name)) for some in speed.values())) for name in next(iter(speed.values()))]
     return "\n\n".join([
         "## Top hits",
-        f"Million points a second, of {results['rays']:,} random ones over hilly terrain, sorting and repairing "
-        "included; in brackets multiples of raw embreex on one thread in the same round. Errors are in "
-        "[hard cases](hard-cases.md).",
+        f"Million points a second, for {results['rays']:,} random ones over hilly terrain, with sorting and repairing; "
+        "in brackets multiples of raw embreex on one thread. Errors are in [hard cases](hard-cases.md).",
         table(["triangles", *sizes], rows),
     ])  # fmt: skip
 
