@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from jaxtyping import Bool
 from PIL import Image, ImageDraw, ImageFont
@@ -22,6 +25,12 @@ IGNORED = (170, 170, 170)
 def color_of(category_id: int) -> tuple[int, int, int]:
     """The color of a category, the same in every picture."""
     return PALETTE[(category_id - 1) % len(PALETTE)]
+
+
+@cache
+def lettering(size: int) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters, too; `size` in pixels."""
+    return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf"), size)
 
 
 def draw(
@@ -55,7 +64,7 @@ def draw(
                 picture = _tinted(picture, mask, _color(annotation))
     pen = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
-    font = ImageFont.load_default(max(10, picture.height // 36))
+    font = lettering(max(10, picture.height // 36))
     for annotation in annotations:
         color = _color(annotation)
         left, top, right, bottom = _corners(annotation["bbox"], line)
@@ -100,7 +109,7 @@ def contact_sheet(
     if captions is not None and len(captions) != len(pictures):
         raise ValueError(f"captions: expected {len(pictures)}, one for each picture, got {len(captions)}")
     gap, letters = max(2, tile_width // 80), max(10, tile_width // 32)
-    font = ImageFont.load_default(letters)
+    font = lettering(letters)
     lines = [_broken(caption, font, tile_width - 2 * gap) for caption in captions or ()]
     caption_height = max((2 * gap + round(1.2 * letters) * (caption.count("\n") + 1) for caption in lines), default=0)
     columns = min(columns, len(pictures))
@@ -125,7 +134,7 @@ def contact_sheet(
     return sheet
 
 
-def _broken(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+def _broken(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
     """Break a text into lines that are at most `width` pixels wide: between words, or inside one that's wider."""
     lines = [""]
     for word in (part for whole in text.split(" ") for part in _narrow(whole, font, width)):
@@ -134,7 +143,7 @@ def _broken(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width
     return "\n".join(lines)
 
 
-def _narrow(word: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
+def _narrow(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
     """A word in parts that are at most `width` pixels wide."""
     parts = [""]
     for letter in word:
@@ -154,7 +163,7 @@ def _label(
     corners: tuple[int, int, int, int],
     text: str,
     color: tuple[int, int, int],
-    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+    font: ImageFont.FreeTypeFont,
     size: tuple[int, int],
 ) -> None:
     """Write a class name above the box; below it, or inside, where there is no room."""

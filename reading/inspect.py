@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import contact_sheet
+from hulldown.annotate.drawing import contact_sheet, lettering
 from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
@@ -154,7 +154,7 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
             _mark_pivots(tile, view, asset)
         _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         sheet.paste(tile, (i % 2 * size, i // 2 * size))
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    pen, font = ImageDraw.Draw(sheet), lettering(14)
     for i, name in enumerate(subject.names):
         pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in subject.colors[i]))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
@@ -255,7 +255,7 @@ def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
 
 def _caption(tile: Image.Image, view: _View, title: str) -> None:
     """Name the view and draw a bar of a round number of meters."""
-    pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
+    pen, font = ImageDraw.Draw(tile), lettering(14)
     pen.text((10, 8), title, fill=(0, 0, 0), font=font)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))
