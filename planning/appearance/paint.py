@@ -44,23 +44,16 @@ class PaintEntry(Section):
     """Materials of a vehicle, and the colors that they may have."""
 
     materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
-        default=("*",), description="patterns of materials' names; the first table that matches applies to a material"
+        default=("*",), description="patterns of materials; the first table that matches applies"
     )
     colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = Field(
         default=(),
-        description=(
-            'sRGB colors such as "#4b5320", one of which is drawn; "own" is the file\'s color; a color listed '
-            "twice is drawn twice as often"
-        ),
+        description=('sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s'),
     )
-    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(
-        default=(0.0, 0.0), description="then hues are turned by this, degrees"
-    )
-    saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(
-        default=(1.0, 1.0), description="and saturation is multiplied by this"
-    )
+    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), description="then turns hues, degrees")
+    saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(default=(1.0, 1.0), description="factor on saturation")
     value: Annotated[Pair, ranged(0.0, 10.0)] = Field(
-        default=(1.0, 1.0), description="and value (of linear light) by this"
+        default=(1.0, 1.0), description="factor on value (of linear light)"
     )
 
     @model_validator(mode="after")

@@ -51,7 +51,7 @@ class FileEntry(Section):
     """A file with a name; its own name if none is given."""
 
     path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
-    name: str = Field(default="", description="what plans and datasets call it; unique; default: the file's name")
+    name: str = Field(default="", description="its name in plans and datasets; unique; default: the file's")
 
     @model_validator(mode="before")
     @classmethod
@@ -67,75 +67,66 @@ class ModelEntry(FileEntry):
 
     allow_missing: bool = Field(
         default=False,
-        description="plan it although textures or libraries are missing, which renders magenta",
+        description="plan it even if textures or libraries are missing, which renders magenta",
     )
     forward: Forward = Field(
         default=None,
         description=(
-            'where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or a'
-            " vector [x, y]; default: by wheels, gun, and names"
+            'where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or [x, y]; '
+            "default: by wheels, gun, and names"
         ),
         examples=["+x"],
     )
     yaw_deg: float = Field(
-        default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise seen from above"
+        default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise from above"
     )
     up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(
         default=None,
-        description=(
-            'the axis that points up: "z", "y", "x", or one with a minus; default: by the file and the wheels'
-        ),
+        description="the axis that points up; default: by the file and the wheels",
         examples=["z"],
     )
     scale: Positive | None = Field(
         default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
     )
-    keep: Patterns = Field(default=(), description="patterns of the names of objects that are the vehicle")
-    drop: Patterns = Field(default=(), description="patterns of the names of objects that aren't the vehicle")
+    keep: Patterns = Field(default=(), description="patterns of objects that belong to the vehicle")
+    drop: Patterns = Field(default=(), description="patterns of objects that don't belong to the vehicle")
     turret: str | None = Field(
         default=None,
-        description='pattern of the objects that turn; "" for none; default: by name',
+        description='pattern of objects that turn; "" for none; default: by name',
         examples=["turret*"],
     )
     gun: str | None = Field(
-        default=None, description='pattern of the objects that rise; "" for none; default: by name', examples=["gun*"]
+        default=None, description='pattern of objects that rise; "" for none; default: by name', examples=["gun*"]
     )
     turret_pivot: PivotPoint = Field(
         default=None,
         description=(
             "point that the turret turns about: [x, y, z] in the file's axes and units, or an object's name; "
-            "default: by origins, or by shape"
+            "default: by origins or shape"
         ),
         examples=[[0.0, 0.0, 2.0]],
     )
     gun_pivot: PivotPoint = Field(
-        default=None, description="point that the gun rises about, in the same way", examples=[[1.0, 0.0, 2.0]]
+        default=None, description="point that the gun rises about, in the same form", examples=[[1.0, 0.0, 2.0]]
     )
     turret_limits_deg: TurretLimits = Field(
         default=None,
-        description=("how far the turret turns from its direction in the file, left positive; default: [-180, 180]"),
+        description=("turret's turn from its direction in the file, left positive; default: [-180, 180]"),
         examples=[[-180, 180]],
     )
     gun_limits_deg: GunLimits = Field(
         default=None,
-        description="how far the gun rises from its direction in the file, up positive; default: [-5, 20]",
+        description="gun's rise from its direction in the file, up positive; default: [-5, 20]",
         examples=[[-5, 20]],
     )
     keypoints: dict[str, Point] | None = Field(
         default=None,
-        description=(
-            "points of it to label, by name: [x, y, z] in the file's axes and units; each moves with the part whose "
-            "surface is nearest; see annotate.keypoints"
-        ),
+        description=("points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"),
         examples=[{"mirror": [1.0, 0.9, 1.8]}],
         exclude_if=is_absent,
     )
-    paint: Paint = Field(
-        default=(), description="colors of its materials, drawn for each position: a table, or several"
-    )
-    sceneries: Patterns = Field(
-        default=(), description="names or patterns of the sceneries it is placed on; empty: all"
-    )
+    paint: Paint = Field(default=(), description="colors of its materials: a table, or several")
+    sceneries: Patterns = Field(default=(), description="patterns of sceneries it's placed on; empty: all")
 
     def is_for(self, scenery: str) -> bool:
         """Whether it may be placed on the scenery of this name."""
@@ -154,11 +145,11 @@ class DistractorEntry(ModelEntry):
     category: str | None = Field(
         default=None,
         min_length=1,
-        description="its class, if it is to be labeled; budgets don't count it; default: none",
+        description="its class, if it's labeled; budgets don't count it",
         examples=["bus"],
     )
-    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other distractors")
-    sceneries: Patterns = Field(default=(), description="names or patterns of the sceneries it occurs in; empty: all")
+    weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
+    sceneries: Patterns = Field(default=(), description="patterns of sceneries it occurs in; empty: all")
 
 
 class SceneryEntry(FileEntry):
@@ -192,21 +183,15 @@ class SceneryEntry(FileEntry):
         examples=["buildings.geojson"],
         exclude_if=is_absent,
     )
-    ground: Patterns = Field(
-        default=(), description="whole names of objects that are its ground; * for any part of a name"
-    )
-    not_ground: Patterns = Field(
-        default=(), description="whole names of objects that aren't its ground; * for any part of a name"
-    )
+    ground: Patterns = Field(default=(), description="patterns of objects that are its ground")
+    not_ground: Patterns = Field(default=(), description="patterns of objects that aren't its ground")
     water: Patterns | None = Field(
         default=None,
-        description=(
-            "all of its water; nothing is placed below it; [] for none; default: by name, material, and shape"
-        ),
+        description=("patterns of all its water; [] for none; default: by name, material, and shape"),
         examples=[["lake*"]],
     )
-    drop: Patterns = Field(default=(), description="objects that are neither planned with nor rendered")
-    weight: AtLeastZero = Field(default=1.0, description="how often it is drawn, relative to the other sceneries")
+    drop: Patterns = Field(default=(), description="patterns of objects to leave out")
+    weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
 
     @field_validator("area")
     @classmethod
@@ -225,15 +210,15 @@ class SceneryEntry(FileEntry):
 class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
-    cache: str = Field(default=CACHE_NAME, description="folder for what was read from the files")
+    cache: str = Field(default=CACHE_NAME, description="folder for what was read")
     texture_size: int = Field(
         default=TEXTURE_SIZE,
         ge=1,
         le=16384,
-        description="longer side, in texels, of the stored copies of textures that cut out leaves",
+        description="longer side, in texels, of stored leaf textures",
     )
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
-        default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop; at least one file"
+        default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop"
     )
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)] = Field(
         description="a [[assets.vehicles]] table for each"
@@ -243,7 +228,7 @@ class AssetsSection(Section):
     )
     distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = Field(
         default=(),
-        description=("a [[assets.distractors]] table for each object that isn't a target, such as a civilian car"),
+        description=("a [[assets.distractors]] table for each object that isn't a target"),
     )
 
     @property

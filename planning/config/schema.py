@@ -66,11 +66,11 @@ PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 class GroundSection(Section):
     """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
 
-    include: Patterns = Field(default=(), description="patterns of objects that are ground in all sceneries")
-    exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground in any scenery")
+    include: Patterns = Field(default=(), description="patterns of objects that are ground")
+    exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground")
     fallback_z: float = Field(
         default=0.0,
-        description=("height of the plane that is the ground if no object is, in the file's coordinates, meters"),
+        description=("height of the plane that replaces missing ground, in the file's coordinates, meters"),
     )
 
 
@@ -81,27 +81,27 @@ class PlacementSection(Section):
         default=0.8,
         gt=0,
         le=1,
-        description=("share of the scenery's extent along x and y, about its middle, in which targets are placed"),
+        description=("middle share of the scenery's extent in which targets are placed"),
     )
     max_slope_deg: float = Field(
         default=30.0,
         ge=0,
         lt=90,
-        description=("steeper ground is rejected, at the point below the vehicle's origin and under the whole vehicle"),
+        description=("steepest ground, below the vehicle's origin and under the whole vehicle"),
     )
     rule: Literal["averaged", "least_squares", "support"] = Field(
-        default="support", description='how the resting plane is found; "averaged" is the paper\'s'
+        default="support", description='how the resting plane is found ("averaged": the paper)'
     )
     contact: Literal["footprint", "box"] = Field(
         default="footprint",
         description=(
-            'what touches the ground: "footprint", tracks, wheels, and the belly where the ground rises to it; '
-            '"box", as in the paper, a plate under the whole bounding box'
+            'what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate '
+            "under the bounding box"
         ),
     )
-    footprint: int = Field(default=5, ge=2, le=101, description="n of the n x n rays cast under the vehicle")
+    footprint: int = Field(default=5, ge=2, le=101, description="n x n rays are cast under the vehicle")
     min_valid_share: float = Field(
-        default=0.8, gt=0, le=1, description="least share of those rays that must meet ground"
+        default=0.8, gt=0, le=1, description="share of those rays that must meet ground, at least"
     )
     max_gap: AtLeastZero = Field(default=1.0, description="meters of air under wheels and tracks, at most")
     max_penetration: AtLeastZero = Field(default=0.3, description="meters of ground above the underside, at most")
@@ -110,19 +110,17 @@ class PlacementSection(Section):
     vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
     vehicles_per_image: Counts = Field(
         default=(1, 1),
-        description=("the target and its companions, which are drawn from all vehicles; budgets count targets only"),
+        description=("the target and companions, drawn from all vehicles; budgets count targets only"),
     )
     companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
     distractors_per_image: CountsFromZero = Field(
-        default=(0, 3), description="number of distractors, if any that are listed occur in the scenery"
+        default=(0, 3), description="distractors in an image, if the scenery has any"
     )
     distractor_distance: Lengths = Field(
-        default=(0.0, 40.0), description="meters from the target to a distractor, uniform over that area"
+        default=(0.0, 40.0), description="meters from the target to a distractor, uniform by area"
     )
-    articulate: bool = Field(default=True, description="turn turrets and raise guns, within each vehicle's limits")
-    max_tries: int = Field(
-        default=10_000, ge=1, le=1_000_000, description="places tried for a position before giving up"
-    )
+    articulate: bool = Field(default=True, description="turn turrets and raise guns")
+    max_tries: int = Field(default=10_000, ge=1, le=1_000_000, description="places tried for a position")
 
 
 class CameraMatrix(Section):
@@ -151,40 +149,39 @@ class CameraSection(Section):
     intrinsics: CameraMatrix | None = Field(
         default=None,
         description=(
-            "focal lengths and principal point of a calibrated camera in pixels of render.width x render.height, from "
-            "the first pixel's corner: OpenCV's K, with 0.5 added to cx and cy; replaces fov_x_deg"
+            "a calibrated camera's focal lengths and principal point, in pixels from the first pixel's "
+            "corner: OpenCV's K, with 0.5 added to cx and cy; replaces fov_x_deg"
         ),
         examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}],
         exclude_if=is_absent,
     )
     distortion: Distortion | None = Field(
         default=None,
-        description="distortion of its lens (Brown-Conrady, in OpenCV's order and with its signs); needs intrinsics",
+        description="its lens distortion (OpenCV's Brown-Conrady); needs intrinsics",
         examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}],
         exclude_if=is_absent,
     )
     roll_deg: Rolls = Field(
         default=(0.0, 0.0),
-        description="turn of the camera about its optical axis, degrees; positive lowers its right side",
+        description="turn about the optical axis, degrees; positive lowers the right side",
         exclude_if=is_absent,
     )
     size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
         default="paper",
         description=(
-            'what target_fraction measures: "paper", the vehicle\'s smallest dimension, by equations 5 and 6; '
-            "else the projected box, exactly"
+            'what target_fraction measures: "paper", the vehicle\'s smallest dimension; else the projected box'
         ),
     )
     target_fraction: TargetFractions = Field(
         default=(0.1, 0.3),
-        description=("share of the image's height (or width, diagonal, area) that the target fills: T_f of equation 5"),
+        description=("share of the image's height (or width, diagonal, area) that the target fills"),
     )
     distance_factor: Factors = Field(
-        default=(0.7, 4.0), description='the distance is D of equation 6 times this; with size_measure = "paper" only'
+        default=(0.7, 4.0), description='factor on equation 6\'s distance; with size_measure = "paper" only'
     )
-    distance_m: Lengths = Field(default=(2.0, 5000.0), description="meters from the target to the camera, as a bound")
+    distance_m: Lengths = Field(default=(2.0, 5000.0), description="bounds on meters from target to camera")
     elevation_deg: Elevations = Field(
-        default=(3.0, 35.0), description="angle of the camera above the horizon, seen from the target, degrees"
+        default=(3.0, 35.0), description="camera's angle above the target's horizon, degrees"
     )
     elevation_sampling: Literal["angle", "sphere"] = Field(
         default="angle", description='"angle": uniform in degrees; "sphere": uniform on the shell\'s area'
@@ -192,34 +189,24 @@ class CameraSection(Section):
     framing: float = Field(
         default=0.8, ge=0, le=1, description="0 centers the target; 1 lets it be anywhere in the frame"
     )
-    ground_clearance: AtLeastZero = Field(
-        default=0.5, description="meters of the camera above ground and water, at least"
-    )
-    obstacle_clearance: AtLeastZero = Field(
-        default=1.0, description="meters between the camera and obstacles or vehicles, at least"
-    )
+    ground_clearance: AtLeastZero = Field(default=0.5, description="meters above ground and water, at least")
+    obstacle_clearance: AtLeastZero = Field(default=1.0, description="meters to obstacles and vehicles, at least")
     visible_fraction: Fractions = Field(
         default=(0.3, 1.0),
-        description=("share of the target's outline that nothing hides; [0.3, 0.8] gives half-hidden targets only"),
+        description=("unhidden share of the target's outline"),
     )
-    visibility_rays: int = Field(
-        default=256, ge=1, le=1_000_000, description="rays per image that measure visible_fraction"
-    )
+    visibility_rays: int = Field(default=256, ge=1, le=1_000_000, description="rays that measure visible_fraction")
     truncated_fraction: Fractions = Field(
         default=(0.0, 0.0), description="share of the target's box that the frame cuts off"
     )
-    min_box_px: AtLeastZero = Field(
-        default=8.0, description="least width and height of the target's box in the frame, pixels"
-    )
+    min_box_px: AtLeastZero = Field(default=8.0, description="least width and height of the target's box, pixels")
     max_tries: int = Field(
-        default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved elsewhere"
+        default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved"
     )
     like: str | None = Field(
         default=None,
         min_length=1,
-        description=(
-            "a COCO file, or a folder with one, of photographs: cameras show targets as large and where their boxes are"
-        ),
+        description=("photographs whose boxes targets follow: a COCO file, or a folder with one"),
         examples=["photographs/train"],
         exclude_if=is_absent,
     )
@@ -227,14 +214,14 @@ class CameraSection(Section):
         default=LIKE_SHARE,
         ge=0,
         le=1,
-        description="share of the images that follow photographs; the others follow the ranges above",
+        description="share of images that follow photographs",
         exclude_if=partial(eq, LIKE_SHARE),
     )
     like_spread: float = Field(
         default=LIKE_SPREAD,
         ge=0,
         le=0.9,
-        description="largest deviation from the photograph's box in size and place, relative to its size",
+        description="largest deviation from the photograph's box, relative to its size",
         exclude_if=partial(eq, LIKE_SPREAD),
     )
 
@@ -250,14 +237,14 @@ class AnnotateSection(Section):
 
     min_box_px: AtLeastZero | None = Field(
         default=None,
-        description="least width and height of a label's box in the frame, pixels; default: camera.min_box_px",
+        description="least width and height of its box, pixels; default: camera.min_box_px",
         examples=[8.0],
     )
     min_visible_fraction: float | None = Field(
         default=None,
         ge=0,
         le=1,
-        description=("least share of the outline that nothing hides; default: the least camera.visible_fraction"),
+        description=("least unhidden share; default: the least camera.visible_fraction"),
         examples=[0.3],
     )
     max_truncated_fraction: float | None = Field(
@@ -265,29 +252,24 @@ class AnnotateSection(Section):
         ge=0,
         le=1,
         description=(
-            "largest share of the box that the frame cuts off; default: 0.8, or the largest "
-            "camera.truncated_fraction if that is more"
+            "largest share of its box that the frame cuts off; default: 0.8, or the largest "
+            "camera.truncated_fraction if that's more"
         ),
         examples=[0.8],
     )
     below: Literal["ignored", "left_out"] = Field(
         default="ignored",
-        description=(
-            'what becomes of a vehicle that shows less: "ignored", a label with iscrowd = 1; "left_out", no label'
-        ),
+        description=('vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")'),
     )
     keypoints: Patterns | None = Field(
         default=None,
-        description=(
-            "names or patterns of the keypoints to label, such as muzzle, turret, and wheel_*; default: none; see "
-            "docs/labels.md"
-        ),
+        description=("patterns of the keypoints to label, such as muzzle and wheel_*; default: none"),
         examples=[["*"]],
         exclude_if=is_absent,
     )
     skeleton: Lines | None = Field(
         default=None,
-        description="pairs of keypoints that lines join; default: muzzle and turret, and from wheel to wheel",
+        description="pairs of keypoints to join; default: muzzle to turret, and wheel to wheel",
         examples=[[["muzzle", "turret"]]],
         exclude_if=is_absent,
     )
@@ -298,34 +280,28 @@ class BudgetSection(Section):
 
     images_per_class: PerClass = Field(
         default=None,
-        description=(
-            "a number, or a table by class such as { tank = 200, truck = 100 }; the models of a class take turns"
-        ),
+        description=("a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns"),
         examples=[140],
     )
     positions_per_vehicle: int | None = Field(
         default=None,
         ge=0,
         le=MOST_IMAGES,
-        description=("instead of images_per_class: vehicles x positions x images_per_position images (equation 1)"),
+        description=("instead: vehicles x positions x images_per_position images (equation 1)"),
         examples=[28],
     )
-    images_per_position: int = Field(
-        default=5, ge=1, le=1_000_000, description="images of a vehicle in one place and pose"
-    )
+    images_per_position: int = Field(default=5, ge=1, le=1_000_000, description="images of each position")
     background_share: float = Field(
         default=0.0,
         ge=0,
         le=0.99,
-        description="share of all images that show no target; they come on top of the images above",
+        description="share of all images without a target, added to the images above",
     )
     background_distractors: float = Field(
         default=0.5,
         ge=0,
         le=1,
-        description=(
-            "share of the backgrounds' positions at which a distractor without a class takes the target's place"
-        ),
+        description=("share of background positions where a distractor without a class takes the target's place"),
     )
 
     @model_validator(mode="after")
@@ -353,31 +329,26 @@ class LightSection(Section):
 
     hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = Field(
         default=(),
-        description=('names or patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'),
+        description=('patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'),
     )
-    yaw_deg: Degrees = Field(default=(0.0, 360.0), description="turn of the HDRI about the vertical, degrees")
+    yaw_deg: Degrees = Field(default=(0.0, 360.0), description="turn of the HDRI, degrees")
     strength: Strengths = Field(
         default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
     )
     backdrop: Literal["auto", "hdri", "sky"] = Field(
         default="auto",
         description=(
-            'what the camera sees of the HDRI: "hdri", all of it; "sky", only what is above its horizon; "auto", "sky" '
-            "for HDRIs that show land"
+            'what the camera sees of the HDRI: "hdri", all; "sky", above its horizon; "auto", "sky" if it shows land'
         ),
     )
     exposure: Exposure = Field(
         default="auto",
-        description=('"auto": a gray card on open land is mid-gray in the picture; or EV, the same for all images'),
+        description=('"auto": a gray card on open land comes out mid-gray; or EV for all images'),
     )
-    exposure_error_ev: ExposureErrors = Field(
-        default=(-1.0, 1.0), description="error of the exposure, EV, drawn for each image"
-    )
-    white_balance_error_k: Kelvins = Field(
-        default=(0.0, 0.0), description="offset of the white balance from 6500 K, kelvin; more is warmer"
-    )
+    exposure_error_ev: ExposureErrors = Field(default=(-1.0, 1.0), description="error of the exposure, EV")
+    white_balance_error_k: Kelvins = Field(default=(0.0, 0.0), description="white balance minus 6500 K; more is warmer")
     overcast: Patterns = Field(
-        default=(), description="names or patterns of the HDRIs for rain and snow; empty: the same as for other weather"
+        default=(), description="patterns of HDRIs for rain and snow; empty: as for other weather"
     )
 
 
@@ -392,18 +363,16 @@ class RenderSection(Section):
 
     profile: Literal["paper", "fast"] = Field(
         default="paper",
-        description=(
-            '"paper": 128 samples, denoised; "fast": for a look. Sets samples, denoise, adaptive_threshold, and bounces'
-        ),
+        description=('"fast" is for a look; sets the last four keys'),
     )
     width: int = Field(default=1920, ge=1, le=65536, description="pixels")
     height: int = Field(default=1080, ge=1, le=65536, description="pixels")
     samples: int = Field(default=128, ge=1, le=1_000_000, description="rays per pixel")
-    denoise: bool = Field(default=True, description="denoise with OpenImageDenoise")
+    denoise: bool = Field(default=True, description="OpenImageDenoise")
     adaptive_threshold: float = Field(
-        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: every pixel gets all"
+        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: none"
     )
-    bounces: int = Field(default=12, ge=0, le=1024, description="of light")
+    bounces: int = Field(default=12, ge=0, le=1024, description="light bounces")
 
     @model_validator(mode="before")
     @classmethod

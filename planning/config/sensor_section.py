@@ -49,28 +49,20 @@ class SensorSection(Section):
 
     preset: Literal["none", "camera", "phone"] = Field(
         default="none",
-        description=(
-            '"none": pictures are Blender\'s own; "camera": a system camera; "phone": a phone. Sets all keys below'
-        ),
+        description=("a system camera or a phone; sets all keys below"),
     )
-    blur_px: Pixels = Field(
-        default=(0.0, 0.0), description="sharpness of the lens: standard deviation of its point spread, pixels"
-    )
+    blur_px: Pixels = Field(default=(0.0, 0.0), description="standard deviation of the lens's point spread, pixels")
     aberration_px: Shifts = Field(
-        default=(0.0, 0.0), description="pixels in the corners by which red lies outside of green, and blue inside"
+        default=(0.0, 0.0), description="red's offset outward and blue's inward in the corners, pixels"
     )
-    vignetting_ev: Stops = Field(default=(0.0, 0.0), description="light that the corners lose, stops")
+    vignetting_ev: Stops = Field(default=(0.0, 0.0), description="light lost in the corners, stops")
     full_well_e: Wells = Field(
         default=(0.0, 0.0),
-        description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: there is no noise",
+        description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: no noise",
     )
-    read_noise_e: Electrons = Field(default=(0.0, 0.0), description="noise of the readout, electrons")
-    gain: Gains = Field(
-        default=(1.0, 1.0), description="ISO over base ISO: a picture is made of so many times fewer electrons"
-    )
-    sharpening: Amounts = Field(
-        default=(0.0, 0.0), description="share of the detail that the camera adds again, after the view transform"
-    )
+    read_noise_e: Electrons = Field(default=(0.0, 0.0), description="readout noise, electrons")
+    gain: Gains = Field(default=(1.0, 1.0), description="ISO over base ISO: so many times fewer electrons")
+    sharpening: Amounts = Field(default=(0.0, 0.0), description="share of detail added again, after the view transform")
     jpeg_quality: Qualities = Field(default=(0, 0), description="quality of .jpg files; 0: .png files")
 
     @model_validator(mode="before")

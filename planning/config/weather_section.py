@@ -28,9 +28,7 @@ class WeatherSection(Section):
     visibility_m: Visibilities = Field(default=(300.0, 3000.0), description="visibility in fog, meters; 3000 is haze")
     rain_mm_h: Rates = Field(
         default=(2.0, 50.0),
-        description=(
-            "rate of rain, mm/h; visibility, drops, and wetness follow from it; 2 is light, 10 heavy, 50 a cloudburst"
-        ),
+        description=("rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"),
     )
     snow_visibility_m: Visibilities = Field(default=(300.0, 2000.0), description="visibility in falling snow, meters")
     dust_visibility_m: Visibilities = Field(default=(200.0, 2000.0), description="visibility in blown dust, meters")
@@ -38,12 +36,10 @@ class WeatherSection(Section):
     vehicle_snow_cover: Covers = Field(default=(0.0, 0.8), description="share of a vehicle's upper faces under snow")
     dust_cover: Covers = Field(default=(0.0, 0.5), description="share of the ground under dust")
     vehicle_dust_cover: Covers = Field(default=(0.1, 0.8), description="share of a vehicle's lower parts under dust")
-    wind_m_s: Winds = Field(
-        default=(0.0, 8.0), description="speed of the wind in rain, snow, and dust, from any direction, m/s"
-    )
+    wind_m_s: Winds = Field(default=(0.0, 8.0), description="wind in rain, snow, and dust, from any direction, m/s")
     exposure_s: float = Field(default=0.004, gt=0, le=10, description="shutter time, seconds: the length of streaks")
     min_contrast: Share = Field(
-        default=GHOST, description="share of its contrast that a target must keep after haze; 0 allows ghosts"
+        default=GHOST, description="contrast that a target must keep after haze; 0 allows ghosts"
     )
 
     @model_validator(mode="after")
