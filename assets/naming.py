@@ -51,7 +51,10 @@ VEHICLE = (  # what only a vehicle has
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
-NO_TURRET = ("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window")  # what moves with none
+NO_TURRET = (  # groups of a vehicle that has none
+    *("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window", "indicator", "convertible"),
+    *("roof", "lamp", "light", "mirror", "wiper", "hood", "bonnet", "trunk"),
+)
 
 BODY = (  # what else vehicles have: a file with such names would name a turret too
     *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window", "glass"),

@@ -25,7 +25,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.doubts import length_said
+from hulldown.reading.doubts import length_said, likely_scale
 from hulldown.reading.export import Exported
 from hulldown.reading.inspect import Inspected, draw
 from hulldown.reading.options import Options
@@ -40,6 +40,7 @@ USUAL_LENGTHS = {  # meters, from toys' big brothers to the longest with gun or 
     ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
     ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
 }
+ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -150,9 +151,7 @@ def load_library(
     with ThreadPoolExecutor(at_once) as pool:
         files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
-    for entry, (exported, _) in files:
-        if isinstance(entry, ModelEntry):
-            _refuse_size(entry, exported.report)
+    _refuse_sizes([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
     needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
     refuse_missing(needed, strict=strict)
     models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
@@ -338,23 +337,30 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
     return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
 
 
-def _refuse_size(entry: ModelEntry, report: FileReport) -> None:
-    """Refuse a vehicle of another order of size than its class, unless the config states its scale.
+def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
+    """Refuse vehicles of another order of size than their class, unless the config states their scale.
 
     Raises
     ------
     AssetError
-        Naming the length, what's usual, and the key.
+        Naming the first one's length, what's usual, the key, and the others.
     """
-    longest, name = max(report.size), f"{getattr(entry, 'category', None) or ''} {entry.name}"
-    kind = next((kind for kind in USUAL_LENGTHS if says(name, kind)), None)
-    if kind is None or entry.scale is not None:
-        return
-    low, high = USUAL_LENGTHS[kind]
-    if not low <= longest <= high:
+    odd = []
+    for entry, report in vehicles:
+        name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
+        kind = next((kind for kind in USUAL_LENGTHS if says(name, kind)), ANY_VEHICLE)
+        low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
+        if entry.scale is None and not low <= max(report.size) <= high:
+            usual = f"is {length_said(max(report.size))} long, and a {kind[0]} has {low:g} to {high:g} m"
+            odd.append((entry.name, usual, report))
+    if odd:
+        others = [f"{name} ({length_said(max(report.size))})" for name, _, report in odd[1:]]
+        _, usual, report = odd[0]
+        more = f"; so it is with {', '.join(others)}" if others else ""
         raise AssetError(
-            f"is {length_said(longest)} long, and a {kind[0]} has {low:g} to {high:g} m", path=report.path,
-            remedy=f"set scale (now {report.unit:g} meters a unit), also to that value if the size is right",
+            usual + more, path=report.path,
+            remedy=f"set scale{likely_scale(max(report.size), report.unit)}, also to the value that it has now if "
+            "the size is right",
         )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
+EDGE = 0.05  # of a scenery's height and length: it's no wider, as is ground that stands upright
 USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
@@ -42,13 +43,15 @@ def vehicle_doubts(
     length, width, height = size
     longest = max(size)
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
-        hint = _likely_scale(longest, unit)
+        hint = likely_scale(longest, unit)
         doubts.append(f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
     if width > 1.2 * length and height <= width:
-        doubts.append(f"it is longer across ({width:.1f} m) than along x ({length:.1f} m); set forward to +y or -y")
+        across, along = length_said(width), length_said(length)
+        doubts.append(f"it is longer across ({across}) than along x ({along}); set forward to +y or -y")
     elif height > 1.5 * max(length, width) and options.up is None:
         doubts.append(
-            f'it is {height:.1f} m high and {max(length, width):.1f} m long; set up = "y" if it lies on its side'
+            f"it is {length_said(height)} high and {length_said(max(length, width))} long; "
+            'set up = "y" if it lies on its side'
         )
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
     kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
@@ -93,6 +96,7 @@ def scenery_doubts(
     *,
     wet: Sequence[str] = (),
     unit: float,
+    up: str = "z",
     options: Options,
 ) -> tuple[str, ...]:
     """What is strange about a scenery; that it has no ground first. Of ground called as `wet`, a part is water."""
@@ -134,8 +138,12 @@ def scenery_doubts(
     across, height = max(size[:2]), size[2]
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
         doubts.append(f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
+    other = "z" if up == "y" else "y"
     if height > across and options.up is None:
-        doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "y" if it lies on its side')
+        doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side')
+    elif min(size[:2]) < EDGE * min(across, height) and options.up is None:
+        seen = " x ".join(map(length_said, size[:2]))
+        doubts.append(f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"')
     return (*doubts, *_missing(missing))
 
 
@@ -182,8 +190,8 @@ def _missing(missing: Sequence[Missing]) -> list[str]:
     return [f"missing: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}" for m in missing]
 
 
-def _likely_scale(longest: float, unit: float) -> str:
-    """The usual unit that would make the likeliest vehicle of it."""
+def likely_scale(longest: float, unit: float) -> str:
+    """Return the usual unit that would make the likeliest vehicle of it, as " = 100 (now 1)"."""
     usual = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / USUAL_LENGTH)))
     return f" = {usual:g} (now {unit:g})" if 2.0 <= longest / unit * usual <= 20.0 else f" (now {unit:g})"
 

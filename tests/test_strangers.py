@@ -58,6 +58,7 @@ CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **
 
 
 HOUSES = [box([6, 6, 20], [x, y, 10]) for x in range(-24, 25, 12) for y in range(-24, 25, 12)]
+ON_EDGE = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
 QUARTER = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
 NAMELESS = {f"Mesh_{k}": mesh for k, mesh in enumerate(CAR.values())}
 ON_ATLAS = {name: (0.3, 0.5) if name == "Mesh_0" else (0.75, 0.5) for name in NAMELESS}
@@ -125,6 +126,15 @@ def read(tmp_path_factory):
         "track": write_obj(
             folder / "track/track.obj", {"Terrain": hills(), "Object_7": curb(200, 0.8)}, {"*": "body"}, ""
         ),
+        "lawn": write_obj(
+            folder / "lawn/lawn.obj",
+            {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
+            {"*": "body"},
+            "",
+        ),
+        "upright": write_obj(
+            folder / "upright/upright.obj", {"Terrain": hills().apply_transform(ON_EDGE)}, {"*": "body"}, ""
+        ),
         "village": write_obj(
             folder / "village/village.obj",
             {"Ground": trimesh.util.concatenate([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])},
@@ -183,7 +193,7 @@ def read(tmp_path_factory):
     for name, path in files.items():
         out = folder / "out" / name
         out.mkdir(parents=True)
-        kind = "scenery" if name in ("sheet", "pit", "track", "village") else "vehicle"
+        kind = "scenery" if name in ("sheet", "pit", "track", "lawn", "upright", "village") else "vehicle"
         jobs.append(job_for(path, out, kind=kind))
     ask_reader(jobs)
     return {name: exported_by(job) for name, job in zip(files, jobs, strict=True)}
@@ -327,7 +337,10 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ({"name": "suv", "category": "car"}, "is 6,000 m long, and a car has 2 to 9 m"),
+        (
+            {"name": "suv", "category": "car"},
+            "2 to 9 m; so it is with twin .6,000 m.; set scale = 0.001",
+        ),
         ({"name": "suv", "category": "car", "scale": 0.001}, "allow_missing"),
         ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
     ],
@@ -339,7 +352,7 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
     pixels[:8, :, 2] = 160
     (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixels.tobytes())
-    vehicles = [{"path": "cars/suv.obj", **entry}]
+    vehicles = [{"path": "cars/suv.obj", **entry, "name": name} for name in ("suv", "twin")]
     assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
     config = parse_config({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
     if said:
@@ -376,6 +389,19 @@ def test_a_vehicle_on_show_is_told_from_its_platform_and_faces_along_its_gun(rea
 def test_a_curb_around_a_track_is_no_water(read):
     uses = {row.name: row.use for row in read["track"].report.rows}
     assert uses == {"Terrain": "ground", "Object_7": "obstacle"}
+
+
+def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
+    uses = {row.name: row.use for row in read["lawn"].report.rows}
+    assert uses == {"stadium_dirt": "ground", "stadium_grass": "ground"}
+    assert any("taken as ground: 'stadium_grass'" in doubt for doubt in read["lawn"].report.doubts)
+    assert {row.name: row.use for row in read["sheet"].report.rows}["Grass"] == "obstacle"
+
+
+def test_a_terrain_that_stands_upright_is_a_doubt_with_its_key(read):
+    """Robot simulators write .obj files with z up."""
+    (doubt,) = (doubt for doubt in read["upright"].report.doubts if "stands on its edge" in doubt)
+    assert 'set up = "z"' in doubt
 
 
 def test_ground_with_houses_in_its_mesh_is_a_doubt(read):

@@ -117,7 +117,7 @@ def read(job: Job) -> dict[str, Any]:
         extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
         triangles, size = sum(p.faces for p, _ in solid), xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
         rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        strange = scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, options=options)
+        strange = scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, up=up, options=options)
         doubts = (*([odd] if odd else []), *strange)
         found = {"origin": xyz(scenery.origin)}
     report = FileReport(

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from hulldown.assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Piece, Role
-from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, sheets_between, sunken
+from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
 
 LEVELS = ("object", "mesh", "collection", "material")
 VOLUME = "has volume shaders only"
@@ -57,6 +57,9 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
         for i in ground_by_shape(pieces, open_, solid):
             roles[i] = Role("ground", "by shape: large, level, and under the rest")
+    level = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+    for i in lawns([i for i, role in enumerate(roles) if _is_named_obstacle(role)], pieces, level):
+        roles[i] = Role("ground", f"by shape: a level sheet as wide as the scenery, though its {roles[i].why}")
     for i, depth in sunken([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
         if "config" not in roles[i].why:
             why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
@@ -144,6 +147,11 @@ def _role(piece: Piece, options: Options) -> Role:
         if pattern := says(name, GROUND):
             return Role("ground", f"{level} {name!r} says {pattern!r}")
     return Role("obstacle", "by default")
+
+
+def _is_named_obstacle(role: Role) -> bool:
+    """Whether a piece is an obstacle because of a name."""
+    return role.use == "obstacle" and " says " in role.why
 
 
 def _by_config(piece: Piece, options: Options) -> Role | None:

@@ -158,6 +158,23 @@ def canopies(
     return found
 
 
+def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[int]:
+    """Find level sheets as wide as the scenery at the height of its flat ground: ground by any name."""
+    if not ground:
+        return []
+    lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
+    if highest - lowest > 2 * DROWNED:
+        return []
+    whole = np.array([piece.bounds for piece in pieces])
+    extent = np.ptp(np.stack([whole[:, 0].min(axis=0), whole[:, 1].max(axis=0)]), axis=0)
+    found = []
+    for i in among:
+        level = lowest - DROWNED <= pieces[i].bounds[0, 2] and pieces[i].bounds[1, 2] <= highest + DROWNED
+        if level and _is_sheet(pieces[i], SHEET) and _area(pieces[i].bounds) > COVERED * extent[0] * extent[1]:
+            found.append(i)
+    return found
+
+
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:
     """The largest piece, if it is no sheet and all others are inside its bounds, as in a sky dome; else None."""
     if len(pieces) < 2:
