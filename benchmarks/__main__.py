@@ -127,8 +127,8 @@ def document(results: dict, plots: Path) -> str:
         parts += [
             module.report(result["figures"]).strip(),
             *(f"![{Path(p).stem.replace('_', ' ')}](plots/{Path(p).name})" for p in drawn),
-            f"<sub>`make bench BENCH={name}` at commit {result['commit']} ({result['date']}): {note}"
-            f"{result['seconds']} s; {on}</sub>",
+            f"<sub>`BENCH={name}` at commit {result['commit']} ({result['date']}): "
+            f"{note}{result['seconds']} s, {on}</sub>",
         ]
     return "\n\n".join(parts) + "\n"
 

@@ -46,15 +46,15 @@ def report(results: dict) -> str:
     def error(name: str, kind: str) -> str:
         e = results["errors"][kind][name]
         missed = f", {e['missed']:.0%} missed" if e["missed"] else ""
-        return f"{e['median']:.3g} / {e['p95']:.3g} / {e['worst']:.3g}{missed}"
+        return f"{e['median']:.3g}/{e['p95']:.3g}/{e['worst']:.3g}{missed}"
 
     parts = [
         "## Boxes",
         "Error: the largest distance of a side, in pixels of 1920 x 1080, from the box that clipping every triangle "
-        "gives; median / 95% / worst of random poses of a 10,000-vertex tank. *missed*: only one has a box.",
+        "gives; median/95%/worst of random poses of a 10,000-vertex tank. *missed*: only one has a box.",
         table(["rule", *KINDS], [(name, *(error(name, kind) for kind in KINDS)) for name in (*PEERS, *OURS[1:])]),
         "\n".join(f"- {name}: {what}." for name, what in PEERS.items()),
-        "Microseconds for one box on one thread, framed / cut by the frame, by vertices of the mesh:",
+        "Microseconds for one box on one thread, framed/cut by the frame, by vertices of the mesh:",
     ]
     rows = [
         (name, *("/".join(f"{some[kind][name]:,.0f}" for kind in KINDS[:2]) for some in times.values()))

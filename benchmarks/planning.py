@@ -269,11 +269,10 @@ def report(results: dict[str, Any]) -> str:
             "One process in Blender, with a call of `scene.ray_cast` for each ray, the first place and camera, and no "
             "clearance checks, plans "
             + ", and ".join(
-                f"{r['rows_per_s']:,.1f} rows/s with {r['rays']} rays (hulldown with 256 rays on hills: "
-                f"{one / r['rows_per_s']:,.1f} times as many)"
+                f"{r['rows_per_s']:,.1f} rows/s with {r['rays']} rays (1/{one / r['rows_per_s']:,.1f} of hulldown's)"
                 for r in results["peer"]
             )
-            + ".",
+            + ". hulldown casts 256 rays there, for one vehicle on hills.",
         ]
     return "\n".join(lines) + "\n"
 
