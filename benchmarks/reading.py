@@ -112,7 +112,7 @@ def _angle(a: Any, b: Any) -> float:
 
 def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     options = Options()
-    upright = stand_upright(drawn, unit=opened.unit, said=opened.up, up=None)
+    upright = stand_upright(drawn, unit=opened.unit, stated_up=opened.up, up=None)
     refuse_wrong_kind("vehicle", upright.pieces, options)
     built = build_vehicle("it", drawn.meshes, upright, drawn.markers, options=options)
     names = built.shape.part_names

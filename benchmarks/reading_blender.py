@@ -50,7 +50,7 @@ def _base(path: Path) -> Model:
     opened = open_file(path, "blend", Options())
     meters = meters_from_file(opened.unit, "z")
     drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
-    upright = stand_upright(drawn, unit=opened.unit, said="z", up="z")
+    upright = stand_upright(drawn, unit=opened.unit, stated_up="z", up="z")
     built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
     names = built.shape.part_names
     shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(meters))

@@ -25,6 +25,8 @@ from hulldown.reading.roles import Role
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.vehicle.paintable import parts_left_alone
+from hulldown.reading.vehicle.part_shapes import unnamed
+from hulldown.reading.vehicle.solids import find_solids
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.test_roles import piece
@@ -409,3 +411,12 @@ def test_ground_with_houses_in_its_mesh_is_a_doubt(read):
         "village"
     ].report.doubts
     assert not any("roofs" in doubt for doubt in (*read["sheet"].report.doubts, *read["pit"].report.doubts))
+
+
+@pytest.mark.parametrize(("group", "asked"), [("Grp_Upper", 1), ("Grp_Door_FL", 0), ("Interior", 0)])
+def test_a_group_may_turn_unless_its_name_says_that_it_cannot(group, asked):
+    pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
+    pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
+    bounds = np.array([one.bounds for one in pieces])
+    doubts = unnamed(pieces, bounds, find_solids((), ()))
+    assert sum(f"hang from {group!r}" in doubt for doubt in doubts) == asked
