@@ -102,7 +102,7 @@ def _allowed(field: FieldInfo) -> str:
     if choices and float not in kinds:
         return ", ".join(map(toml_value, choices[0]))
     if field.annotation is bool:
-        return "true, false"
+        return ""
     bounds: dict[str, float] = {}
     for meta in _metadata(field):
         if found := getattr(getattr(meta, "func", None), "bounds", None):
@@ -135,13 +135,13 @@ def _kinds(annotation: Any) -> Iterator[Any]:
 def table(section: type[Section], *, without: type[Section] | None = None) -> str:
     """A Markdown table of a section's keys, but for those that another section has, too, word for word."""
     known = keys_of(without) if without else []
-    rows = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+    rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
     for key in keys_of(section):
         if key in known:
             continue
         default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
-        allowed = f"`{key.allowed}`" if key.allowed else ""
-        rows.append(f"| `{key.name}` | {default} | {allowed} | {_escaped(key.meaning)} |")
+        allowed = f" (`{key.allowed}`)" if key.allowed else ""
+        rows.append(f"| `{key.name}` | {(default + allowed).strip()} | {_escaped(key.meaning)} |")
     return "\n".join(rows)
 
 

@@ -174,7 +174,7 @@ class CameraSection(Section):
     )
     target_fraction: TargetFractions = Field(
         default=(0.1, 0.3),
-        description=("share of the image's height (or width, diagonal, area) that the target fills"),
+        description="share of the image's height (or width, diagonal, area) that the target fills",
     )
     distance_factor: Factors = Field(
         default=(0.7, 4.0), description='factor on equation 6\'s distance; with size_measure = "paper" only'
