@@ -27,7 +27,7 @@ from hulldown.training.study.manifest import PlannedRun
 from hulldown.training.study.results import Cell, Judged, cell_interval, cells, difference, judged, mean
 
 # Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
-# image's height. Much smaller ones than these have no class that can be seen at this resolution.
+# image's height. Stand-ins as small as those have no class that this detector could see.
 SETS: dict[str, dict[str, Any]] = {
     "large": {
         "camera.target_fraction": [0.4, 0.8],
@@ -35,8 +35,8 @@ SETS: dict[str, dict[str, Any]] = {
         "camera.fov_x_deg": [45.0, 60.0],
         "camera.framing": 1.0,
     },
-    "small": {
-        "camera.target_fraction": [0.12, 0.2],
+    "high": {
+        "camera.target_fraction": [0.2, 0.35],
         "camera.elevation_deg": [25.0, 35.0],
         "camera.fov_x_deg": [25.0, 40.0],
         "camera.framing": 1.0,
