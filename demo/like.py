@@ -47,7 +47,12 @@ STAND_INS_PER_CLASS, RENDERS_PER_CLASS = 60, 40
 DEFAULT = {
     key: CameraSection.model_fields[key.removeprefix("camera.")].default for key in SHARED if key.startswith("camera.")
 }
-ARMS = {"default": ("default", "default-2"), "like": ("like", "like-2"), "more_of": ("like", "more")}
+ARMS = {  # `again` differs from `like` in the seed of half of its images: how much the choice of images matters
+    "default": ("default", "default-2"),
+    "like": ("like", "like-2"),
+    "again": ("like", "like-3"),
+    "more_of": ("like", "more"),
+}
 SEEDS = (0, 1, 2)
 MEASURES = ("ap50", "f1")
 SETTINGS = {"model": "small", "budget": 18000, "resolution": 160}
@@ -69,6 +74,7 @@ def renders_of(name: str) -> dict[str, Side]:
         "default-2": replace(half, name="default-2", seed=1),
         "like": replace(half, name=f"{name}-like", values={**values, **like}),
         "like-2": replace(half, name=f"{name}-like-2", seed=1, values={**values, **like}),
+        "like-3": replace(half, name=f"{name}-like-3", seed=2, values={**values, **like}),
         "more": replace(half, name=f"{name}-more", seed=1, values={**values, **like}),
     }
 
@@ -106,24 +112,17 @@ def judge(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
 
 
 def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
-    """Lines of a Markdown table, and its numbers, of each arm and of its difference from the one above it."""
-    lines, numbers = ["| arm | AP50 | F1 | AP50 - above | F1 - above |", "|---|---|---|---|---|"], {}
-    before: Cell | None = None
+    """Lines of a Markdown table, and its numbers: figures of each arm, and their differences from `like`."""
+    lines, numbers = ["| arm | AP50 | F1 | AP50 minus `like` | F1 minus `like` |", "|---|---|---|---|---|"], {}
     for name, cell in arms.items():
-        own = {key: (mean(cell, key), *cell_interval(cell, key).tolist()) for key in MEASURES}
-        gained = {}
-        for key in MEASURES:
-            if before is not None and (gain := difference(before, cell, key)) is not None:
-                gained[key] = (gain.value, *gain.ends.tolist())
-        numbers[name] = {
-            "figures": own,
-            "gained": gained,
-            "seeds": {key: [cell.judged[seed].values[key] for seed in SEEDS] for key in MEASURES},
-        }
-        shown = [f"{one[0]:.3f} ({one[1]:.3f} to {one[2]:.3f})" for one in own.values()]
-        shown += [f"{one[0]:+.3f} ({one[1]:+.3f} to {one[2]:+.3f})" for one in gained.values()]
-        lines.append(f"| `{name}` | {' | '.join([*shown, *[''] * (4 - len(shown))])} |")
-        before = cell
+        own = {key: [mean(cell, key), *cell_interval(cell, key).tolist()] for key in MEASURES}
+        gains = {} if name == "like" else {key: difference(arms["like"], cell, key) for key in MEASURES}
+        gained = {key: [one.value, *one.ends.tolist()] for key, one in gains.items() if one is not None}
+        of_seeds = {key: [one.values[key] for one in cell.judged.values()] for key in MEASURES}
+        numbers[name] = {"figures": own, "minus_like": gained, "of_seeds": of_seeds}
+        shown = ["{:.3f} ({:.3f} to {:.3f})".format(*one) for one in own.values()]
+        shown += ["{:+.3f} ({:+.3f} to {:+.3f})".format(*one) for one in gained.values()] or ["", ""]
+        lines.append(f"| `{name}` | {' | '.join(shown)} |")
     return lines, numbers
 
 
