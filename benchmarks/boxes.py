@@ -60,10 +60,9 @@ def report(results: dict) -> str:
         (name, *("/".join(f"{some[kind][name]:,.0f}" for kind in KINDS[:2]) for some in times.values()))
         for name in (*PEERS, *OURS)
     ]
+    rows.append(("hulldown, once for a vehicle", *(f"{1e6 * some['build_s']:,.0f}" for some in times.values())))
     parts.append(table(["rule", *sizes], rows))
-    built = ("build, s", *(f"{some['build_s']:.2f}" for some in times.values()))
-    hull = ("hull vertices", *(f"{some['hull']:,}" for some in times.values()))
-    return "\n\n".join([*parts, table(["once for a vehicle", *sizes], [built, hull])])
+    return "\n\n".join(parts)
 
 
 def plots(results: dict, folder: Path) -> list[Path]:

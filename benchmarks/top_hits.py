@@ -77,8 +77,8 @@ def report(results: dict) -> str:
     rows = [(_bold(name), *(_rate(some.get(name)) for some in speed.values())) for name in next(iter(speed.values()))]
     return "\n\n".join([
         "## Top hits",
-        f"Million points a second, for {results['rays']:,} random ones over hilly terrain, with sorting and repairing; "
-        "in brackets multiples of raw embreex on one thread. Errors are in [hard cases](hard-cases.md).",
+        f"Million points a second, for {results['rays']:,} random ones over hilly terrain, with sorting and repairing. "
+        "Errors are in [hard cases](hard-cases.md).",
         table(["triangles", *sizes], rows),
     ])  # fmt: skip
 
@@ -88,7 +88,7 @@ def _bold(name: str) -> str:
 
 
 def _rate(figures: dict[str, float] | None) -> str:
-    return f"{figures['rays_per_s'] / 1e6:.2f} ({figures['ratio']:.2f})" if figures else ""
+    return f"{figures['rays_per_s'] / 1e6:.2f}" if figures else ""
 
 
 def hard_cases(results: dict) -> str:

@@ -24,6 +24,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
+SHOWN = 4  # rows of the table; the plot shows all
 SIZE = 600.0  # meters of ground to each side of the middle
 
 
@@ -268,7 +269,7 @@ def report(results: dict) -> str:
     error, cost, faces = results["error"], results["cost"], results["faces"]
     default, *others_by_rays = error["contenders"].values()
     rows = []
-    for rays, s in default.items():
+    for rays, s in list(default.items())[:SHOWN]:
         spent = f"{cost[f'{rays} rays']:.0f}" if f"{rays} rays" in cost else ""
         peers = [f"{by_rays[rays]['rms']:.4f}" if rays in by_rays else "" for by_rays in others_by_rays]
         rows.append(
