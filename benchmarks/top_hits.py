@@ -100,8 +100,8 @@ def hard_cases(results: dict) -> str:
 
 
 def _errors_of(e: dict[str, float]) -> str:
-    rates = " / ".join(f"{100 * e[key]:.2g}" if e[key] else "·" for key in ("missed", "false", "wrong"))
-    return f"{rates}; {e['height']:.1e} m; {e['normal_deg']:.1e}°"
+    rates = "/".join(f"{100 * e[key]:.2g}" if e[key] else "·" for key in ("missed", "false", "wrong"))
+    return f"{rates}, {e['height']:.0e}, {e['normal_deg']:.0e}"
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
