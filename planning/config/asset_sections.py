@@ -126,7 +126,7 @@ class ModelEntry(FileEntry):
         exclude_if=is_absent,
     )
     paint: Paint = Field(default=(), description="colors of its materials: a table, or several")
-    sceneries: Patterns = Field(default=(), description="patterns of sceneries it's placed on; empty: all")
+    sceneries: Patterns = Field(default=(), description="patterns of its sceneries; empty: all")
 
     def is_for(self, scenery: str) -> bool:
         """Whether it may be placed on the scenery of this name."""
@@ -149,7 +149,7 @@ class DistractorEntry(ModelEntry):
         examples=["bus"],
     )
     weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
-    sceneries: Patterns = Field(default=(), description="patterns of sceneries it occurs in; empty: all")
+    sceneries: Patterns = Field(default=(), description="patterns of its sceneries; empty: all")
 
 
 class SceneryEntry(FileEntry):
@@ -161,25 +161,25 @@ class SceneryEntry(FileEntry):
     )
     scale: Positive | None = Field(
         default=None,
-        description="meters per unit of the file, or of a GeoTIFF's elevations; default: from the file",
+        description="meters per unit, or per unit of elevation; default: from the file",
         examples=[1.0],
     )
     area: tuple[float, float, float, float] | None = Field(
         default=None,
         strict=False,
-        description="west, south, east, north: the part of a GeoTIFF to read, in its own coordinates; default: all",
+        description="[west, south, east, north] of a GeoTIFF to read, in its coordinates; default: all",
         examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]],
         exclude_if=is_absent,
     )
     texture: str | None = Field(
         default=None,
-        description="orthophoto of a GeoTIFF's terrain, a GeoTIFF too; default: colors by slope",
+        description="a GeoTIFF's orthophoto, also a GeoTIFF; default: colors by slope",
         examples=["ortho.tif"],
         exclude_if=is_absent,
     )
     buildings: str | None = Field(
         default=None,
-        description="GeoJSON file of outlines of buildings that stand on a GeoTIFF's terrain; default: none",
+        description="GeoJSON outlines of buildings on a GeoTIFF's terrain",
         examples=["buildings.geojson"],
         exclude_if=is_absent,
     )

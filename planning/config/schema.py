@@ -70,7 +70,7 @@ class GroundSection(Section):
     exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground")
     fallback_z: float = Field(
         default=0.0,
-        description=("height of the plane that replaces missing ground, in the file's coordinates, meters"),
+        description=("height of the plane that replaces missing ground, meters"),
     )
 
 
@@ -87,7 +87,7 @@ class PlacementSection(Section):
         default=30.0,
         ge=0,
         lt=90,
-        description=("steepest ground, below the vehicle's origin and under the whole vehicle"),
+        description=("steepest ground under the vehicle's origin and the whole vehicle"),
     )
     rule: Literal["averaged", "least_squares", "support"] = Field(
         default="support", description='how the resting plane is found ("averaged": the paper)'
@@ -110,7 +110,7 @@ class PlacementSection(Section):
     vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
     vehicles_per_image: Counts = Field(
         default=(1, 1),
-        description=("the target and companions, drawn from all vehicles; budgets count targets only"),
+        description=("the target and companions; budgets count targets only"),
     )
     companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
     distractors_per_image: CountsFromZero = Field(
@@ -174,7 +174,7 @@ class CameraSection(Section):
     )
     target_fraction: TargetFractions = Field(
         default=(0.1, 0.3),
-        description="share of the image's height (or width, diagonal, area) that the target fills",
+        description="share of the image that the target fills",
     )
     distance_factor: Factors = Field(
         default=(0.7, 4.0), description='factor on equation 6\'s distance; with size_measure = "paper" only'
@@ -295,13 +295,13 @@ class BudgetSection(Section):
         default=0.0,
         ge=0,
         le=0.99,
-        description="share of all images without a target, added to the images above",
+        description="share of images without a target, added to those above",
     )
     background_distractors: float = Field(
         default=0.5,
         ge=0,
         le=1,
-        description=("share of background positions where a distractor without a class takes the target's place"),
+        description=("share of background positions where a distractor replaces the target"),
     )
 
     @model_validator(mode="after")

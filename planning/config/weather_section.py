@@ -21,10 +21,10 @@ Winds = Annotated[tuple[float, float], ranged(0.0, 60.0)]
 class WeatherSection(Section):
     """How often which weather comes, and how much of it; the rest of the images is clear."""
 
-    fog: Share = Field(default=0.0, description="share of the images with fog")
-    rain: Share = Field(default=0.0, description="share of the images with rain")
-    snow: Share = Field(default=0.0, description="share of the images with falling snow")
-    dust: Share = Field(default=0.0, description="share of the images with blown dust")
+    fog: Share = Field(default=0.0, description="share of images with fog")
+    rain: Share = Field(default=0.0, description="share with rain")
+    snow: Share = Field(default=0.0, description="share with falling snow")
+    dust: Share = Field(default=0.0, description="share with blown dust")
     visibility_m: Visibilities = Field(default=(300.0, 3000.0), description="visibility in fog, meters; 3000 is haze")
     rain_mm_h: Rates = Field(
         default=(2.0, 50.0),
