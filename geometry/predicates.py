@@ -1,12 +1,28 @@
 """Exact answers from float64: on which side of a line a point lies, and how high a triangle is above a point.
 
 Each is first tried in floating point with a proven bound on its error; what the bound leaves open is computed in
-Python's integers, for every finite float64 is an integer times a power of two. docs/top-hits.md derives the bounds.
+Python's integers, for every finite float64 is an integer times a power of two.
+
+Let u = 2⁻⁵³. The side of p on the line from a to b is the sign of (ax − px)(by − py) − (ay − py)(bx − px). With l and
+r the two rounded products, Shewchuk's stage A (section 4.3) gives
+
+    |fl(l − r) − exact| ≤ (3u + 16u²)(|l| + |r|),
+
+so a larger |fl(l − r)| has the right sign. The bound gets 1e-250 more, far above any underflow. Otherwise:
+
+1. A rounded difference is zero, or has a sign, exactly as the true one. If the signs of the two products differ, or
+   one is zero, the answer follows. This decides points on axis-parallel edges and on vertices.
+2. If all four differences are exact (TWO-DIFF's tail is zero, theorem 7), Dekker's product gives l = l₁ + l₂ and
+   r = r₁ + r₂ without error (Dekker; theorem 18). Rounding is monotone, so l₁ ≠ r₁ orders l and r; if l₁ = r₁, l₂ and
+   r₂ do. This decides diagonals of regular grids.
+3. The rest is computed in Python's integers: every float64 is an integer times a power of two.
+
 
 References
 ----------
 Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric predicates, Discrete & Computational
 Geometry 18, 1997: the filter of section 4.3 (ORIENT2D, stage A) and the exact product of section 2.5.
+Dekker, A floating-point technique for extending the available precision, Numerische Mathematik 18, 1971.
 """
 
 from __future__ import annotations

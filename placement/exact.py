@@ -1,4 +1,9 @@
-"""The exact top of the ground at any point, from every face that may lie under it."""
+"""The exact top of the ground at any point, from every face that may lie under it.
+
+Of the faces that contain a point, those with the same corners under it (a shared edge or vertex) are equally high, and
+the lowest index represents them. Sheets that differ by more than the error of both are ordered in float64, the rest by
+cross-multiplied integers, so equal heights of different triangulations tie exactly.
+"""
 
 from __future__ import annotations
 

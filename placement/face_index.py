@@ -1,7 +1,9 @@
 """Which triangles may lie under a point: a hierarchy of XY grids that no mixture of sizes defeats.
 
-Every face is filed once, in the grid whose cells are just larger than half its bounding box, under the cell of its
-lowest corner. On each level, only faces of a point's cell and of the two rows and columns before it can lie over it.
+Every face is filed once, under the cell of its lowest corner, on a level whose cells are at least half as wide as its
+bounding box. The index g of a cell is monotone, and a face whose computed cells span more than two steps is moved a
+level up. So if a face contains p, then g(low) ≤ g(p) ≤ g(high) ≤ g(low) + 2, and looking at g(p), g(p) − 1, and
+g(p) − 2 in either direction on each level finds it, without an epsilon.
 """
 
 from __future__ import annotations

@@ -129,7 +129,29 @@ def _prepare(
 ) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, " f"], Float[np.ndarray, " f"], Bool[np.ndarray, " f"]]:
     """Which way each face turns, its slopes dz/dx and dz/dy, and whether float64 can keep the promises on it.
 
-    docs/top-hits.md derives the bound; letters there and here are the same.
+    For a face with corner a and differences d₁, d₂ to the others, let W = dx₁dy₂ − dy₁dx₂, p and q the sizes of its
+    two products, κ = (p + q)/|W|, α = (|dy₁dz₂| + |dz₁dy₂|)/|W|, β = (|dz₁dx₂| + |dx₁dz₂|)/|W|, X and Y the largest
+    |dx| and |dy|, h the largest |z| of the corners. Each difference carries a relative error of at most u, each
+    product three of them, so
+
+        |W̃ − W| ≤ 4u(p + q) = 4uκ|W̃|,   |Ñ − N| ≤ 4uα|W̃|   for the numerator N of the slope g = ∂z/∂x,
+
+    up to second order in u, which the constants below cover (well-conditioned faces have κ ≤ 2⁴⁰, so that uκ <
+    2⁻¹²). Dividing,
+
+        |g̃ − g| ≤ u(4α + 4κα + α) ≤ 9uκα,      since |g̃| ≤ α and κ ≥ 1,
+
+    and likewise with β for ∂z/∂y. The height z = az + gx(x − ax) + gy(y − ay) then has an error of at most
+
+        u[(9κ + 3)(αX + βY) + h],
+
+    the 3 from rounding x − ax, the product and the sum, the h from the last addition. The code bounds it by
+    u[(10κ + 4)(αX + βY) + 2h]. The normal is along (−gx, −gy, 1), turned by at most 9uκ(α + β)/√(1 + gx² + gy²) and a
+    few u.
+
+    A face is well-conditioned if the first bound is within 8 ulp of the ground's largest |z| and the second
+    within half of 1e-12 radians. On a face that is not well-conditioned (slivers, steep folds far from the axes)
+    heights and normals are computed in integers and rounded once.
     """
     a, b, c = corners
     ax, ay, az, bz, cz = x[a], y[a], z[a], z[b], z[c]
