@@ -106,11 +106,16 @@ def _allowed(field: FieldInfo) -> str:
     bounds: dict[str, float] = {}
     for meta in _metadata(field):
         if found := getattr(getattr(meta, "func", None), "bounds", None):
-            return f"{_number(found[0])} to {_number(found[1])}"
+            return _interval(*found)
         bounds |= {sign: getattr(meta, key) for key, sign in _SIGNS.items() if getattr(meta, key, None) is not None}
     if bounds.keys() == {">=", "<="}:
-        return f"{_number(bounds['>='])} to {_number(bounds['<='])}"
+        return _interval(bounds[">="], bounds["<="])
     return ", ".join(f"{sign} {_number(bound)}" for sign, bound in bounds.items())
+
+
+def _interval(low: float, high: float) -> str:
+    between = " to " if low < 0 else "\N{EN DASH}"
+    return f"{_number(low)}{between}{_number(high)}"
 
 
 def _number(value: float) -> str:

@@ -370,7 +370,7 @@ class RenderSection(Section):
     samples: int = Field(default=128, ge=1, le=1_000_000, description="rays per pixel")
     denoise: bool = Field(default=True, description="OpenImageDenoise")
     adaptive_threshold: float = Field(
-        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: none"
+        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: off"
     )
     bounces: int = Field(default=12, ge=0, le=1024, description="light bounces")
 
