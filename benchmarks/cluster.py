@@ -162,12 +162,11 @@ def _told_overhead(entries: list[dict]) -> str:
             f"{speed['local']:.2f}",
             f"{speed['cluster']:.2f}",
             f"{100 * (statistics.median(ratios) - 1):+.0f}%",
-            ", ".join(f"{ratio:.2f}" for ratio in ratios),
         ))  # fmt: skip
     return (
         f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render --workers {WORKERS}` and by "
         f"{WORKERS} `dask worker` on the same machine, with everything loaded; pictures come back through Dask.\n\n"
-    ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes", "ratio of each round"], rows)
+    ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes"], rows)
 
 
 def _told_kills(kills: dict) -> str:
