@@ -113,8 +113,8 @@ def document(results: dict, plots: Path) -> str:
     plots.mkdir(parents=True, exist_ok=True)
     parts = [
         "# Benchmarks: speed against error",
-        "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust the "
-        "ratios, since machines differ. All figures and libraries' versions are in [benchmarks.json](benchmarks.json).",
+        "Written by `make bench`; do not edit. Figures are medians of interleaved rounds in one process; trust their "
+        "ratios. All figures and libraries' versions are in [benchmarks.json](benchmarks.json).",
     ]
     for name in SUITES:
         if name not in results:

@@ -24,10 +24,10 @@ from hulldown.geometry.transforms import apply, rigid, rotation_z
 
 KINDS = ("framed", "cut by the frame", "across the near plane")
 PEERS = {
-    "8 corners": "the world-aligned box around the vehicle, its corners",
-    "oriented box": "the vehicle's own box, its corners",
-    "all vertices": "every vertex, clamped to the image; points behind the camera dropped",
-    "hull vertices": "the same of the convex hull's vertices",
+    "8 corners": "of the world-aligned box around the vehicle",
+    "oriented box": "8 corners of the vehicle's own box",
+    "all vertices": "in front of the camera, clamped to the image",
+    "hull vertices": "the convex hull's, likewise",
 }
 OURS = ("clip every triangle", "hulldown", "hulldown, batch")
 
@@ -50,8 +50,8 @@ def report(results: dict) -> str:
 
     parts = [
         "## Boxes",
-        "Error: the largest distance of a side, in pixels of 1920 x 1080, from the box that clipping every triangle "
-        "gives; median/95%/worst of random poses of a 10,000-vertex tank. *missed*: only one has a box.",
+        "Largest error of a side in pixels of 1920 x 1080, compared with clipping every triangle: median/95%/worst of "
+        "random poses of a 10,000-vertex tank. *missed*: only one has a box.",
         table(["rule", *KINDS], [(name, *(error(name, kind) for kind in KINDS)) for name in (*PEERS, *OURS[1:2])]),
         "\n".join(f"- {name}: {what}." for name, what in PEERS.items()),
         "Microseconds for one box on one thread, framed/cut by the frame, by vertices of the mesh:",

@@ -290,7 +290,7 @@ def report(results: dict) -> str:
         f"{faces['ground']:,} of ground, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
         f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of "
         "the target's box, or 400 across it for small ones. Errors are shares of the silhouette. The last columns "
-        "are the RMS of rays placed otherwise than by default, one in each cell of the target's box.",
+        "are the RMS of rays placed otherwise than one in each cell of the target's box.",
         table(["rays", "RMS", "95%", "max", "stated bound, 95%", "us a pose", *list(error["contenders"])[1:]], rows),
         table(["other timings", "us a pose"], others),
     ]
