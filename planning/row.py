@@ -329,7 +329,7 @@ class MoreOf(Struct, frozen=True, kw_only=True):
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
 
-    hulldown_plan: Annotated[int, _is("3"), _means("format version, 3")]
+    hulldown_plan: Annotated[int, _is("3"), _means("format version")]
     images: Annotated[Count, _means("number of lines that follow")]
     seed: Annotated[PlanSeed, _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
@@ -345,9 +345,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
         dict[str, DistractorSource], _is("files by name"), _means("`path`, `sha256`, `category` or null")
     ]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
-    left_out: Annotated[
-        list[LeftOut], _is("a list of pairs"), _means("pairs without a place: `vehicle`, `scenery`, `why`")
-    ]
+    left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
     photographs: Annotated[SourceOrNone, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
     more_of: Annotated[
         MoreOf | None,
