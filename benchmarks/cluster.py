@@ -165,7 +165,7 @@ def _told_overhead(entries: list[dict]) -> str:
         ))  # fmt: skip
     return (
         f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render --workers {WORKERS}` and by "
-        f"{WORKERS} `dask worker` on the same machine, with everything loaded; pictures come back through Dask.\n\n"
+        f"{WORKERS} `dask worker` on the same machine, with everything loaded.\n\n"
     ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes"], rows)
 
 

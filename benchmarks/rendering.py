@@ -168,7 +168,6 @@ def report(results: dict) -> str:
         ("sum outside sampling, steady state", f"{loading['steady_overhead_s']:.3f}"),
         ("first image", f"{loading['first_overhead_s']:.3f}"),
         ("sampling and denoising", f"{steady['sample']:.3f}"),
-        (f"whole run, {loading['images']} images", f"{loading['ours_s']:.1f} in all"),
     ]
     return "\n\n".join([
         "## Rendering",
@@ -179,7 +178,7 @@ def report(results: dict) -> str:
         f"At {large['size'][0]} x {large['size'][1]} the sum outside sampling is {large['overhead_s']:.2f} s (median "
         f"of {len(large['parts']) - 1} images in steady state), and {large['samples']} samples, denoised, take "
         f"{large['sample_s']:.0f} s (extrapolated from {FEW} and {MORE} samples of one picture): "
-        f"**{large['share']:.1%}** of the image's time is not sampling. A GPU shortens sampling only.",
+        f"**{large['share']:.1%}** of the image's time is not sampling.",
         rendering_error.report(results["error"]),
     ])  # fmt: skip
 
