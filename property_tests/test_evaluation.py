@@ -3,7 +3,7 @@
 import copy
 
 import numpy as np
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from hulldown.tests.detections import loaded, random_case
@@ -112,6 +112,7 @@ def test_fixing_all_that_is_false_or_missed_never_lowers_ap(case):
         assert not loss[cause] < -1e-12
 
 
+@example(part=1, whole=2, error=2e-176, freedom=1)
 @given(st.integers(0, 1000), st.integers(1, 1000), st.floats(0.0, 0.5), st.integers(1, 300))
 def test_an_interval_holds_its_figure(part, whole, error, freedom):
     value = min(part, whole) / whole

@@ -75,5 +75,5 @@ def test_links_in_a_circle_and_pipes_are_one_line(foreign, tmp_path, made):
         made(foreign, tmp_path / "out")
     (foreign / "images/1.png").unlink()
     os.mkfifo(foreign / "images/1.png")
-    with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*no regular file"):
+    with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*isn't a regular file"):
         made(foreign, tmp_path / "out")

@@ -49,10 +49,10 @@ def test_a_box_whose_record_says_so_is_not_cut(tmp_path):
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("{", "no COCO"),
-        ([], "no COCO"),
+        ("{", "a COCO file"),
+        ([], "a COCO file"),
         ({"images": []}, "annotations"),
-        (coco((7, [1, 2, 3])), "no COCO"),
+        (coco((7, [1, 2, 3])), "a COCO file"),
         (coco((8, [1, 2, 3, 4])), "image 8"),
         (coco(images=[{**IMAGES[0], "width": 0}]), "'b.jpg' has no width"),
     ],

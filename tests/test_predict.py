@@ -116,7 +116,7 @@ def test_weights_of_an_earlier_small_model_are_one_line(run, data, tmp_path):
     shutil.copytree(run, earlier)
     saved = torch.load(run / "weights.pt", weights_only=True)
     torch.save(saved | {"hulldown": "small", "model": {}}, earlier / "weights.pt")
-    with pytest.raises(HulldownError, match=r"weights\.pt: holds no small model of this version .* train again"):
+    with pytest.raises(HulldownError, match=r"weights\.pt: has no small model of this version .* train again"):
         predict(earlier, data, tmp_path / "found.json")
 
 

@@ -158,7 +158,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name):
     part = fill(tmp_path / "part")
     (part / name).unlink(missing_ok=True)
     os.mkfifo(part / name)
-    with pytest.raises(DatasetError, match="no regular file"):
+    with pytest.raises(DatasetError, match="isn't a regular file"):
         join([part], tmp_path / "new")
 
 
@@ -167,7 +167,7 @@ def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
     (fill(tmp_path) / name).unlink()
     os.mkfifo(tmp_path / name)
     (line,) = errors(tmp_path)
-    assert "no regular file" in line
+    assert "isn't a regular file" in line
 
 
 def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):

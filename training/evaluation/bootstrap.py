@@ -28,6 +28,7 @@ from scipy.special import stdtrit
 from hulldown.training.evaluation.metrics import SHARES, denominators, figures, ratio
 
 RESAMPLES = 2000
+LEAST_ERROR = 1e-150  # whose square is a number
 LEVEL = 0.95
 FEWEST = 5  # positions: with fewer, no coverage has been measured, and there is no interval
 DRAWN_AT_ONCE = 1 << 22
@@ -111,7 +112,8 @@ def share_interval(
     """
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
-    worth = np.where((error > 0) & (spread > 0), ratio(spread, error**2), freedom + 1.0)
+    variance = np.maximum(error, LEAST_ERROR) ** 2
+    worth = np.where((error > 0) & (spread > 0), ratio(spread, variance), freedom + 1.0)
     scale = ratio(_quantile(freedom) ** 2, np.minimum(worth, trials))
     middle = (value + scale / 2.0) / (1.0 + scale)
     reach = np.sqrt(np.maximum(spread * scale + scale * scale / 4.0, 0.0)) / (1.0 + scale)
