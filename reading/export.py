@@ -175,7 +175,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> l
 def _answer(job: Job) -> dict[str, Any]:
     answer: dict[str, Any] = json.loads(job.file(ANSWER).read_text(encoding="utf-8"))
     if "error" in answer:
-        raise AssetError(answer["error"]["problem"], path=job.path, remedy=answer["error"]["remedy"])
+        raise AssetError(answer["error"]["problem"], path=answer["error"]["path"], remedy=answer["error"]["remedy"])
     return answer
 
 

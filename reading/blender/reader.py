@@ -47,7 +47,8 @@ def main(job_path: str) -> None:
     try:
         answer = read_picture(job) if job.format == "hdri" else read(job)
     except HulldownError as error:
-        answer = {"error": {"problem": error.problem, "remedy": error.remedy}}
+        path = str(error.path or job.path)
+        answer = {"error": {"problem": error.problem, "path": path, "remedy": error.remedy}}
     with replacing(job.file(ANSWER)) as file:
         file.write(json.dumps(answer).encode())
 
