@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from jaxtyping import Bool
 from PIL import Image, ImageDraw, ImageFont
@@ -30,6 +29,8 @@ def color_of(category_id: int) -> tuple[int, int, int]:
 @cache
 def lettering(size: int) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters, too; `size` in pixels."""
+    import matplotlib  # not at the top: planning imports this module and draws at its end, if at all
+
     return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf"), size)
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
-from hulldown.geometry.portable import arcsin, sin, sin_cos
+from hulldown.geometry.portable import arcsin, arctan2, hypot, sin, sin_cos
 from hulldown.geometry.transforms import rigid
 from hulldown.geometry.uniform import UniformNumbers
 
@@ -60,6 +60,15 @@ def shell_axes(
     right = np.stack([-sa, ca, np.zeros_like(a)], -1)
     down = np.stack([se * ca, se * sa, -ce], -1)
     return outward, np.stack([right, down, -outward], -1)
+
+
+def shell_place(
+    offset: Float[np.ndarray, "... 3"],
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Distance, azimuth, and elevation of points relative to the center: `shell_axes` backwards, meters and radians."""
+    x, y, z = np.moveaxis(offset, -1, 0)
+    across = hypot(x, y)
+    return hypot(across, z), arctan2(y, x), arctan2(z, across)
 
 
 def draw_azimuth(n: int, *, rng: UniformNumbers) -> Float[np.ndarray, " n"]:

@@ -86,7 +86,7 @@ def read_poses(path: Path) -> GivenPoses:
         columns = _columns(next(table, []), path)
         lines = [_line(cells, columns, table.line_num, path) for cells in table if any(map(str.strip, cells))]
     except csv.Error as error:
-        raise _refused(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
+        raise refused(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
     if not lines:
         raise ConfigError("has no poses", path=path, remedy="add a line for each image under the names of the columns")
     _check_sequences(lines, path)
@@ -97,9 +97,9 @@ def _columns(cells: list[str], path: Path) -> list[str]:
     columns, known = [cell.strip() for cell in cells], f"columns are {', '.join((*NAMES, *NUMBERS))}"
     for k, name in enumerate(columns):
         if name not in NAMES and name not in NUMBERS:
-            raise _refused(path, 1, f"has the unknown column {name!r:.60}", known)
+            raise refused(path, 1, f"has the unknown column {name!r:.60}", known)
         if name in columns[:k]:
-            raise _refused(path, 1, f"has the column {name} twice", "remove one")
+            raise refused(path, 1, f"has the column {name} twice", "remove one")
     if not columns:
         raise ConfigError("is empty", path=path, remedy=f"begin with a line of column names; {known}")
     return columns
@@ -107,15 +107,15 @@ def _columns(cells: list[str], path: Path) -> list[str]:
 
 def _line(cells: list[str], columns: list[str], number: int, path: Path) -> PoseLine:
     if len(cells) != len(columns):
-        raise _refused(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
+        raise refused(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
     given = {name: cell.strip() for name, cell in zip(columns, cells, strict=True) if cell.strip()}
     values = {name: _number(given[name], name, number, path) for name in NUMBERS if name in given}
     for name, needed in _needed(given):
         if needed not in given:
-            raise _refused(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
+            raise refused(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
     camera, look_at = _vector(values, CAMERA), _vector(values, LOOK_AT)
     if camera is not None and camera == look_at:
-        raise _refused(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
+        raise refused(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
     x, y, z, yaw_deg = map(values.get, NUMBERS[:4])
     scenery, vehicle, sequence = map(given.get, NAMES)
     return PoseLine(
@@ -140,9 +140,7 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
         value = math.nan
     if not abs(value) <= FARTHEST:
         unit = "degrees" if name == "yaw_deg" else "meters"
-        raise _refused(
-            path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing"
-        )
+        raise refused(path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing")
     return value
 
 
@@ -161,13 +159,14 @@ def _check_sequences(lines: list[PoseLine], path: Path) -> None:
             ended.add(before.sequence)
             if line.sequence is not None and line.sequence in ended:
                 what = f"column sequence: {line.sequence!r:.60} goes on after other lines"
-                raise _refused(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
+                raise refused(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
         elif line.sequence is not None:
             for name in SHARED:
                 if getattr(line, name) != getattr(before, name):
                     what = f"column {name}: differs from line {before.line} of sequence {line.sequence!r:.60}"
-                    raise _refused(path, line.line, what, "in a sequence only the camera moves")
+                    raise refused(path, line.line, what, "in a sequence only the camera moves")
 
 
-def _refused(path: Path, number: int, what: str, remedy: str) -> ConfigError:
+def refused(path: Path, number: int, what: str, remedy: str) -> ConfigError:
+    """A mistake in a line of the file."""
     return ConfigError(f"line {number}: {what}", path=path, remedy=remedy)

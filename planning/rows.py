@@ -33,7 +33,7 @@ def rows_of(
     block: Block, planned: Planned, lights: Lights, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[Row]:
     """One row for each image of a block's positions that found a place, in the block's order."""
-    views, table, image = planned.views, planned.instances, block.image
+    views, table, image, scene = planned.views, planned.instances, block.image, block.scene
     vehicles = _vehicles(block, table, config=config, draws=draws)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
@@ -41,8 +41,8 @@ def rows_of(
     beside = _extras(planned, vehicles, config)
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
-    ev, white_balance, horizon = exposures(block.scene, hdris, strength, light=config.light, assets=assets, draws=draws)
-    sensors = draw_sensors(config.sensor, draws=draws, image=block.scene)
+    ev, white_balance, horizon = exposures(scene, hdris, strength, light=config.light, assets=assets, draws=draws)
+    sensors = draw_sensors(config.sensor, draws=draws, image=scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),

@@ -3,13 +3,21 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
 
 
 def test_a_level_camera_to_the_east_looks_west_with_north_to_its_right() -> None:
     pose = camera_pose([10.0, 20.0, 5.0], 30.0, 0.0, 0.0)
     np.testing.assert_allclose(pose[:3, 3], [40, 20, 5])
     np.testing.assert_allclose(pose[:3, :3], np.transpose([[0, 1, 0], [0, 0, -1], [-1, 0, 0]]), atol=1e-15)
+
+
+def test_a_place_on_the_shell_leads_back_to_its_angles() -> None:
+    azimuth, elevation = np.array([0.3, -3.1, 2.0, 0.0]), np.array([0.2, -1.2, 1.5, math.pi / 2])
+    found = shell_place(7.0 * shell_axes(azimuth, elevation)[0])
+    np.testing.assert_allclose(found[0], 7.0, rtol=1e-15)
+    np.testing.assert_allclose(found[1:], [azimuth, elevation], atol=1e-15)
+    assert [float(each) for each in shell_place(np.zeros(3))] == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("pole", [1, -1])

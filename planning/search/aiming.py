@@ -13,10 +13,9 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.framing import Framed, frame_target, turned
 from hulldown.camera.lenses import Lenses, lenses
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
+from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
 from hulldown.camera.visibility import visibility_of
 from hulldown.camera.weather import air_contrast
-from hulldown.geometry.portable import arctan2, hypot
 from hulldown.geometry.transforms import rigid
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import CameraSection, Config
@@ -178,11 +177,9 @@ def try_cameras(
             roll=roll[rows],
             rng=directions_of(draws, image[rows], attempt[rows]),
         )
-    away = given.camera - targets.centers
-    across = hypot(away[:, 0], away[:, 1])
-    distance = np.where(free, distance, np.maximum(hypot(across, away[:, 2]), NEAREST))
-    azimuth = np.where(free, azimuth, arctan2(away[:, 1], away[:, 0]))
-    elevation = np.where(free, elevation, arctan2(away[:, 2], across))
+    place = shell_place(given.camera - targets.centers)
+    distance = np.where(free, distance, np.maximum(place[0], NEAREST))
+    azimuth, elevation = (np.where(free, *pair) for pair in zip((azimuth, elevation), place[1:], strict=True))
     faint = outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
     apart = outside(distance, *limits.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
     views.rejection[:] = np.where(free & (apart != Rejection.NONE), apart, faint)
@@ -248,9 +245,7 @@ def try_cameras(
 
 def looking_at(position: Float[np.ndarray, "n 3"], point: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4 4"]:
     """Level cameras whose optical axes meet points."""
-    away = position - point
-    across = hypot(away[:, 0], away[:, 1])
-    azimuth, elevation = arctan2(away[:, 1], away[:, 0]), arctan2(away[:, 2], across)
+    _, azimuth, elevation = shell_place(position - point)
     return rigid(shell_axes(azimuth, elevation)[1], position)
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.errors import ConfigError
-from hulldown.planning.poses import GivenPoses, PoseLine
+from hulldown.planning.poses import GivenPoses, refused
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.columns import take
 from hulldown.planning.search.stage import Site
@@ -59,13 +58,14 @@ def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
         If a line names a scenery that isn't there, or gives coordinates without saying on which of several.
     """
     given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
-    positions = position_starts(poses)
+    positions, path = position_starts(poses), Path(poses.path)
     for i, line in enumerate(poses.lines):
         origin = origins.get(line.scenery or sites[0].name)
         if origin is None:
-            raise _refused(poses, line, f"column scenery: {line.scenery!r:.60} is none", f"they are {list(origins)}")
+            what = f"column scenery: {line.scenery!r:.60} is none"
+            raise refused(path, line.line, what, f"they are {list(origins)}")
         if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
-            raise _refused(poses, line, "gives coordinates but no scenery", f"name one of {list(origins)}")
+            raise refused(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
         xyz = [np.nan if value is None else value for value in (line.x, line.y, line.z)]
         given.xyz[i] = np.array(xyz) - origin
         given.yaw[i] = np.nan if line.yaw_deg is None else np.radians(line.yaw_deg)
@@ -137,7 +137,7 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
             v = index[line.vehicle]
         else:
             what = f"column vehicle: {line.vehicle!r:.60} is none"
-            raise _refused(poses, line, what, f"they are {list(index)}")
+            raise refused(Path(poses.path), line.line, what, f"they are {list(index)}")
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0
@@ -145,7 +145,3 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
         budget.vehicles, budget.class_names, budget.class_starts, images, budget.shots,
         held=Positions(vehicle, ordinal, shots, starts),
     )  # fmt: skip
-
-
-def _refused(poses: GivenPoses, line: PoseLine, what: str, remedy: str) -> ConfigError:
-    return ConfigError(f"line {line.line}: {what}", path=Path(poses.path), remedy=remedy)

@@ -253,7 +253,7 @@ def cheeks(
 def gun_guess(
     own: Float[np.ndarray, "n 3"],
     behind: Float[np.ndarray, "3"],
-    part_solids: Solids,
+    solids: Solids,
     *,
     held: Float[np.ndarray, "3"] | None = None,
 ) -> Pivot:
@@ -265,29 +265,29 @@ def gun_guess(
         Its points.
     behind
         A point behind it: the turret's pivot, or the vehicle's middle.
-    part_solids
+    solids
         Its solids.
     held
         The axis of the plates that hold it, if there are any.
     """
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
-    if not len(part_solids) or length <= 0:
+    if not len(solids) or length <= 0:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     ahead = (front - rear) / length
-    along = (part_solids.center - rear) @ ahead
-    cross = (part_solids.round_about == 0) & (np.abs(part_solids.axle[:, 1]) > 0.97) & (along < 0.5 * length)
-    trunnions = np.flatnonzero(cross & (part_solids.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
+    along = (solids.center - rear) @ ahead
+    cross = (solids.round_about == 0) & (np.abs(solids.axle[:, 1]) > 0.97) & (along < 0.5 * length)
+    trunnions = np.flatnonzero(cross & (solids.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
     if len(trunnions):
-        at = part_solids.center[trunnions[np.argmax(part_solids.size[trunnions, 0])]]
+        at = solids.center[trunnions[np.argmax(solids.size[trunnions, 0])]]
         return Pivot(at, "the middle of its trunnions")
-    barrel = int(np.argmax(part_solids.size[:, 0]))
-    line = part_solids.axes[barrel, 0] * np.sign(part_solids.axes[barrel, 0] @ ahead or 1.0)
-    start = part_solids.center[barrel] - line * part_solids.size[barrel, 0] / 2
-    slender = part_solids.size[barrel, 0] > 5 * part_solids.size[barrel, 1]
-    tubes = part_solids.where(part_solids.size[:, 0] > ALIKE * part_solids.size[barrel, 0])
+    barrel = int(np.argmax(solids.size[:, 0]))
+    line = solids.axes[barrel, 0] * np.sign(solids.axes[barrel, 0] @ ahead or 1.0)
+    start = solids.center[barrel] - line * solids.size[barrel, 0] / 2
+    slender = solids.size[barrel, 0] > 5 * solids.size[barrel, 1]
+    tubes = solids.where(solids.size[:, 0] > ALIKE * solids.size[barrel, 0])
     beside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    if beside > 2 * part_solids.size[barrel, 1] or (beside > 0.5 * part_solids.size[barrel, 1] and len(tubes) > TWIN):
+    if beside > 2 * solids.size[barrel, 1] or (beside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN):
         if held is not None:
             return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
         low, high = own.min(axis=0), own.max(axis=0)
@@ -295,16 +295,14 @@ def gun_guess(
         return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
     if not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
-    reach = (part_solids.bounds[:, 0] - start) @ line, (part_solids.bounds[:, 1] - start) @ line
+    reach = (solids.bounds[:, 0] - start) @ line, (solids.bounds[:, 1] - start) @ line
     nearest, farthest = np.minimum(*reach), np.maximum(*reach)
-    thick = (part_solids.size[:, 1] > THICK * part_solids.size[barrel, 1]) & (
-        nearest < 0.1 * part_solids.size[barrel, 0]
-    )
-    thick &= (farthest < 0.5 * part_solids.size[barrel, 0]) & (
-        np.linalg.norm(np.cross(part_solids.center - start, line), axis=1) < part_solids.size[:, 1]
+    thick = (solids.size[:, 1] > THICK * solids.size[barrel, 1]) & (nearest < 0.1 * solids.size[barrel, 0])
+    thick &= (farthest < 0.5 * solids.size[barrel, 0]) & (
+        np.linalg.norm(np.cross(solids.center - start, line), axis=1) < solids.size[:, 1]
     )
     if thick.any():
-        mantlet = np.flatnonzero(thick)[np.argmax(part_solids.size[thick].prod(axis=1))]
+        mantlet = np.flatnonzero(thick)[np.argmax(solids.size[thick].prod(axis=1))]
         into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
         return Pivot(start + into * line, "the rear of its mantlet")
     return Pivot(start, "the rear end of its barrel", guessed=True)
