@@ -4,18 +4,22 @@ import json
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from hulldown.assets.photographs import read_photographs
+from hulldown.cli import main
 from hulldown.dataset.reports.comparison import (
     compare,
     distance,
     looks,
     spectral_slope,
 )
+from hulldown.dataset.reports.coverage import coverage_of
 from hulldown.dataset.reports.report import write_report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.networks import nano_weights, small_weights
 
 WIDTH, HEIGHT = 64, 48
 
@@ -108,3 +112,46 @@ def test_looks_of_a_plain_color():
     found = looks(red)
     np.testing.assert_allclose(found[:4], [0.2126, 0.0, 1.0, 1.0], atol=1e-12)
     assert np.isnan(found[4])
+
+
+def test_coverage_and_density_of_equal_distributions_are_their_expectations():
+    rng = np.random.default_rng(0)
+    images, photographs = rng.standard_normal((600, 4)), rng.standard_normal((400, 4))
+    found = coverage_of(images, photographs)
+    missed = np.prod([(400 - i) / (1000 - i) for i in range(1, 6)])  # its expectation, from Naeem et al.
+    assert found.coverage == pytest.approx(1.0 - missed, abs=0.02)
+    assert found.density == pytest.approx(1.0, abs=0.1)
+    assert found.coverage_floor == pytest.approx(1.0 - 0.5**5, abs=0.02)
+    assert found.density_floor == pytest.approx(1.0, abs=0.1)
+
+
+def test_images_of_one_kind_cover_few_photographs():
+    photographs = np.random.default_rng(0).standard_normal((200, 8))
+    found = coverage_of(np.repeat(photographs[:1], 100, axis=0), photographs)
+    assert found.coverage < 0.1 < found.coverage_floor
+
+
+def test_whole_images_are_compared_in_the_features_of_an_encoder(tmp_path, capsys):
+    own, photographs = coco(tmp_path / "a", 30, seed=1), coco(tmp_path / "b", 24, seed=2)
+    weights = tmp_path / "nano.pt"
+    torch.save(nano_weights(tmp_path), weights)
+
+    def report(photographs, weights):
+        command = ["report", own, "-o", tmp_path / "page.html", "--beside", photographs, "--features", weights]
+        return main([*map(str, command), "--json"]), *capsys.readouterr()
+
+    code, out, _ = report(photographs, weights)
+    found = json.loads(out)
+    assert code == 0
+    assert 0.3 < found["coverage"]["coverage"] <= 1.0
+    assert "Whole images cover" in found["sentences"][0]
+    assert "Whole images cover" in (tmp_path / "page.html").read_text()
+    apart = json.loads(report(coco(tmp_path / "bright", 24, seed=2, bright=230), weights)[1])
+    assert apart["coverage"]["coverage"] < 0.1
+    code, out, err = report(coco(tmp_path / "few", 6, seed=2), weights)
+    assert json.loads(out)["coverage"] is None
+    assert "needs 20 photographs" in err
+    torch.save(small_weights(), tmp_path / "small.pt")
+    code, _, err = report(photographs, tmp_path / "small.pt")
+    assert code == 2
+    assert "no DINOv2 encoder" in err

@@ -10,31 +10,12 @@ import torch
 
 from hulldown.cli import main
 from hulldown.geometry.errors import HulldownError
+from hulldown.tests.networks import CLASSES, SIZE, nano_weights, small_weights
 from hulldown.training.data import network_pictures
 from hulldown.training.detectors import detr
-from hulldown.training.detectors.center_points import CenterNetwork
-from hulldown.training.detectors.small import MIN_SCORE, save_small, small_size
-from hulldown.training.extra import quiet
+from hulldown.training.detectors.small import MIN_SCORE
 from hulldown.training.onnx_model import export_model
 from hulldown.training.predict import load_detector
-from hulldown.training.settings import load_settings
-
-CLASSES = ("truck", "tank")
-SIZE = small_size(64)
-
-
-def small_weights():
-    network = CenterNetwork(2)
-    with torch.no_grad():  # untrained it is sure of nothing
-        network.heat.bias.fill_(1.0)
-    return save_small(network, CLASSES, SIZE)
-
-
-def nano_weights(folder):
-    settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
-    with quiet():
-        configs = detr.detr_configs(settings, CLASSES, 1, weights=None, device=torch.device("cpu"), folder=folder)
-        return detr.save_detr(module := detr.RFDETRModelModule(*configs), CLASSES, module.model)
 
 
 def of_small(found, width, height):

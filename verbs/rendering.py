@@ -173,9 +173,13 @@ def _report(arguments: argparse.Namespace) -> int:
         from hulldown.assets.photographs import read_photographs
         from hulldown.dataset.reports.comparison import compare
 
-        photographs = read_photographs(arguments.photographs)
+        photographs, encode = read_photographs(arguments.photographs), None
+        if arguments.features:
+            from hulldown.training.features import load_encoder
+
+            encode = load_encoder(arguments.features)
         with progress_bar("comparing") as advance:
-            comparison = compare(dataset, photographs, pixels=source.is_dir(), progress=advance)
+            comparison = compare(dataset, photographs, pixels=source.is_dir(), encode=encode, progress=advance)
     with progress_bar("thumbnails") as advance:
         write_report(dataset, arguments.output, most=arguments.images, comparison=comparison, progress=advance)
     if comparison:
@@ -253,6 +257,11 @@ def add(verb: AddVerb) -> None:
     sub.add_argument(
         "--beside", dest="photographs", type=Path, metavar="PHOTOGRAPHS",
         help="a COCO folder or file of photographs: how far each feature is from theirs, and which keys change it",
+    )  # fmt: skip
+    sub.add_argument(
+        "--features", metavar="MODEL",
+        help="with --beside, for a dataset: how much of the photographs the images cover, in features of RF-DETR's "
+        "encoder: nano to large, a run folder, or a checkpoint (needs the extra training)",
     )  # fmt: skip
     add_planned(sub)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from scipy.stats import ks_2samp
 from hulldown.assets.photographs import Photographs
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import BINS, two_histograms
+from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
 from hulldown.dataset.reports.page import Block, Chart, Charts, Items, Section, Table, Words
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
@@ -170,23 +171,28 @@ class Comparison:
         One for each feature, boxes first.
     notes
         What wasn't compared, and why.
+    coverage
+        Of whole images in an encoder's features; None without an encoder, or with too few photographs.
     """
 
     source: Path
     features: tuple[Compared, ...]
     notes: tuple[str, ...]
+    coverage: Coverage | None = None
 
     @property
     def sentences(self) -> list[str]:
         """What there is too much of, what is lacking, and which keys change it: the farthest apart first."""
-        apart = sorted(self.features, key=lambda one: -one.distance)
-        return [sentence for one in apart for sentence in one.sentences()]
+        apart = sorted(self.features, key=lambda compared: -compared.distance)
+        whole = [] if self.coverage is None else [self.coverage.sentence()]
+        return whole + [sentence for compared in apart for sentence in compared.sentences()]
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers."""
         return {
             "photographs": str(self.source),
             "features": {one.feature.name: one.to_json() for one in self.features},
+            "coverage": None if self.coverage is None else asdict(self.coverage),
             "sentences": self.sentences,
             "notes": list(self.notes),
         }
@@ -219,6 +225,7 @@ def compare(
     photographs: Photographs,
     *,
     pixels: bool,
+    encode: Callable[[list[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """How a dataset or a plan differs from photographs, feature by feature.
@@ -231,6 +238,8 @@ def compare(
         Their boxes; their pictures are where their COCO file names them.
     pixels
         Whether the dataset's pictures are what a detector will see: a plan's previews aren't.
+    encode
+        Features (n, d) of RGB pictures for `coverage`, such as `training.features.load_encoder` returns.
     progress
         Told (pictures measured, all).
 
@@ -243,7 +252,7 @@ def compare(
         if not boxes:
             raise DatasetError("has no boxes to compare", path=named, remedy="label some pictures")
     own, wanted = _boxes_of(boxes_in(dataset)), _boxes_of(photographs)
-    notes = []
+    notes, coverage = [], None
     folder = photographs.path.parent
     files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
     if pixels and files:
@@ -257,6 +266,10 @@ def compare(
             pictures.append(_small(read_pixels(files[i])))
             _tell(progress, done, total)
         own, wanted = own | _looks_of(own_pictures), wanted | _looks_of(pictures)
+        if encode is not None and len(pictures) < FEWEST:
+            notes.append(f"Coverage needs {FEWEST} photographs; there are {len(pictures)}.")
+        elif encode is not None:
+            coverage = coverage_of(encode(own_pictures), encode(pictures))
     elif pixels:
         notes.append(f"None of the photographs' pictures is in {folder}, so that only boxes are compared.")
     if len(photographs.file_names) < 4:
@@ -272,7 +285,7 @@ def compare(
         for feature in (*BOXES, *LOOKS)
         if feature.name in own and len(own[feature.name][0]) and len(wanted[feature.name][0])
     ]
-    return Comparison(photographs.path, tuple(found), tuple(notes))
+    return Comparison(photographs.path, tuple(found), tuple(notes), coverage)
 
 
 def boxes_in(dataset: Dataset) -> Photographs:

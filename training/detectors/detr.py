@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
@@ -270,6 +270,13 @@ class DetrDetector:
         pictures = normalized(network_pictures(images, self._size).to(self._device))
         sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
         return [self._detections(found) for found in self._postprocess(self._network(pictures), sizes)]
+
+    @torch.inference_mode()
+    def features(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> Float[np.ndarray, "n d"]:
+        """Mean of the DINOv2 encoder's last feature map over each RGB image, (n, d)."""
+        pictures = normalized(network_pictures(images, self._size).to(self._device))
+        maps = self._network.backbone[0].encoder(pictures)
+        return np.asarray(maps[-1].mean(dim=(2, 3)).cpu().double())
 
     def _detections(self, found: dict[str, Tensor]) -> Detections:
         label = found["labels"].cpu().numpy()
